@@ -1,0 +1,69 @@
+"""What the compiled inner loop and the Python commander tell each other, field by field.
+
+The inner loop writes ESTIMATE a thousand times a simulated second; the commander reads it at its own rate and writes
+SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not controlled".
+"""
+
+import numpy as np
+
+# SETPOINT.kind: which level of the cascade the setpoint enters at
+KIND_IDLE = 0  # rotors stopped (disarmed) or idling (armed)
+KIND_TRAJECTORY = 1  # position, velocity, acceleration, yaw, yaw rate; NaN = not controlled
+KIND_ATTITUDE = 2  # attitude, yaw rate and collective thrust
+KIND_RATES = 3  # body rates and collective thrust
+
+SETPOINT = np.dtype(
+    [
+        ("kind", "i8"),
+        ("armed", "i8"),
+        ("position_ned", "f8", (3,)),  # m, local frame
+        ("velocity_ned", "f8", (3,)),  # m/s, feed-forward where the position of the axis is controlled
+        ("acceleration_ned", "f8", (3,)),  # m/s², feed-forward
+        ("yaw", "f8"),  # rad
+        ("yaw_rate", "f8"),  # rad/s
+        ("attitude", "f8", (4,)),  # (w, x, y, z), FRD → NED
+        ("rates_frd", "f8", (3,)),  # rad/s
+        ("thrust", "f8"),  # 0 … 1, collective thrust as a fraction of all rotors at full speed
+        ("speed_limit_up", "f8"),  # m/s, limits that the active flight mode sets
+        ("speed_limit_down", "f8"),  # m/s
+        ("speed_limit_horizontal", "f8"),  # m/s
+        ("thrust_limit", "f8"),  # 0 … 1, below 1 while a take-off ramps up
+    ],
+    align=True,
+)
+
+ESTIMATE = np.dtype(
+    [
+        ("time_us", "i8"),  # µs, vehicle clock
+        ("attitude", "f8", (4,)),  # (w, x, y, z), FRD → NED
+        ("rates_frd", "f8", (3,)),  # rad/s, bias removed
+        ("accel_frd", "f8", (3,)),  # m/s², specific force, bias removed
+        ("velocity_ned", "f8", (3,)),  # m/s
+        ("position_ned", "f8", (3,)),  # m, local frame: origin where the first good fix was
+        ("gyro_bias", "f8", (3,)),  # rad/s
+        ("accel_bias", "f8", (3,)),  # m/s²
+        ("origin_lat_deg", "f8"),  # local frame's origin
+        ("origin_lon_deg", "f8"),
+        ("origin_alt_m", "f8"),  # m above mean sea level
+        ("origin_set", "i8"),  # bool
+        ("attitude_valid", "i8"),  # bool: tilt and yaw aligned
+        ("velocity_valid", "i8"),  # bool
+        ("position_valid", "i8"),  # bool: horizontal
+        ("altitude_valid", "i8"),  # bool
+        ("position_std_h", "f8"),  # m
+        ("position_std_v", "f8"),  # m
+        ("velocity_std_h", "f8"),  # m/s
+        ("velocity_std_v", "f8"),  # m/s
+        ("tilt_std", "f8"),  # rad
+        ("yaw_std", "f8"),  # rad
+        ("ratio_gps_position", "f8"),  # innovation test ratios: 1 = at the gate
+        ("ratio_gps_velocity", "f8"),
+        ("ratio_baro", "f8"),
+        ("ratio_mag", "f8"),
+        ("attitude_setpoint", "f8", (4,)),  # what the cascade asks for, published as ATTITUDE_TARGET
+        ("rates_setpoint", "f8", (3,)),  # rad/s
+        ("thrust_setpoint", "f8"),  # 0 … 1
+        ("hover_thrust", "f8"),  # 0 … 1
+    ],
+    align=True,
+)

@@ -1,0 +1,53 @@
+"""The forward camera: its geometry and the frames it gives. Paper, appendix "Execution"."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.frames import Quat, Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """A pinhole with square pixels and its principal point at the exact image centre."""
+
+    width: int = 1280  # px
+    height: int = 720  # px
+    hfov_deg: float = 90.0
+    offset_frd: Vec3 = (0.5, 0.0, 0.1)  # m from the body origin; zero pitch, looks along body forward
+
+    @property
+    def focal_px(self) -> float:
+        """px: W / (2 tan(φ/2))."""
+        return self.width / (2.0 * math.tan(math.radians(self.hfov_deg) / 2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Where a camera was when it took a frame."""
+
+    position_ned: Vec3  # m, optical centre
+    attitude: Quat  # camera axes (forward, right, down) → NED
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture with the instant at which it was taken."""
+
+    frame_id: int
+    drone: int
+    time_us: int  # µs, vehicle clock at capture
+    image_rgb: NDArray[np.uint8]  # (H, W, 3)
+
+
+class Camera(Protocol):
+    """Anything that can show the drone's newest view."""
+
+    def newest(self, drone: int = 0) -> Frame:
+        """Return the newest frame. Raises CameraError when there is none."""
+        ...
+
+    def close(self) -> None: ...

@@ -1,0 +1,34 @@
+"""Whose fault it was decides what happens: wrong usage exits 2, a broken infrastructure exits 3, a lost episode exits 0."""
+
+
+class DronecatsError(Exception):
+    """Base of every error this project raises on purpose. Its text is one sentence for a person."""
+
+    exit_status = 3
+
+
+class UsageError(DronecatsError):
+    """The caller asked for something that cannot be: names what, where, and what to do instead."""
+
+    exit_status = 2
+
+
+class InfrastructureError(DronecatsError):
+    """A part that the flight stands on broke (simulator, link, camera, model endpoint, logger).
+
+    Never scored as a failed episode.
+    """
+
+    exit_status = 3
+
+
+class LinkError(InfrastructureError):
+    """The autopilot is silent, gone, or refused a command that the flight cannot do without."""
+
+
+class ModelError(InfrastructureError):
+    """The model endpoint cannot be reached or answers with something that is not a chat completion."""
+
+
+class CameraError(InfrastructureError):
+    """The camera gives no frame."""

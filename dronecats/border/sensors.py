@@ -1,0 +1,62 @@
+"""The socket below the autopilot: sensor samples in, actuator commands out, the fields of PX4's simulator interface.
+
+A vehicle owns one record of each dtype. They are numpy records rather than dataclasses because both sides are compiled
+kernels that read and write them a thousand times a simulated second; `hil` turns the same fields into HIL_SENSOR,
+HIL_GPS and HIL_ACTUATOR_CONTROLS for a real PX4. A sample is new when its `*_time_us` has changed; 0 means none yet.
+"""
+
+import numpy as np
+
+MAX_ROTORS = 8
+
+SENSORS = np.dtype(
+    [
+        ("time_us", "i8"),  # µs, vehicle clock at which this record was last written
+        ("imu_time_us", "i8"),
+        ("accel_frd", "f8", (3,)),  # m/s², specific force
+        ("gyro_frd", "f8", (3,)),  # rad/s
+        ("mag_time_us", "i8"),
+        ("mag_frd", "f8", (3,)),  # gauss
+        ("baro_time_us", "i8"),
+        ("pressure_hpa", "f8"),  # hPa, absolute
+        ("temperature_c", "f8"),  # °C
+        ("gps_time_us", "i8"),  # µs at which the fix was valid, not when it arrived
+        ("gps_lat_deg", "f8"),
+        ("gps_lon_deg", "f8"),
+        ("gps_alt_m", "f8"),  # m, above mean sea level
+        ("gps_velocity_ned", "f8", (3,)),  # m/s
+        ("gps_eph_m", "f8"),  # m, 1σ horizontal as the receiver reports it
+        ("gps_epv_m", "f8"),  # m, 1σ vertical
+        ("gps_speed_accuracy", "f8"),  # m/s, 1σ
+        ("gps_fix_type", "i8"),  # GPS_FIX_TYPE: 0 none … 3 = 3-D
+        ("gps_satellites", "i8"),
+        ("range_time_us", "i8"),
+        ("range_m", "f8"),  # m, downward rangefinder; nan = out of range or not fitted
+        ("battery_time_us", "i8"),
+        ("battery_voltage", "f8"),  # V
+        ("battery_current", "f8"),  # A
+        ("battery_remaining", "f8"),  # 0 … 1
+    ],
+    align=True,
+)
+
+ACTUATORS = np.dtype(
+    [
+        ("time_us", "i8"),
+        ("armed", "i8"),  # 0: rotors stop
+        ("command", "f8", (MAX_ROTORS,)),  # 0 … 1, fraction of full rotor speed, in the airframe's rotor order
+    ],
+    align=True,
+)
+
+TRUTH = np.dtype(
+    [
+        ("time_us", "i8"),
+        ("position_ned", "f8", (3,)),  # m, map frame
+        ("velocity_ned", "f8", (3,)),  # m/s
+        ("attitude", "f8", (4,)),  # (w, x, y, z), FRD → NED
+        ("rates_frd", "f8", (3,)),  # rad/s
+        ("accel_frd", "f8", (3,)),  # m/s², specific force
+    ],
+    align=True,
+)

@@ -1,0 +1,1 @@
+"""Verdicts, from the files of a run alone."""

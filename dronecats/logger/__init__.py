@@ -1,0 +1,1 @@
+"""A process of its own that writes down what really happened."""

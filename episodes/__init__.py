@@ -1,0 +1,1 @@
+"""The world: maps, assets, camera, targets, visibility and the episode records. It never flies."""

@@ -1,0 +1,75 @@
+"""What a map is made of. Metres, NED world axes; every asset in its own forward-right-down axes.
+
+An asset's origin is the centre of its footprint on the ground, so its vertices have z ≤ 0 (down is positive).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.frames import Vec3
+from dronecats.border.terrain import HeightField
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """How a surface looks."""
+
+    name: str
+    color: Vec3  # linear RGB reflectance 0 … 1; multiplies the texture
+    texture: NDArray[np.uint8] | None = None  # (H, W, 3) sRGB, repeats; None = plain colour
+    emission: float = 0.0  # fraction of `color` that shines by itself (lamps)
+    specular: float = 0.0  # 0 matt … 1 glass and car paint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles of one asset, counter-clockwise seen from outside in a right-handed frame."""
+
+    vertices: NDArray[np.float32]  # (V, 3) m, FRD
+    normals: NDArray[np.float32]  # (V, 3) unit, FRD
+    uv: NDArray[np.float32]  # (V, 2), 1 = one repeat of the texture
+    triangles: NDArray[np.int32]  # (T, 3) vertex indices
+    material: NDArray[np.int32]  # (T,) index into `materials`
+    materials: tuple[Material, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instance:
+    """One thing that stands in the world."""
+
+    id: int  # ≥ 1, unique in the scene; the value in the id image. 0 is the sky
+    name: str  # 'house-3', 'target'
+    kind: str  # 'ground', 'house', 'tree', 'suv' …
+    mesh: Mesh
+    position_ned: Vec3  # m, of the asset's origin
+    yaw: float = 0.0  # rad
+    movable: bool = False  # may be given another pose when rendering
+    solid: bool = True  # counts for occlusion and collision
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sun:
+    """A directional light."""
+
+    toward_ned: Vec3  # unit vector from the scene towards the sun
+    color: Vec3 = (1.0, 0.96, 0.88)  # linear RGB, times `strength`
+    strength: float = 2.6
+    sky: Vec3 = (0.36, 0.52, 0.78)  # linear RGB of the ambient light from above
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A built map."""
+
+    name: str
+    instances: tuple[Instance, ...]
+    terrain: HeightField
+    sun: Sun
+    latitude_deg: float  # geodetic place of the NED origin
+    longitude_deg: float
+    altitude_m: float  # m above mean sea level
+    spawn_ned: Vec3 = (0.0, 0.0, 0.0)  # m, a free place on the ground
+    spawn_yaw: float = 0.0
+    notes: tuple[str, ...] = field(default=())
