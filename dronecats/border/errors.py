@@ -1,4 +1,4 @@
-"""Whose fault it was decides what happens: wrong usage exits 2, a broken infrastructure exits 3, a lost episode exits 0."""
+"""Whose fault it was decides what happens: wrong usage exits 2, broken infrastructure exits 3, a lost episode 0."""
 
 
 class DronecatsError(Exception):

@@ -12,7 +12,7 @@ by `numba.njit`, the compiled kernels of `vehicles` and `autopilot`.
 
 import math
 
-EARTH_RADIUS_M = 6371000.0  # PX4's CONSTANTS_RADIUS_OF_EARTH: the same sphere keeps local frames equal to the millimetre
+EARTH_RADIUS_M = 6371000.0  # PX4's CONSTANTS_RADIUS_OF_EARTH: on the same sphere local frames agree
 GRAVITY = 9.80665  # m/s²
 
 Vec3 = tuple[float, float, float]
@@ -100,10 +100,7 @@ def quat_yaw(q: Quat) -> float:
 def quat_integrate(q: Quat, rotation_vector: Vec3) -> Quat:
     """Return q after the body-frame rotation vector (rad): q ⊗ exp(rotation_vector / 2)."""
     angle = math.sqrt(rotation_vector[0] ** 2 + rotation_vector[1] ** 2 + rotation_vector[2] ** 2)
-    if angle < 1e-9:
-        s = 0.5
-    else:
-        s = math.sin(0.5 * angle) / angle
+    s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
     dq = (math.cos(0.5 * angle), s * rotation_vector[0], s * rotation_vector[1], s * rotation_vector[2])
     return quat_normalized(quat_multiply(q, dq))
 

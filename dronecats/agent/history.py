@@ -1,0 +1,46 @@
+"""The last five actions, in the compact form that the prompt shows and the logs use."""
+
+from collections import deque
+
+from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.border.camera import CameraModel
+
+LENGTH = 5
+NONE_YET = "(none yet — this is the first step)"
+
+
+def compact(action: Action, camera: CameraModel) -> str:
+    """Return the action on one line. GO coordinates are pixels, as in the paper, though the prompt's are 0–1000."""
+    match action:
+        case Go(x, y, depth_m):
+            return f"GO x={x * camera.width / 1000:.0f} y={y * camera.height / 1000:.0f} depth={depth_m:.4g}m"
+        case Rotate(angle_deg):
+            return f"ROTATE angle={angle_deg:.4g}deg"
+        case Think():
+            return "THINK"
+        case Finished():
+            return "FINISHED"
+
+
+class History:
+    """What one drone did last."""
+
+    def __init__(self, camera: CameraModel, length: int = LENGTH) -> None:
+        self.camera = camera
+        self.length = length
+        self._actions: deque[Action] = deque(maxlen=length)
+
+    def append(self, action: Action) -> None:
+        self._actions.append(action)
+
+    @property
+    def last(self) -> Action | None:
+        return self._actions[-1] if self._actions else None
+
+    def render(self) -> str:
+        """Return the numbered lines, oldest first, the newest tagged; or the sentence for the first step."""
+        if not self._actions:
+            return NONE_YET
+        lines = [f"{i}. {compact(action, self.camera)}" for i, action in enumerate(self._actions, 1)]
+        lines[-1] += "  <- latest"
+        return "\n".join(lines)

@@ -1,0 +1,77 @@
+"""Model latency in vehicle time: as it really passes, as measured, or fixed.
+
+The drone holds while the model decodes, and the world keeps moving. In real time latency passes by itself; in lockstep
+the vehicle's clock stands still during the call, so the latency is charged afterwards.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+
+from dronecats.agent.model import Model, Reply, Request
+from dronecats.border.errors import UsageError
+
+Charge = Callable[[float], float]  # measured wall seconds -> vehicle seconds
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """How long a reply takes in vehicle time."""
+
+    name: str  # as the command line has it; kept in run.json
+    charge: Charge | None  # None: the call lasts as long as it lasts
+
+
+def latency(text: str) -> Latency:
+    """Return the policy named `real`, `measured` or `fixed:SECONDS`. Raises UsageError."""
+    kind, _, value = text.partition(":")
+    if text == "real":
+        return Latency(text, None)
+    if text == "measured":
+        return Latency(text, lambda measured_s: measured_s)
+    if kind == "fixed":
+        try:
+            seconds = float(value)
+        except ValueError:
+            seconds = -1.0
+        if 0.0 <= seconds <= 300.0:
+            return Latency(text, lambda _measured_s: seconds)
+    raise UsageError(f"--latency wants real, measured or fixed:SECONDS (0 … 300), got '{text}'")
+
+
+class InlineExecutor(Executor):
+    """Runs a call at once, in the caller: while it runs, nothing else happens. The executor of lockstep."""
+
+    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+        future: Future[object] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Asking:
+    """A question on its way."""
+
+    def __init__(self, model: Model, request: Request, executor: Executor, policy: Latency, now_s: float) -> None:
+        self._future: Future[Reply] = executor.submit(model.ask, request)
+        self._policy = policy
+        self._asked_s = now_s
+
+    def due(self, now_s: float) -> bool:
+        """Return whether the reply is there and its latency has passed on the vehicle's clock."""
+        if not self._future.done():
+            return False
+        if self._future.exception() is not None or self._policy.charge is None:
+            return True
+        return now_s >= self._asked_s + self.latency_s() - 1e-9
+
+    def reply(self) -> Reply:
+        """Return the reply. Raises what the model raised."""
+        return self._future.result()
+
+    def latency_s(self) -> float:
+        """Return the seconds that count: charged ones where they are charged, measured ones otherwise."""
+        measured_s = self.reply().latency_s
+        return measured_s if self._policy.charge is None else self._policy.charge(measured_s)

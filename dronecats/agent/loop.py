@@ -1,0 +1,168 @@
+"""The loop of the paper: see, decide, act, log. It knows a frame, an instruction, its history, and MAVLink."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dronecats.agent import action as actions
+from dronecats.agent.controller import Segment, plan
+from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.history import History
+from dronecats.agent.latency import Asking, Latency
+from dronecats.agent.model import Model, Request
+from dronecats.agent.picture import encode
+from dronecats.agent.prompt import Prompt
+from dronecats.agent.vehicle import Vehicle
+from dronecats.border.camera import Camera, CameraModel, Frame
+from dronecats.border.setpoints import Hold
+
+CAP_S = 300.0  # s of vehicle time, the length of an episode
+
+
+@dataclass(frozen=True, slots=True)
+class Pilot:
+    """The model and everything that is declared about it."""
+
+    model: Model
+    prompt: Prompt
+    instruction: str
+    latency: Latency
+    axis_order: actions.AxisOrder = "xy"
+
+
+@dataclass(slots=True)
+class Drone:
+    """One vehicle under the pilot, with what the agent remembers of it."""
+
+    index: int
+    vehicle: Vehicle
+    history: History
+    segments: list[Segment] = field(default_factory=list)  # what is still to be flown of the current action
+    segment_ends_s: float = 0.0
+
+
+class Agent:
+    """Flies one episode. Everything it touches comes in through the constructor."""
+
+    def __init__(
+        self,
+        *,
+        pilot: Pilot,
+        vehicles: Sequence[Vehicle],
+        camera: Camera,
+        camera_model: CameraModel,
+        log: DecisionLog,
+        frames_dir: Path,
+        executor: Executor,
+        t0_us: int,
+        on_step: Callable[[Decision], None] = lambda decision: None,
+        on_tick: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.pilot = pilot
+        self.drones = [Drone(i, vehicle, History(camera_model)) for i, vehicle in enumerate(vehicles)]
+        self.camera, self.camera_model = camera, camera_model
+        self.log, self.frames_dir = log, frames_dir
+        self.executor = executor
+        self.t0_us = t0_us
+        self.on_step, self.on_tick = on_step, on_tick
+        self.steps = 0
+        self._decided_s: float | None = None
+
+    @property
+    def now_s(self) -> float:
+        """Vehicle seconds since the episode began."""
+        return (self.drones[0].vehicle.time_us - self.t0_us) / 1e6
+
+    def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
+        """Fly steps until the episode's time is over, or until `stop` says so of a decision just made."""
+        while self.now_s < cap_s:
+            decisions = self._step(cap_s)
+            if any(stop(decision) for decision in decisions):
+                return
+
+    def _step(self, cap_s: float) -> list[Decision]:
+        frames = [self.camera.newest(drone.index) for drone in self.drones]
+        asking, thinking = self._ask(frames)
+        while not asking.due(self.now_s):
+            self._tick()
+            if self.now_s >= cap_s:
+                break
+        if not asking.due(self.now_s):
+            return []  # the episode is over before the reply: whatever it says came too late to be an action
+        decisions = self._decide(frames, asking, thinking)
+        self._act(cap_s)
+        return decisions
+
+    def _ask(self, frames: Sequence[Frame]) -> tuple[Asking, bool]:
+        pictures = tuple(encode(frame.image_rgb) for frame in frames)
+        for frame, jpeg in zip(frames, pictures, strict=True):
+            suffix = f"_d{frame.drone}" if frame.drone else ""
+            (self.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
+        thinking = any(isinstance(drone.history.last, actions.Think) for drone in self.drones)
+        history = self.drones[0].history
+        text = self.pilot.prompt.render(
+            self.pilot.instruction, history.render(), history.length, self.pilot.axis_order
+        )
+        request = Request(text, pictures, thinking)
+        return Asking(self.pilot.model, request, self.executor, self.pilot.latency, self.now_s), thinking
+
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
+        reply, now_s = asking.reply(), self.now_s
+        rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
+        self._decided_s = now_s
+        decisions = []
+        for drone, frame, action in zip(
+            self.drones,
+            frames,
+            actions.parse_fleet(reply.text, len(self.drones), self.pilot.axis_order),
+            strict=True,
+        ):
+            failed = isinstance(action, actions.ActionError)
+            decision = Decision(
+                step=self.steps,
+                drone=drone.index,
+                frame_id=frame.frame_id,
+                t_frame=round((frame.time_us - self.t0_us) / 1e6, 6),
+                t_decided=round(now_s, 6),
+                reply=reply.text,
+                action=None if failed else action.as_json(),
+                error=str(action) if failed else None,
+                latency_s=round(asking.latency_s(), 6),
+                tokens_in=reply.tokens_in,
+                tokens_out=reply.tokens_out,
+                thinking=thinking,
+                rate_hz=None if rate_hz is None else round(rate_hz, 6),
+            )
+            self.log.write(decision)
+            if failed:
+                drone.segments = list(plan(None, self.camera_model))
+            else:
+                drone.history.append(action)
+                drone.segments = list(plan(action, self.camera_model))
+            self.on_step(decision)
+            decisions.append(decision)
+        self.steps += 1
+        return decisions
+
+    def _act(self, cap_s: float) -> None:
+        for drone in self.drones:
+            self._next_segment(drone, self.now_s)
+        while any(drone.segments for drone in self.drones) and self.now_s < cap_s:
+            self._tick()
+            for drone in self.drones:
+                if drone.segments and self.now_s >= drone.segment_ends_s - 1e-9:
+                    drone.segments.pop(0)
+                    self._next_segment(drone, drone.segment_ends_s)
+
+    def _next_segment(self, drone: Drone, starts_s: float) -> None:
+        if drone.segments:
+            drone.vehicle.fly(drone.segments[0].setpoint)
+            drone.segment_ends_s = starts_s + drone.segments[0].duration_s
+        else:
+            drone.vehicle.fly(Hold())
+
+    def _tick(self) -> None:
+        for drone in self.drones:
+            drone.vehicle.tick()
+        self.on_tick()
