@@ -1,0 +1,115 @@
+"""A pilot that knows the truth: the ceiling of the benchmark, and the proof that an episode can be flown at all.
+
+It speaks the same four actions as a model and nothing more, so what it cannot do, no model can. A pure function:
+whoever has the truth calls it (the run, never the agent).
+"""
+
+import math
+
+from dronecats.border.camera import CameraModel
+from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
+from dronecats.pilots import reply as text
+
+ARRIVED_M = 4.0  # 3-D distance, body origin to target centre, at which it declares; the verifier's radius is 5 m
+_STEP_S = 2.5  # one `go` is flown this long
+_FAR_M, _FAR_SCALE = 5.0, 0.6  # below this depth a stride is scaled …
+_STRIDE_M = 3.0  # … and never longer than this (paper, appendix "Executing go")
+_SHORTEST_STRIDE_M = 1.2  # 0.6 of a depth of 2 m, under which the drone brakes
+_LEVEL = 0.14  # |vertical| / horizontal below this is not flown: the controller drops it under 0.15
+_KEEPS_HEIGHT_M = 7.0  # nearer than this the height is kept …
+_KEEPS_HEIGHT_BAND_M = 2.5  # … unless the target is so far below or above that the sphere would not be entered
+_TURN_MAX_DEG = 90.0
+_TOO_NEAR_M = 0.3  # nearer than this to the lens a point has no useful place in the picture
+
+
+def reply(
+    position_ned: Vec3,
+    yaw_rad: float,
+    attitude: Quat | None,
+    camera: CameraModel,
+    target_ned: Vec3,
+    target_velocity_ned: Vec3 | None = None,
+) -> str:
+    """Return the next action as a model's reply text: one JSON object.
+
+    position_ned, target_ned: m, body origin and target centre in the same NED frame; target_velocity_ned: m/s, None
+    for a target at rest. attitude: of the body, None for level flight at yaw_rad.
+
+    Rotates until the target is in the picture; then goes, the point being the target's true projection and the depth
+    its true planar depth, both one step ahead of a moving target; strides are shortened so that it stops before the
+    target. Far off it lets the controller climb or descend along the ray; near, it keeps its height. A target that is
+    ahead but under or over the picture is approached along the picture's edge.
+    """
+    q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
+    aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
+    x, y = _pixel(_in_camera(position_ned, q, camera, target_ned), camera)
+    if not 0.0 <= x <= camera.width:
+        return text.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
+    in_picture = 0.0 <= y <= camera.height
+    if in_picture and math.dist(position_ned, target_ned) <= ARRIVED_M:
+        return text.finished()
+
+    ahead = _in_camera(position_ned, q, camera, aim)
+    x, y = _pixel(ahead, camera)
+    if not 0.0 <= x <= camera.width:
+        return text.rotate(_bearing_deg(position_ned, yaw_rad, aim))
+    horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
+    vertical = aim[2] - position_ned[2]
+    if not in_picture and horizontal < _STRIDE_M:  # over or under it: fly on, turn round there
+        return text.go(500.0, 500.0, _FAR_M)
+    # stop where the sphere of ARRIVED_M has safely been entered, at the height that is kept
+    reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
+    depth = _depth_for(max(horizontal - reach, 0.0), ahead[0])
+    if horizontal < _KEEPS_HEIGHT_M and abs(vertical) < _KEEPS_HEIGHT_BAND_M:
+        f, middle = camera.focal_px, camera.height / 2.0
+        span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
+        y = min(max(y, middle - span), middle + span)
+    return text.go(1000.0 * x / camera.width, 1000.0 * y / camera.height, depth)
+
+
+def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
+    """Return where a moving point will be when the step that is chosen now has been flown."""
+    return (
+        point_ned[0] + velocity_ned[0] * _STEP_S,
+        point_ned[1] + velocity_ned[1] * _STEP_S,
+        point_ned[2] + velocity_ned[2] * _STEP_S,
+    )
+
+
+def _depth_for(travel_m: float, depth_m: float) -> float:
+    """Return a depth whose stride is about `travel_m`, the true depth when that is a full stride."""
+    if travel_m >= _STRIDE_M:
+        return max(depth_m, _FAR_M)
+    longest_near = _FAR_SCALE * _STRIDE_M
+    if travel_m >= longest_near:
+        return min(depth_m, _FAR_M - 0.01)
+    return max(travel_m, _SHORTEST_STRIDE_M) / _FAR_SCALE
+
+
+def _in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
+    """Return a point in camera axes (forward, right, down), m from the optical centre."""
+    offset = rotate(q, camera.offset_frd)
+    return rotate_inverse(
+        q,
+        (
+            point_ned[0] - position_ned[0] - offset[0],
+            point_ned[1] - position_ned[1] - offset[1],
+            point_ned[2] - position_ned[2] - offset[2],
+        ),
+    )
+
+
+def _pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
+    """Return where a point in camera axes is in the picture plane (px); far to the side when it is behind."""
+    if point[0] < _TOO_NEAR_M:
+        return (math.copysign(math.inf, point[1]), math.inf)
+    return (
+        camera.width / 2.0 + camera.focal_px * point[1] / point[0],
+        camera.height / 2.0 + camera.focal_px * point[2] / point[0],
+    )
+
+
+def _bearing_deg(position_ned: Vec3, yaw_rad: float, point_ned: Vec3) -> float:
+    """Return the turn (deg, + right, at most 90 either way) that brings a point ahead."""
+    bearing = wrap_pi(math.atan2(point_ned[1] - position_ned[1], point_ned[0] - position_ned[0]) - yaw_rad)
+    return min(max(math.degrees(bearing), -_TURN_MAX_DEG), _TURN_MAX_DEG)

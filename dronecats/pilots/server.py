@@ -1,0 +1,235 @@
+"""A pilot behind the interface a model has: an OpenAI-compatible chat endpoint on the loopback.
+
+The agent reaches it by a base URL like any other model, so nothing in the agent knows that no model is there. Replies
+are deterministic: same request, same bytes, no clock in them.
+"""
+
+import base64
+import binascii
+import contextlib
+import hashlib
+import json
+import math
+import socket
+import threading
+from collections.abc import Callable
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from dronecats.border.errors import UsageError
+
+Pilot = Callable[[str, list[bytes]], str]
+
+MAX_BODY_BYTES = 16 * 1024 * 1024
+_MAX_IMAGES = 64
+_IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule: 85 + 170 per 512 px tile, two tiles
+_CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
+_IDLE_S = 60.0  # a silent connection is dropped after this long
+
+
+class PilotServer:
+    """Serves one pilot, a function (prompt text, JPEGs in order) → reply text, under a model name."""
+
+    def __init__(
+        self, pilot: Pilot, name: str, *, owned_by: str = "dronecats", host: str = "127.0.0.1", port: int = 0
+    ) -> None:
+        """Bind at once (port 0: the system chooses). Raises UsageError when the address cannot be had."""
+        try:
+            self._http = _Http((host, port), _Handler)
+        except (OSError, OverflowError) as error:
+            raise UsageError(
+                f"The pilot server cannot listen on {host}:{port}: {error}; choose another port."
+            ) from error
+        self._http.pilot, self._http.name, self._http.owned_by = pilot, name, owned_by
+        self._thread: threading.Thread | None = None
+
+    @property
+    def port(self) -> int:
+        """The TCP port in use."""
+        return int(self._http.server_address[1])
+
+    @property
+    def base_url(self) -> str:
+        """What an OpenAI client is given, without a slash at the end: `http://127.0.0.1:PORT/v1`."""
+        host = str(self._http.server_address[0])
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/v1"
+
+    def start(self) -> "PilotServer":
+        """Serve from a daemon thread from now on; return self."""
+        if self._thread is None:
+            self._thread = threading.Thread(
+                target=self._http.serve_forever, kwargs={"poll_interval": 0.05}, name="pilot-server", daemon=True
+            )
+            self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """Stop serving and free the port. May be called more than once."""
+        if self._thread is not None:
+            self._http.shutdown()
+            self._thread.join()
+            self._thread = None
+        self._http.server_close()
+
+    def __enter__(self) -> "PilotServer":
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def read_request(body: bytes) -> tuple[str, list[bytes]]:
+    """Return (prompt text, images) of a chat completion request. Raises UsageError that says what is wrong."""
+    try:
+        request = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise UsageError("The body is not JSON.") from error
+    if not isinstance(request, dict):
+        raise UsageError("The body must be a JSON object.")
+    if not isinstance(request.get("model"), str):
+        raise UsageError("`model` must be a string.")
+    if request.get("stream"):
+        raise UsageError("`stream` is not offered: ask for the whole reply.")
+    messages = request.get("messages")
+    if not isinstance(messages, list) or not messages:
+        raise UsageError("`messages` must be a list with at least one message.")
+    texts: list[str] = []
+    images: list[bytes] = []
+    for message in messages:
+        if not isinstance(message, dict) or message.get("role") not in ("system", "developer", "user", "assistant"):
+            raise UsageError("Every message must be an object with the role system, developer, user or assistant.")
+        if message["role"] != "assistant":
+            _read_content(message.get("content"), texts, images)
+    return "\n".join(texts), images
+
+
+def _read_content(content: Any, texts: list[str], images: list[bytes]) -> None:
+    if isinstance(content, str):
+        texts.append(content)
+        return
+    if not isinstance(content, list):
+        raise UsageError("`content` must be a string or a list of parts.")
+    for part in content:
+        kind = part.get("type") if isinstance(part, dict) else None
+        if kind == "text" and isinstance(part.get("text"), str):
+            texts.append(part["text"])
+        elif kind == "image_url":
+            if len(images) >= _MAX_IMAGES:
+                raise UsageError(f"A request carries at most {_MAX_IMAGES} images.")
+            images.append(_image(part.get("image_url")))
+        else:
+            raise UsageError("A content part must be a `text` or an `image_url`.")
+
+
+def _image(value: Any) -> bytes:
+    url = value.get("url") if isinstance(value, dict) else value
+    if not isinstance(url, str) or not url.startswith("data:image/") or ";base64," not in url[:64]:
+        raise UsageError("`image_url.url` must be a base64 data URL of an image: nothing is fetched from elsewhere.")
+    try:
+        return base64.b64decode(url.split(",", 1)[1], validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise UsageError("The image's base64 is broken.") from error
+
+
+def completion(model: str, body: bytes, prompt: str, images: list[bytes], text: str) -> dict[str, Any]:
+    """Return the chat.completion object of a reply; its id is a digest of the request, its token counts estimates."""
+    asked = math.ceil(len(prompt) / _CHARACTERS_PER_TOKEN) + _IMAGE_TOKENS * len(images)
+    said = math.ceil(len(text) / _CHARACTERS_PER_TOKEN)
+    return {
+        "id": "chatcmpl-" + hashlib.sha256(body).hexdigest()[:24],
+        "object": "chat.completion",
+        "created": 0,  # no wall clock in a deterministic reply
+        "model": model,
+        "choices": [{"index": 0, "message": {"role": "assistant", "content": text}, "finish_reason": "stop"}],
+        "usage": {"prompt_tokens": asked, "completion_tokens": said, "total_tokens": asked + said},
+    }
+
+
+class _Http(ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False
+    pilot: Pilot
+    name: str
+    owned_by: str
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that goes away mid-request is its own business."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Http
+    protocol_version = "HTTP/1.1"  # keep-alive: a control loop asks several times a second
+    timeout = _IDLE_S
+
+    def setup(self) -> None:
+        super().setup()
+        # header and body leave in one segment without waiting for an acknowledgement
+        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def do_GET(self) -> None:
+        if self.path.split("?")[0].rstrip("/") == "/v1/models":
+            model = {"id": self.server.name, "object": "model", "created": 0, "owned_by": self.server.owned_by}
+            self._send(HTTPStatus.OK, {"object": "list", "data": [model]})
+        else:
+            self._refuse(HTTPStatus.NOT_FOUND, "There is /v1/models and /v1/chat/completions here, nothing else.")
+
+    def do_POST(self) -> None:
+        body = self._body()
+        if body is None:
+            return
+        if self.path.split("?")[0].rstrip("/") != "/v1/chat/completions":
+            self._refuse(HTTPStatus.NOT_FOUND, "There is /v1/models and /v1/chat/completions here, nothing else.")
+            return
+        try:
+            prompt, images = read_request(body)
+            text = self.server.pilot(prompt, images)
+        except UsageError as error:
+            self._refuse(HTTPStatus.BAD_REQUEST, str(error))
+        except Exception as error:  # a pilot's own fault is answered, not left to a closed socket
+            self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, f"The pilot failed: {type(error).__name__}: {error}")
+        else:
+            self._send(HTTPStatus.OK, completion(self.server.name, body, prompt, images, text))
+
+    def _body(self) -> bytes | None:
+        """Return the request body, or None after having refused it; the connection ends there."""
+        declared = self.headers.get("Content-Length", "")
+        if not (declared.isascii() and declared.isdigit()) or len(declared) > 18:
+            self.close_connection = True
+            self._refuse(HTTPStatus.LENGTH_REQUIRED, "A Content-Length is needed.")
+            return None
+        if int(declared) > MAX_BODY_BYTES:
+            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client still writing would never see the answer
+            self.close_connection = True
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"A body has at most {MAX_BODY_BYTES} bytes.")
+            return None
+        body = self.rfile.read(int(declared))
+        if len(body) < int(declared):
+            self.close_connection = True
+            return None
+        return body
+
+    def _discard(self, count: int) -> None:
+        while count > 0:
+            piece = self.rfile.read(min(count, 1 << 16))
+            if not piece:
+                return
+            count -= len(piece)
+
+    def _refuse(self, status: HTTPStatus, message: str) -> None:
+        kind = "server_error" if status >= 500 else "invalid_request_error"
+        self._send(status, {"error": {"message": message, "type": kind, "param": None, "code": None}})
+
+    def _send(self, status: HTTPStatus, payload: dict[str, Any]) -> None:
+        data = json.dumps(payload).encode()
+        self.send_response_only(status)  # without the Date header: same request, same bytes
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Length", str(len(data)))
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        with contextlib.suppress(ConnectionError, TimeoutError):
+            self._headers_buffer.append(b"\r\n" + data)  # type: ignore[attr-defined]
+            self.flush_headers()
+
+    def log_message(self, *_: Any) -> None:
+        """Silent: a library prints nothing."""

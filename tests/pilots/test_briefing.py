@@ -1,0 +1,72 @@
+"""What the pilots read out of the prompt's words."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.action import Finished, Go, Rotate, Think
+from dronecats.agent.history import NONE_YET, History
+from dronecats.agent.prompt import Prompt
+from dronecats.border.camera import CameraModel
+from dronecats.pilots import blind, briefing, referent
+
+
+def prompt(history, command="go to the cyan SUV"):
+    return Prompt.load().render(command, history, 5)
+
+
+def test_command_and_history_come_back_as_the_agent_wrote_them():
+    history = History(CameraModel())
+    for action in (Go(500, 600, 9.5), Rotate(-45), Think(), Finished()):
+        history.append(action)
+    told = briefing.read(prompt(history.render()))
+    assert told.command == "go to the cyan SUV"
+    assert [p.kind for p in told.past(0)] == ["go", "rotate", "think", "finished"]
+    assert told.past(0)[0].depth_m == 9.5
+    assert told.past(0)[1].angle_deg == -45
+
+
+def test_the_first_step_has_no_history():
+    assert briefing.read(prompt(NONE_YET)).past(0) == ()
+
+
+def test_histories_of_several_drones_follow_the_lines_that_name_them():
+    text = "Command: x\nDrone 1:\n1. THINK\n2. FINISHED\nDrone 2:\n(none yet)\nDrone 3:\n1. ROTATE angle=60deg"
+    told = briefing.read(text)
+    assert [[p.kind for p in told.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
+
+
+@given(st.text(max_size=300))
+def test_no_text_breaks_the_reader(text):
+    told = briefing.read(text)
+    referent.read(told.command)
+    assert len(told.history) >= 0
+
+
+@pytest.mark.parametrize(
+    ("command", "color", "noun"),
+    [
+        ("go to the cyan SUV", "cyan", "suv"),
+        ("Fly to the red pickup truck next to the white house", "red", "pickup truck"),
+        ("find the house with the green car in front", "green", "car"),
+        ("go to the person in the orange jacket", "orange", "person"),
+        ("Find the blue car with license plate 4017", "blue", "car"),
+        ("go to the school bus", None, "school bus"),
+        ("the turquoise thing", "cyan", "thing"),
+        ("", None, "thing"),
+    ],
+)
+def test_colour_and_noun_of_a_command(command, color, noun):
+    named = referent.read(command)
+    assert (named.color, named.noun) == (color, noun)
+
+
+def test_blind_never_declares_and_answers_once_per_picture():
+    history = History(CameraModel())
+    from dronecats.agent.action import parse, parse_fleet
+
+    for _ in range(12):
+        action = parse(blind.answer(prompt(history.render()), [b""]))
+        assert not isinstance(action, Finished)
+        history.append(action)
+    assert len(parse_fleet(blind.answer("", [b""] * 3), 3)) == 3
