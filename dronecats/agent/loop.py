@@ -112,13 +112,9 @@ class Agent:
         rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
         self._decided_s = now_s
         decisions = []
-        for drone, frame, action in zip(
-            self.drones,
-            frames,
-            actions.parse_fleet(reply.text, len(self.drones), self.pilot.axis_order),
-            strict=True,
-        ):
-            failed = isinstance(action, actions.ActionError)
+        parsed = actions.parse_fleet(reply.text, len(self.drones), self.pilot.axis_order)
+        for drone, frame, outcome in zip(self.drones, frames, parsed, strict=True):
+            action = None if isinstance(outcome, actions.ActionError) else outcome
             decision = Decision(
                 step=self.steps,
                 drone=drone.index,
@@ -126,8 +122,8 @@ class Agent:
                 t_frame=round((frame.time_us - self.t0_us) / 1e6, 6),
                 t_decided=round(now_s, 6),
                 reply=reply.text,
-                action=None if failed else action.as_json(),
-                error=str(action) if failed else None,
+                action=action.as_json() if action else None,
+                error=str(outcome) if isinstance(outcome, actions.ActionError) else None,
                 latency_s=round(asking.latency_s(), 6),
                 tokens_in=reply.tokens_in,
                 tokens_out=reply.tokens_out,
@@ -135,11 +131,9 @@ class Agent:
                 rate_hz=None if rate_hz is None else round(rate_hz, 6),
             )
             self.log.write(decision)
-            if failed:
-                drone.segments = list(plan(None, self.camera_model))
-            else:
+            if action is not None:
                 drone.history.append(action)
-                drone.segments = list(plan(action, self.camera_model))
+            drone.segments = list(plan(action, self.camera_model))
             self.on_step(decision)
             decisions.append(decision)
         self.steps += 1

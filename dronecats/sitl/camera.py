@@ -1,0 +1,59 @@
+"""The simulated forward camera: newest truth in, frames out, and word to the logger of each frame taken."""
+
+import threading
+from collections.abc import Callable
+
+from dronecats.border.camera import CameraModel, Frame
+from dronecats.border.errors import CameraError
+from dronecats.border.mavlink import Packer, Parser, dialect
+from dronecats.border.truth import FrameTaken, TruthSample, frame_message, truth_sample
+from dronecats.sitl.scenario import origin
+from episodes.render.pose import camera_pose
+from episodes.render.renderer import Renderer
+from episodes.world import World
+
+CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
+
+
+class WorldCamera:
+    """Renders what each drone sees from where it really is. Fed with the bytes of the truth bus."""
+
+    def __init__(self, world: World, camera: CameraModel, announce: Callable[[bytes], None]) -> None:
+        self.world, self.camera = world, camera
+        self._announce = announce
+        self._renderer = Renderer(world.scene, camera)
+        self._origin = origin(world)
+        self._parser = Parser()
+        self._packer = Packer(1, CAMERA_COMPONENT)
+        self._newest: dict[int, TruthSample] = {}
+        self._t0_us: int | None = None
+        self._frames = 0
+        self._lock = threading.Lock()  # frames are asked for by server threads, one is drawn at a time
+
+    def begin(self, t0_us: int) -> None:
+        """From this vehicle time on the target moves."""
+        self._t0_us = t0_us
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes of the truth bus."""
+        for message in self._parser.feed(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                sample = truth_sample(message, self._origin)
+                self._newest[sample.drone] = sample
+
+    def newest(self, drone: int = 0) -> Frame:
+        """Return a frame of the newest truth. Raises CameraError while nothing is known of the drone."""
+        with self._lock:
+            sample = self._newest.get(drone)
+            if sample is None:
+                raise CameraError(f"the camera has not heard where drone {drone} is")
+            t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
+            pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
+            view = self._renderer.render(pose, self.world.moved(t_s))
+            taken = FrameTaken(drone, self._frames, sample.time_us)
+            self._frames += 1
+            self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
+            return Frame(taken.frame_id, drone, taken.time_us, view.rgb)
+
+    def close(self) -> None:
+        pass

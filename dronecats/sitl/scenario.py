@@ -1,0 +1,54 @@
+"""A simulation built from an episode record: the map's ground, and each vehicle on it below its start pose."""
+
+import math
+from pathlib import Path
+
+from dronecats.border.truth import Origin
+from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from episodes.world import World
+from vehicles import airframe as airframes
+
+
+def origin(world: World) -> Origin:
+    """Return the geodetic place of the map's NED origin."""
+    return world.scene.latitude_deg, world.scene.longitude_deg, world.scene.altitude_m
+
+
+def ground_places(world: World) -> list[Place]:
+    """Return where each drone of the record stands before it takes off: on the ground below its start pose."""
+    places = []
+    for start in world.record.starts:
+        north, east, _ = start.position_ned
+        places.append(Place((north, east, world.ground_down(north, east)), math.radians(start.yaw_deg)))
+    return places
+
+
+def build(
+    world: World,
+    *,
+    airframe: str = "x500",
+    seed: int = 0,
+    count: int | None = None,
+    parameter_dir: Path | None = None,
+) -> Simulation:
+    """Return the simulation of a record's drones, or of `count` of them. Raises UsageError for an unknown airframe."""
+    frame = airframes.load(airframe)
+    places = ground_places(world)
+    while count is not None and len(places) < count:  # more than the record has: beside one another, two metres apart
+        last = places[-1].position_ned
+        north, east = last[0], last[1] + 2.0
+        places.append(Place((north, east, world.ground_down(north, east)), places[-1].yaw))
+    return Simulation(
+        [
+            SimulatedVehicle(
+                index,
+                frame,
+                place,
+                seed=seed * 1000 + index,
+                origin=origin(world),
+                terrain=world.scene.terrain,
+                parameter_file=parameter_dir / f"parameters-{index + 1}.json" if parameter_dir else None,
+            )
+            for index, place in enumerate(places[:count])
+        ]
+    )

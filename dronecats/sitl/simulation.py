@@ -1,0 +1,108 @@
+"""Vehicles with our autopilot on one clock: the compiled plant and inner loop fused, commanders and truth around them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from numba import njit
+
+from autopilot.autopilot import Autopilot
+from autopilot.flight_core import FlightCore, update
+from dronecats.border.airframe import Airframe
+from dronecats.border.frames import Vec3
+from dronecats.border.mavlink import Packer
+from dronecats.border.terrain import FLAT, HeightField
+from dronecats.border.truth import TRUTH_COMPONENT, Origin, truth_message
+from dronecats.sitl.bus import TruthBus
+from vehicles.multirotor import Multirotor, step
+
+STEP_US = 1_000  # plant and inner loop
+TICK_US = 10_000  # commander, MAVLink and truth
+TRUTH_US = 20_000  # 50 Hz
+
+
+@njit(cache=True)
+def fly(steps, plant, core):
+    """Advance one vehicle and its inner loop by `steps` milliseconds."""
+    for _ in range(steps):
+        step(*plant)
+        update(*core)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a vehicle stands at boot."""
+
+    position_ned: Vec3  # m, map frame, on the ground
+    yaw: float  # rad
+
+
+class SimulatedVehicle:
+    """One vehicle: physics, inner loop, commander."""
+
+    def __init__(
+        self,
+        index: int,
+        airframe: Airframe,
+        place: Place,
+        *,
+        seed: int,
+        origin: Origin,
+        terrain: HeightField = FLAT,
+        parameter_file: Path | None = None,
+    ) -> None:
+        self.index = index
+        self.origin = origin
+        self.plant = Multirotor(
+            airframe, seed=seed, origin=origin, terrain=terrain, position_ned=place.position_ned, yaw=place.yaw
+        )
+        self.core = FlightCore(airframe)
+        self.autopilot = Autopilot(
+            airframe, self.core, self.plant.sensors, system_id=index + 1, parameter_file=parameter_file
+        )
+        self._core_args = self.core.kernel_args(self.plant.sensors, self.plant.actuators)
+        self._packer = Packer(index + 1, TRUTH_COMPONENT)
+
+    def advance(self) -> None:
+        """Advance by one tick."""
+        fly(TICK_US // STEP_US, self.plant.kernel_args, self._core_args)
+        self.autopilot.update()
+
+    @property
+    def time_us(self) -> int:
+        return int(self.plant.truth["time_us"])
+
+    def truth(self) -> bytes:
+        """Return HIL_STATE_QUATERNION as bytes."""
+        truth = self.plant.truth
+        return self._packer.pack(
+            truth_message(
+                int(truth["time_us"]),
+                tuple(truth["position_ned"].tolist()),
+                tuple(truth["velocity_ned"].tolist()),
+                tuple(truth["attitude"].tolist()),
+                tuple(truth["rates_frd"].tolist()),
+                tuple(truth["accel_frd"].tolist()),
+                self.origin,
+            )
+        )
+
+
+class Simulation:
+    """A fleet on one clock, and the bus its truth goes out on."""
+
+    def __init__(self, vehicles: Sequence[SimulatedVehicle]) -> None:
+        self.vehicles = tuple(vehicles)
+        self.bus = TruthBus()
+
+    @property
+    def time_us(self) -> int:
+        return self.vehicles[0].time_us
+
+    def advance(self) -> None:
+        """Advance every vehicle by one tick and publish its truth when due."""
+        for vehicle in self.vehicles:
+            vehicle.advance()
+        if self.time_us % TRUTH_US == 0:
+            for vehicle in self.vehicles:
+                self.bus.publish(vehicle.truth())

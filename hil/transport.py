@@ -1,0 +1,206 @@
+"""Byte pipes to an autopilot, opened by URL: UDP, TCP and serial, with MAVSDK's URL forms understood too."""
+
+import contextlib
+import select
+import socket
+from collections.abc import Callable
+from typing import Any, Protocol
+from urllib.parse import urlsplit
+
+from dronecats.border.errors import LinkError, UsageError
+
+FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT or serial://DEVICE:BAUD"
+BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
+
+
+class Transport(Protocol):
+    """Bytes in, bytes out."""
+
+    url: str
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has arrived, b'' when nothing came within `timeout_s` wall seconds. Raises LinkError."""
+        ...
+
+    def send(self, data: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class UdpTransport:
+    """A UDP socket that listens (`udpin`, answers whoever spoke last) or speaks first (`udpout`)."""
+
+    def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
+        self.url = url
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        self._peer: Any = None
+        try:
+            if listen:
+                self._socket.bind((host, port))
+            else:
+                self._socket.bind(("127.0.0.1" if host.startswith("127.") else "", 0))
+                self._peer = (socket.gethostbyname(host) if family == socket.AF_INET else host, port)
+        except OSError as error:
+            self._socket.close()
+            raise bind_error(error, "UDP", host, port) from None
+        self._socket.setblocking(False)
+
+    @property
+    def port(self) -> int:
+        """The local port, useful when 0 was asked for."""
+        return int(self._socket.getsockname()[1])
+
+    def receive(self, timeout_s: float) -> bytes:
+        if not select.select([self._socket], [], [], timeout_s)[0]:
+            return b""
+        parts = []
+        # an ICMP refusal of something we sent surfaces here: the peer is not up yet, which silence will tell in time
+        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+            while len(parts) < 256:
+                data, peer = self._socket.recvfrom(65536)
+                self._peer = peer
+                parts.append(data)
+        return b"".join(parts)
+
+    def send(self, data: bytes) -> None:
+        if self._peer is not None:
+            with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+                self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class TcpTransport:
+    """A TCP client."""
+
+    def __init__(self, url: str, host: str, port: int) -> None:
+        self.url = url
+        try:
+            self._socket = socket.create_connection((host, port), timeout=5.0)
+        except OSError as error:
+            raise LinkError(f"nothing answers at {url}: {error}") from None
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def receive(self, timeout_s: float) -> bytes:
+        if not select.select([self._socket], [], [], timeout_s)[0]:
+            return b""
+        try:
+            data = self._socket.recv(65536)
+        except OSError as error:
+            raise LinkError(f"the connection to {self.url} broke: {error}") from None
+        if not data:
+            raise LinkError(f"the connection to {self.url} was closed by the other side")
+        return data
+
+    def send(self, data: bytes) -> None:
+        try:
+            self._socket.sendall(data)
+        except OSError as error:
+            raise LinkError(f"the connection to {self.url} broke: {error}") from None
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class SerialTransport:
+    """A serial line, through pyserial (extra `serial`)."""
+
+    def __init__(self, url: str, device: str, baud: int) -> None:
+        try:
+            import serial
+        except ImportError:
+            raise UsageError("serial links need pyserial: pip install 'dronecats[serial]'") from None
+        self.url = url
+        try:
+            self._port = serial.Serial(device, baud, timeout=0)
+        except (OSError, ValueError) as error:
+            raise LinkError(f"the serial device {device} cannot be opened: {error}") from None
+
+    def receive(self, timeout_s: float) -> bytes:
+        if not select.select([self._port.fileno()], [], [], timeout_s)[0]:
+            return b""
+        try:
+            return bytes(self._port.read(65536))
+        except OSError as error:
+            raise LinkError(f"the serial line {self.url} broke: {error}") from None
+
+    def send(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class MemoryTransport:
+    """One end of a pipe inside a process. When it runs dry it calls `pump`, which makes the other side go on.
+
+    This is lockstep: the vehicle's time advances only when somebody waits for it.
+    """
+
+    def __init__(self, url: str, take: Callable[[], bytes], give: Callable[[bytes], None], pump: Callable[[], None]):
+        self.url = url
+        self._take, self._give, self._pump = take, give, pump
+
+    def receive(self, timeout_s: float) -> bytes:
+        data = self._take()
+        while not data and timeout_s > 0:
+            self._pump()
+            data = self._take()
+        return data
+
+    def send(self, data: bytes) -> None:
+        self._give(data)
+
+    def close(self) -> None:
+        pass
+
+
+def connect(url: str) -> Transport:
+    """Return an open transport. Raises UsageError for a malformed URL or a taken port, LinkError when none answers."""
+    scheme, _, rest = url.partition("://")
+    if scheme == "serial" and rest:
+        device, _, baud = rest.rpartition(":")
+        if device and baud.isdigit():
+            return SerialTransport(url, device, int(baud))
+        raise UsageError(f"--connect '{url}' should read serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname or "0.0.0.0", parts.port
+    except ValueError:
+        host, port = "", None
+    if port is None or not 0 <= port <= 65535 or not host:
+        raise UsageError(f"--connect '{url}' is no link; use {FORMS}")
+    if scheme in ("udpin", "udp"):
+        return UdpTransport(url, host, port, listen=True)
+    if scheme == "udpout":
+        return UdpTransport(url, host, port, listen=False)
+    if scheme in ("tcp", "tcpout"):
+        return TcpTransport(url, host, port)
+    raise UsageError(f"--connect '{url}' is no link; use {FORMS}")
+
+
+def bind_error(error: OSError, protocol: str, host: str, port: int) -> UsageError:
+    """Return the sentence for a port that cannot be bound: which, and by whom it is held if that can be known."""
+    holder = port_holder(protocol, port)
+    by = f" by {holder}" if holder else ""
+    if error.errno in (98, 48):  # EADDRINUSE on Linux and macOS
+        return UsageError(
+            f"{protocol} port {port} is in use{by}; stop that program, or choose another port or --instance"
+        )
+    return UsageError(f"{protocol} port {port} on {host} cannot be opened: {error.strerror or error}")
+
+
+def port_holder(protocol: str, port: int) -> str | None:
+    """Return 'name (process id N)' of the program that holds a local port, None when that cannot be known."""
+    try:
+        import psutil
+
+        for connection in psutil.net_connections("udp" if protocol == "UDP" else "tcp"):
+            if connection.laddr and connection.laddr.port == port and connection.pid:
+                return f"{psutil.Process(connection.pid).name()} (process id {connection.pid})"
+    except Exception:  # psutil is optional, and looking at other people's processes may be refused
+        return None
+    return None
