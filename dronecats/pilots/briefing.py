@@ -20,6 +20,7 @@ class PastAction:
     """One action of the history, as the prompt shows it."""
 
     kind: str  # 'go' | 'rotate' | 'think' | 'finished'
+    x_px: float = 0.0  # px, of a go; the history speaks in pixels of the full picture, 1280 wide
     depth_m: float = 0.0  # m, of a go
     angle_deg: float = 0.0  # deg, of a rotate, positive to the right
 
@@ -59,9 +60,9 @@ def read(prompt: str) -> Briefing:
 
 
 def _past(match: re.Match[str]) -> PastAction:
-    _x, _y, depth, angle, think, _finished = match.groups()
+    x, _y, depth, angle, think, _finished = match.groups()
     if depth is not None:
-        return PastAction("go", depth_m=float(depth))
+        return PastAction("go", x_px=float(x), depth_m=float(depth))
     if angle is not None:
         return PastAction("rotate", angle_deg=float(angle))
     return PastAction("think" if think else "finished")

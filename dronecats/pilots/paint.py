@@ -1,0 +1,83 @@
+"""Where in a picture a named colour is: colour classes as bands of hue, saturation and value.
+
+Hue and saturation are ratios of the channels, so they hold from full sun into shade, where the value drops to a third.
+Bands are those of ordinary colour naming on OpenCV's scale (hue 0–179, saturation and value 0–255).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+Picture = NDArray[np.uint8]  # (H, W, 3), OpenCV's BGR order
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A box in HSV; a hue range may wrap through red."""
+
+    hue: tuple[int, int]
+    saturation: tuple[int, int]
+    value: tuple[int, int]
+    vivid: int  # saturation that a blob of this colour has to reach in its most colourful part
+
+
+BANDS: dict[str, Band] = {
+    "red": Band((171, 8), (105, 255), (40, 255), 140),
+    "orange": Band((8, 20), (120, 255), (60, 255), 160),
+    "yellow": Band((20, 34), (110, 255), (70, 255), 150),
+    "green": Band((40, 83), (90, 255), (30, 255), 120),
+    "cyan": Band((82, 101), (80, 255), (40, 255), 115),
+    "blue": Band((101, 128), (110, 255), (35, 255), 140),
+    "purple": Band((125, 152), (70, 255), (30, 255), 95),
+    "magenta": Band((140, 171), (90, 255), (45, 255), 125),
+    "pink": Band((145, 178), (40, 200), (90, 255), 60),
+    "brown": Band((4, 20), (60, 190), (30, 150), 80),
+    "white": Band((0, 179), (0, 40), (185, 255), 0),
+    "grey": Band((0, 179), (0, 45), (75, 200), 0),
+    "black": Band((0, 179), (0, 110), (0, 50), 0),
+}
+"""The keys are the values of `referent.COLORS`."""
+
+_SKY_STEP = 3  # grey levels between neighbours that still count as one sky: the gradient of clear air is flatter
+_SKY_VALUE = 110  # darker than this is no day sky
+
+
+def mask(picture: Picture, color: str) -> Mask:
+    """Return which pixels of `picture` may carry `color`, the sky excluded, single specks removed."""
+    band = BANDS[color]
+    hsv = cv2.cvtColor(cv2.GaussianBlur(picture, (3, 3), 0), cv2.COLOR_BGR2HSV)
+    low, high = band.hue
+    spans = [(low, high)] if low <= high else [(low, 179), (0, high)]
+    found = np.zeros(hsv.shape[:2], np.uint8)
+    for first, last in spans:
+        floor = np.array((first, band.saturation[0], band.value[0]), np.uint8)
+        ceiling = np.array((last, band.saturation[1], band.value[1]), np.uint8)
+        found |= cv2.inRange(hsv, floor, ceiling)
+    found[sky(picture)] = 0
+    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return found > 0
+
+
+def saturation(picture: Picture) -> NDArray[np.uint8]:
+    """Return the saturation (H, W), 0–255."""
+    hsv: NDArray[np.uint8] = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
+    return hsv[:, :, 1]
+
+
+def sky(picture: Picture) -> Mask:
+    """Return the sky: what is bright, not warm, and reachable from the upper edge without crossing an edge."""
+    height, width = picture.shape[:2]
+    smooth = cv2.GaussianBlur(picture, (5, 5), 0)
+    blocked = np.zeros((height + 2, width + 2), np.uint8)
+    blue, red = smooth[:, :, 0].astype(np.int16), smooth[:, :, 2].astype(np.int16)
+    blocked[1:-1, 1:-1] = ((smooth.max(axis=2) < _SKY_VALUE) | (blue + 10 < red)).astype(np.uint8)
+    step = (_SKY_STEP,) * 3
+    flags = 4 | cv2.FLOODFILL_MASK_ONLY | (2 << 8)
+    for x in range(2, width, 16):
+        if blocked[1, x + 1] == 0:
+            cv2.floodFill(smooth, blocked, (x, 0), (0, 0, 0), step, step, flags)
+    filled = (blocked[1:-1, 1:-1] == 2).astype(np.uint8)
+    return cv2.dilate(filled, np.ones((5, 5), np.uint8)) > 0

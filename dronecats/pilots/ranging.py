@@ -1,0 +1,115 @@
+"""How far away a thing of known usual size is, from the rectangle it fills in the picture.
+
+Every distance, every heading of the thing and every plausible camera height predicts a rectangle; the estimate is the
+mean over all of them, weighted by how well they predict the one that is seen. Where the thing is cut off by the
+picture's edge the prediction is cut off there too, so a close thing is not taken for a small one.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.pilots.referent import Size
+
+# Assumed knowledge (paper, appendix "Execution"): a level pinhole camera, 90° across, 0.5 m ahead of the body's origin.
+FOCAL_PER_WIDTH = 0.5 / math.tan(math.radians(90.0) / 2.0)
+CAMERA_AHEAD_M = 0.5
+
+_DEPTHS_M = np.geomspace(1.2, 70.0, 84)
+_HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
+_CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
+_HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
+_SPREAD_LOG = 0.10  # how far apart things of one kind are in size, as a fraction
+_SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and paint that ends before the body does
+_SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A rectangle in the picture, all in fractions of the picture WIDTH from its centre, x right, y down."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Where the centre of the thing is, from the camera."""
+
+    depth_m: float  # planar: along the optical axis
+    distance_m: float  # 3-D, from the body's origin
+    spread_m: float  # standard deviation of distance_m
+    fit: float  # 0 … 1: how well the best assumption explains the rectangle; small = not this kind of thing
+
+
+def measure(box: Box, size: Size, aspect: float) -> Range:
+    """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
+    grid = _grid(size)
+    half = 0.5 * aspect
+    # the thing stands in the direction of the rectangle's middle; its predicted rectangle moves there with it
+    middle = 0.5 * (box.left + box.right)
+    shift = _shift(box, grid)
+    left = np.clip(grid.left + shift, -0.5, 0.5)
+    right = np.clip(grid.right + shift, -0.5, 0.5)
+    top, bottom = np.clip(grid.top, -half, half), np.clip(grid.bottom, -half, half)
+    cost = _mismatch(box.right - box.left, right - left) ** 2
+    cost += _mismatch(box.bottom - box.top, bottom - top) ** 2
+    cost += 0.5 * ((box.top - top) / (_SPREAD_HORIZON + 0.02 * (bottom - top))) ** 2
+    cost += 0.5 * ((box.bottom - bottom) / (_SPREAD_HORIZON + 0.06 * (bottom - top))) ** 2
+    best = float(cost.min())
+    weight = np.exp(-0.5 * (cost - best)) * _HEIGHT_PRIOR[None, None, :]
+    weight /= weight.sum()
+    depth = _DEPTHS_M[:, None, None]
+    drop = _CAMERA_HEIGHTS_M[None, None, :] - 0.5 * size.height_m
+    distance = np.sqrt((depth + CAMERA_AHEAD_M) ** 2 + (depth * middle / FOCAL_PER_WIDTH) ** 2 + drop**2)
+    mean = float((weight * distance).sum())
+    spread = math.sqrt(float((weight * (distance - mean) ** 2).sum()))
+    return Range(float((weight * depth).sum()), mean, spread, math.exp(-0.5 * max(0.0, best) / 4.0))
+
+
+def _shift(box: Box, grid: "_Grid") -> NDArray[np.float64] | float:
+    """Return how far the predictions move sideways to lie on the seen rectangle, by the sides that are not cut off."""
+    cut_left, cut_right = box.left < -0.495, box.right > 0.495
+    if cut_left and not cut_right:
+        return box.right - grid.right
+    if cut_right and not cut_left:
+        return box.left - grid.left
+    return 0.5 * (box.left + box.right) - 0.5 * (grid.left + grid.right)
+
+
+def _mismatch(seen: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the difference of two lengths in standard deviations of what blur and usual sizes explain."""
+    return (seen - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Predicted rectangles (depth, heading, camera height), fractions of the picture width, thing straight ahead."""
+
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    top: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+
+
+@lru_cache(maxsize=16)
+def _grid(size: Size) -> _Grid:
+    along = np.array((1, 1, -1, -1)) * 0.5 * size.length_m
+    across = np.array((1, -1, 1, -1)) * 0.5 * size.width_m
+    waist = size.paint_from_m + 0.5 * size.paint_height_m
+    # sill and waist over the whole footprint, the roof over a smaller one: the outline of a vehicle from any side
+    x = np.concatenate((along, along, 0.7 * along))
+    y = np.concatenate((across, across, 0.85 * across))
+    z = np.repeat((size.paint_from_m, waist, size.paint_to_m), 4)
+    c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
+    ahead, right = c * x - s * y, s * x + c * y  # (headings, corners)
+    depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
+    u = FOCAL_PER_WIDTH * right[None] / depth
+    v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]
+    left, rightmost = u.min(axis=-1), u.max(axis=-1)
+    return _Grid(left[:, :, None], rightmost[:, :, None], v.min(axis=-1), v.max(axis=-1))

@@ -1,0 +1,149 @@
+"""The one place in a picture that looks most like the thing a command names: right colour, plausible size and stand."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.pilots import paint, ranging
+from dronecats.pilots.ranging import Box, Range
+from dronecats.pilots.referent import Referent, Size
+
+_SMALLEST_PX = 20  # of 640 × 360; a vehicle is that small at about 60 m
+_CANDIDATES = 12
+_WEAKEST = 0.08  # score below which nothing is said to have been seen
+_HORIZON_SLACK = (
+    0.05  # fraction of the width: what stands on the ground does not end above the horizon, but a body pitches
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """The thing, or what is taken for it."""
+
+    box: Box
+    range: Range
+    score: float  # 0 … 1
+
+
+@dataclass(frozen=True, slots=True)
+class _Blob:
+    left: int
+    top: int
+    right: int
+    bottom: int
+    pixels: int
+    members: tuple[int, ...]  # labels
+
+
+def find(picture: paint.Picture, named: Referent) -> Sighting | None:
+    """Return the best sighting of `named` in a BGR picture 640 px wide or so; None when nothing will do."""
+    if named.color is None:
+        return None
+    height, width = picture.shape[:2]
+    mask = paint.mask(picture, named.color)
+    saturation = paint.saturation(picture)
+    best: Sighting | None = None
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    for blob in _grouped(stats, count):
+        seen = _judge(blob, np.isin(labels, blob.members), saturation, named, width, height)
+        if seen is not None and (best is None or seen.score > best.score):
+            best = seen
+    return best
+
+
+def _grouped(stats: NDArray[np.int32], count: int) -> list[_Blob]:
+    """Return the largest patches of colour, each with the patches that belong to the same thing.
+
+    Glass, pillars and trim cut the paint of one vehicle into roof, doors and bonnet: patches within a share of the
+    large one's own size are its own.
+    """
+    blobs = []
+    order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
+    taken: set[int] = set()
+    for seed in order:
+        if seed in taken or stats[seed, cv2.CC_STAT_AREA] < _SMALLEST_PX // 2 or len(blobs) == _CANDIDATES:
+            continue
+        x, y, w, h, area = (int(v) for v in stats[seed])
+        blob = _Blob(x, y, x + w, y + h, area, (seed,))
+        taken.add(seed)
+        for _ in range(3):  # what has been added reaches a little farther
+            grown = _absorb(blob, stats, order, taken)
+            if grown == blob:
+                break
+            blob = grown
+        if blob.pixels >= _SMALLEST_PX:
+            blobs.append(blob)
+    return blobs
+
+
+def _absorb(blob: _Blob, stats: NDArray[np.int32], order: list[int], taken: set[int]) -> _Blob:
+    w, h = blob.right - blob.left, blob.bottom - blob.top
+    reach_x, reach_y = max(2, 0.12 * w), max(2, min(0.7 * h, 0.35 * w))
+    left, top, right, bottom = blob.left, blob.top, blob.right, blob.bottom
+    pixels, members = blob.pixels, list(blob.members)
+    for i in order:
+        if i in taken:
+            continue
+        x, y, iw, ih, area = (int(v) for v in stats[i])
+        near = (
+            x < blob.right + reach_x
+            and x + iw > blob.left - reach_x
+            and y < blob.bottom + reach_y
+            and y + ih > blob.top - reach_y
+        )
+        if near and area >= max(4, 0.01 * blob.pixels):
+            taken.add(i)
+            members.append(i)
+            left, top, right, bottom = min(left, x), min(top, y), max(right, x + iw), max(bottom, y + ih)
+            pixels += area
+    return _Blob(left, top, right, bottom, pixels, tuple(members))
+
+
+def _judge(
+    blob: _Blob, where: paint.Mask, saturation: NDArray[np.uint8], named: Referent, width: int, height: int
+) -> Sighting | None:
+    left, top, right, bottom = _core(blob, where)
+    box = Box(
+        (left - 0.5 * width) / width,
+        (top - 0.5 * height) / width,
+        (right - 0.5 * width) / width,
+        (bottom - 0.5 * height) / width,
+    )
+    if box.bottom < -_HORIZON_SLACK:
+        return None
+    rng = ranging.measure(box, named.size, height / width)
+    color = _vividness(saturation[where], named.color or "")
+    solid = _solidity(where[top:bottom, left:right], named.size)
+    score = rng.fit * color * solid
+    return Sighting(box, rng, score) if score >= _WEAKEST else None
+
+
+def _core(blob: _Blob, where: paint.Mask) -> tuple[int, int, int, int]:
+    """Return the rectangle of the blob without its thin outliers: the rows and columns that hold 1 … 99 % of it."""
+    region = where[blob.top : blob.bottom, blob.left : blob.right]
+    columns, rows = np.cumsum(region.sum(axis=0)), np.cumsum(region.sum(axis=1))
+    total = columns[-1]
+    x0, x1 = (int(v) for v in np.searchsorted(columns, (0.006 * total, 0.994 * total)))
+    y0, y1 = (int(v) for v in np.searchsorted(rows, (0.006 * total, 0.994 * total)))
+    return blob.left + x0, blob.top + y0, blob.left + x1 + 1, blob.top + y1 + 1
+
+
+def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
+    """Return 0 … 1: whether the most colourful part is paint rather than a tint of grass, shade or brick."""
+    vivid = paint.BANDS[color].vivid
+    if vivid == 0:
+        return 0.8  # colours without colour: size and shape have to decide
+    strong = float(np.percentile(saturation, 75))
+    return float(np.clip(0.2 + 0.8 * (strong - 0.6 * vivid) / (0.4 * vivid), 0.05, 1.0))
+
+
+def _solidity(region: paint.Mask, size: Size) -> float:
+    """Return 0 … 1: paint is a few large pieces, leaves and grass are many holes."""
+    filled = float(region.mean())
+    edges = float((region[:, 1:] != region[:, :-1]).sum() + (region[1:] != region[:-1]).sum())
+    # edge length over what one plain rectangle of that size would have; windows double it, foliage multiplies it
+    rough = edges / (2.0 * sum(region.shape))
+    least = 0.3 if size.height_m < 4.0 else 0.2
+    return float(np.clip(filled / least, 0.0, 1.0) ** 1.5 * np.clip(4.0 / max(rough, 1e-3), 0.0, 1.0))

@@ -1,0 +1,158 @@
+"""A pilot of classical vision: it sees the JPEG, reads the prompt, knows ordinary sizes and colours, and nothing else.
+
+Assumed knowledge beyond the picture: a level pinhole camera, 90° across (paper, appendix "Execution"), usual sizes of
+things, and the rules by which a `go` is flown. No truth, no map, no memory: what it did before it reads in the prompt's
+history, so equal requests get equal answers. It tells things apart by colour and size only: it reads no plates and no
+signs, and a command without a colour word leaves it searching.
+"""
+
+import math
+
+import cv2
+import numpy as np
+
+from dronecats.border.errors import UsageError
+from dronecats.pilots import briefing, paint, ranging, referent, reply, sighting
+from dronecats.pilots.briefing import PastAction
+
+NAME = "vision"
+OWNED_BY = "dronecats (classical vision, not a model)"
+
+_WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
+
+# Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
+_ARRIVED_M = 4.3
+_TARGET_M = 3.7  # where strides are meant to end
+_CLOSER_M = 3.3  # a claim that was made twice from farther than this is made again from closer
+_CLAIMS = 2
+
+# The rules by which a `go` is flown (paper, appendix "Executing go")
+_STRIDE_M = 3.0
+_NEAR_M, _NEAR_SCALE = 5.0, 0.6
+_SHORTEST_M = 1.2
+_LEVEL, _LEVEL_BELOW = 0.14, 0.30  # slopes under 0.15 keep the height; near the target, gentle ones are made such
+_LEVEL_WITHIN_M = 7.0
+
+# Searching. The history shows five actions, so what a search has done so far must be readable from five.
+_SWEEP_DEG = 60.0  # five of them and the first view are the full circle
+_SECOND_SWEEP_DEG = 45.0  # a turn of this size says: the circle is closed, now looking for a way out
+_WANDER_M = 20.0  # a `go` of this depth says: to a new vantage point; distances of sightings are kept off it
+_WANDERS = 3  # strides to a new vantage point, each up to 3 m
+_OPEN = 0.62  # share of the column above the horizon that is sky, above which a direction counts as open
+
+
+def answer(prompt: str, images: list[bytes]) -> str:
+    """Return the next action of every picture's drone. Raises UsageError when there is no picture or it is broken."""
+    if not images:
+        raise UsageError("The vision pilot needs a picture.")
+    told = briefing.read(prompt)
+    named = referent.read(told.command)
+    return reply.fleet([decide(decode(jpeg), named, told.past(k)) for k, jpeg in enumerate(images)])
+
+
+def decode(jpeg: bytes) -> paint.Picture:
+    """Return the picture (H, W, 3) in BGR, at most 640 px wide. Raises UsageError when it cannot be read."""
+    data = np.frombuffer(jpeg, np.uint8)
+    picture = None
+    if len(data):
+        try:
+            picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        except cv2.error:
+            picture = None
+    if picture is None or min(picture.shape[:2]) < 16:
+        raise UsageError("The picture cannot be decoded, or is smaller than 16 pixels.")
+    height, width = picture.shape[:2]
+    if width > _WIDTH:
+        picture = cv2.resize(picture, (_WIDTH, max(16, round(height * _WIDTH / width))), interpolation=cv2.INTER_AREA)
+    return np.asarray(picture, np.uint8)
+
+
+def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAction, ...]) -> str:
+    """Return the action for one picture, given what is looked for and what was done before."""
+    seen = sighting.find(picture, named)
+    if seen is None:
+        return _search(picture, past)
+    claims = _trailing(past, "finished")
+    distance = seen.range.distance_m
+    if distance <= _ARRIVED_M and not (claims >= _CLAIMS and distance > _CLOSER_M):
+        return reply.finished()
+    return _approach(seen, picture.shape[0] / picture.shape[1])
+
+
+def _approach(seen: sighting.Sighting, aspect: float) -> str:
+    """Go to the sighting, with strides that end short of it."""
+    x = 0.5 * (seen.box.left + seen.box.right)
+    y = 0.5 * (seen.box.top + seen.box.bottom)
+    slope = y / math.hypot(ranging.FOCAL_PER_WIDTH, x)
+    if seen.range.distance_m < _LEVEL_WITHIN_M and abs(slope) < _LEVEL_BELOW:
+        y *= min(1.0, _LEVEL / max(abs(slope), 1e-6))
+    return reply.go(500.0 + 1000.0 * x, 500.0 + 1000.0 * y / aspect, _depth_for(seen.range))
+
+
+def _depth_for(there: ranging.Range) -> float:
+    """Return the estimated depth, changed where the stride it causes would not end near _TARGET_M."""
+    travel = there.distance_m - _TARGET_M
+    if travel >= _STRIDE_M:
+        depth = max(there.depth_m, _NEAR_M)
+        return depth if abs(depth - _WANDER_M) > 0.5 else _WANDER_M - 1.0
+    longest_near = _NEAR_SCALE * _STRIDE_M
+    if travel >= longest_near:
+        return min(there.depth_m, _NEAR_M - 0.05)
+    return max(travel, _SHORTEST_M) / _NEAR_SCALE + 0.01
+
+
+def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:
+    """Turn until the circle is closed, then walk to where the view is open, then turn again."""
+    turns = _trailing(past, "rotate")
+    if turns:
+        side = math.copysign(1.0, past[-1].angle_deg)
+        if turns < 5:
+            return reply.rotate(side * _SWEEP_DEG)
+        leaving = sum(abs(abs(p.angle_deg) - _SECOND_SWEEP_DEG) < 1.0 for p in past)
+        u, openness = _way_out(picture)
+        if openness >= _OPEN * (1.0 - 0.2 * leaving):
+            return reply.go(u, 500.0, _WANDER_M)
+        return reply.rotate(side * _SECOND_SWEEP_DEG)
+    wandered = _wanders(past)
+    if 0 < wandered < _WANDERS:
+        u, openness = _way_out(picture)
+        if openness >= 0.5 * _OPEN:
+            return reply.go(u, 500.0, _WANDER_M)
+    if wandered == 0 and past and past[-1].kind == "go":  # it was there a moment ago: first to the side it was on
+        return reply.rotate(math.copysign(_SWEEP_DEG, past[-1].x_px - 640.0))
+    return reply.rotate(_SWEEP_DEG)
+
+
+def _way_out(picture: paint.Picture) -> tuple[float, float]:
+    """Return the direction (u, 0–1000) in which the sky reaches lowest, and how much of its column is sky, 0 … 1.
+
+    Sky low over the horizon means that nothing tall stands there: along a street rather than into a house.
+    """
+    height, width = picture.shape[:2]
+    upper = paint.sky(picture)[: height // 2]
+    share = upper.mean(axis=0)
+    window = max(3, width // 8)
+    padded = np.pad(share, window // 2, mode="edge")
+    smooth = np.convolve(padded, np.ones(window) / window, mode="valid")[:width]
+    # at equal openness straight ahead is preferred: no turn, and the view is centred
+    prefer = smooth - 0.05 * np.abs(np.linspace(-1.0, 1.0, width))
+    column = int(np.argmax(prefer))
+    return 1000.0 * (column + 0.5) / width, float(smooth[column])
+
+
+def _trailing(past: tuple[PastAction, ...], kind: str) -> int:
+    count = 0
+    for action in reversed(past):
+        if action.kind != kind:
+            break
+        count += 1
+    return count
+
+
+def _wanders(past: tuple[PastAction, ...]) -> int:
+    count = 0
+    for action in reversed(past):
+        if action.kind != "go" or abs(action.depth_m - _WANDER_M) > 0.3:
+            break
+        count += 1
+    return count
