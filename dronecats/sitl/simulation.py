@@ -1,4 +1,4 @@
-"""Vehicles with our autopilot on one clock: the compiled plant and inner loop fused, commanders and truth around them."""
+"""Vehicles with our autopilot on one clock: plant and inner loop fused in one compiled loop, commanders around it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

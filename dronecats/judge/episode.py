@@ -1,0 +1,93 @@
+"""The outcome of an episode folder: success, failure, or error, which is nobody's score."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from dronecats.border.errors import UsageError
+from dronecats.judge.diagnostics import diagnostics
+from dronecats.judge.files import Logs, Unmeasured, declarations, last_action, read
+from dronecats.judge.verdict import CAP_S, DELTA_M, Verdict, judge
+
+
+def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
+    """Return the whole verdict of an episode's logs.
+
+    A qualifying declaration is a success however the flight ended. Without one, a flight that the logger did not see
+    end at the cap or by decision, or one with an unmeasured frame, is an error of the infrastructure, never a failure.
+    """
+    finished = [d for d in logs.decisions if (d.get("action") or {}).get("action") == "finished"]
+    try:
+        verdict = judge(declarations(logs), last_action(logs), delta_m)
+        error = None if verdict.success else _interrupted(logs)
+    except Unmeasured as unmeasured:
+        verdict, error = Verdict(False, None, None), str(unmeasured)
+    steps = max((d["step"] + 1 for d in logs.decisions), default=0)
+    deciding = verdict.deciding
+    return {
+        "outcome": "error" if error else "success" if verdict.success else "failure",
+        "success": verdict.success,
+        "ne_m": verdict.ne_m,
+        "delta_m": delta_m,
+        "steps": steps,
+        "declarations": sum(d["t_decided"] <= CAP_S for d in finished),
+        "declarations_after_cap": sum(d["t_decided"] > CAP_S for d in finished),
+        "deciding": (
+            {"step": deciding.step, "drone": deciding.drone, "t": deciding.t, "distance_m": deciding.distance_m}
+            if deciding
+            else None
+        ),
+        "error": error,
+        "diagnostics": diagnostics(logs, delta_m),
+    }
+
+
+def _interrupted(logs: Logs) -> str | None:
+    if logs.begin is None:
+        return "the episode never began"
+    if logs.end is None:
+        return "the log breaks off: the logger did not see the episode end"
+    if logs.end["reason"] in ("cap", "decided"):
+        return None
+    return str(logs.end.get("error") or logs.end["reason"])
+
+
+def judge_folder(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:
+    """Return `outcome` of an episode folder, with `stored_agrees`: whether verdict.json says the same.
+
+    None when there is no verdict.json, or when it was made with another radius. Raises UsageError.
+    """
+    result = outcome(read(folder), delta_m)
+    stored = _stored(folder / "verdict.json")
+    agrees = None
+    if stored is not None and stored.get("delta_m") == delta_m:
+        agrees = all(stored.get(key) == result[key] for key in ("outcome", "success", "ne_m", "declarations"))
+    return {**result, "stored_agrees": agrees}
+
+
+def judge_run(run: Path, delta_m: float = DELTA_M) -> dict[str, dict[str, Any]]:
+    """Return the verdict of every episode of a run folder (or of the one episode folder given), by episode id."""
+    if not math.isfinite(delta_m) or delta_m <= 0:
+        raise UsageError(f"--delta wants a radius in metres above 0, got {delta_m:g}")
+    if not run.is_dir():
+        raise UsageError(f"there is no folder {run}")
+    folders = [run] if (run / "decisions.jsonl").exists() else sorted(p.parent for p in run.glob("*/decisions.jsonl"))
+    if not folders:
+        raise UsageError(f"{run} holds no episode: a folder with decisions.jsonl and truth.jsonl is wanted")
+    return {folder.name: judge_folder(folder, delta_m) for folder in folders}
+
+
+def write_verdict(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:
+    """Judge an episode folder, store verdict.json in it, and return the verdict."""
+    result = outcome(read(folder), delta_m)
+    (folder / "verdict.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return result
+
+
+def _stored(path: Path) -> dict[str, Any] | None:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return value if isinstance(value, dict) else None

@@ -1,0 +1,134 @@
+"""truth.jsonl and flight.tlog, from the bytes of the truth bus and of a telemetry port. Contract: design.md."""
+
+import json
+import math
+import struct
+from collections import deque
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO
+
+from dronecats.border.camera import CameraModel
+from dronecats.border.frames import quat_yaw
+from dronecats.border.mavlink import Parser, dialect
+from dronecats.border.truth import Origin, TruthSample, frame_taken, truth_sample
+from dronecats.logger.measure import Measure
+
+POSE_S = 0.5  # s, 2 Hz
+KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
+
+
+class Recorder:
+    """Writes what happened. Before `begin` and after `end` only the tlog grows."""
+
+    def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
+        self._origin, self._measure, self._camera = origin, measure, camera
+        self._lines: TextIO = (folder / "truth.jsonl").open("a", encoding="utf-8")
+        self._tlog: BinaryIO = (folder / "flight.tlog").open("ab")
+        self._truth_parser, self._telemetry_parser = Parser(), Parser()
+        self._samples: dict[int, deque[TruthSample]] = {}
+        self._next_pose: dict[int, int] = {}
+        self._t0_us: int | None = None
+        self._time_us = 0
+
+    @property
+    def drones(self) -> int:
+        """How many drones have been heard."""
+        return len(self._samples)
+
+    def begin(self, t0_us: int) -> None:
+        """The episode's clock is zero at this vehicle time."""
+        self._t0_us = t0_us
+        self._write({"kind": "begin", "t": 0.0, "t0_us": t0_us})
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""
+        if self._t0_us is not None:
+            self._write({"kind": "end", "t": self._t(self._time_us), "reason": reason, "error": error})
+            self._t0_us = None
+
+    def close(self) -> None:
+        self._lines.close()
+        self._tlog.close()
+
+    def truth(self, data: bytes) -> None:
+        """Take bytes of the truth bus."""
+        for message in self._truth_parser.feed(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                self._pose(truth_sample(message, self._origin))
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+                self._frame(message)
+            self._raw(message)
+
+    def telemetry(self, data: bytes) -> None:
+        """Take bytes of an autopilot's telemetry; kept raw for the ground-station tools."""
+        for message in self._telemetry_parser.feed(data):
+            self._raw(message)
+
+    def _pose(self, sample: TruthSample) -> None:
+        self._time_us = max(self._time_us, sample.time_us)
+        self._samples.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
+        if self._t0_us is None:
+            return
+        due = self._next_pose.setdefault(sample.drone, 0)
+        t = (sample.time_us - self._t0_us) / 1e6
+        if t < due * POSE_S:
+            return
+        self._next_pose[sample.drone] = math.floor(t / POSE_S) + 1
+        m = self._measure(t, sample, self._camera)
+        self._write(
+            {
+                "kind": "pose",
+                **self._where(sample),
+                "target_ned": _rounded(m.target_ned),
+                "distance_m": _rounded(m.distance_m),
+                "visible": m.visible,
+            }
+        )
+
+    def _frame(self, message: dialect.MAVLink_message) -> None:
+        taken = frame_taken(message)
+        if self._t0_us is None:
+            return
+        sample = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
+        if sample is None:
+            return  # a pose that never reached us: the verdict will find the frame's record missing and say so
+        m = self._measure(self._t(sample.time_us), sample, self._camera)
+        self._write(
+            {
+                "kind": "frame",
+                "frame_id": taken.frame_id,
+                **self._where(sample),
+                "target_ned": _rounded(m.target_ned),
+                "distance_m": _rounded(m.distance_m),
+                "distance_box_m": _rounded(m.distance_box_m),
+                "visible": m.visible,
+                "visible_fraction": _rounded(m.visible_fraction),
+                "bearing_deg": _rounded(m.bearing_deg),
+                "oracle_depth_m": _rounded(m.oracle_depth_m),
+            }
+        )
+
+    def _where(self, sample: TruthSample) -> dict[str, Any]:
+        return {
+            "t": self._t(sample.time_us),
+            "drone": sample.drone,
+            "position_ned": _rounded(sample.position_ned),
+            "yaw_deg": _rounded(math.degrees(quat_yaw(sample.attitude))),
+        }
+
+    def _t(self, time_us: int) -> float:
+        return round((time_us - (self._t0_us or 0)) / 1e6, 6)
+
+    def _raw(self, message: dialect.MAVLink_message) -> None:
+        self._tlog.write(struct.pack(">Q", self._time_us) + bytes(message.get_msgbuf()))
+
+    def _write(self, record: dict[str, Any]) -> None:
+        self._lines.write(json.dumps(record) + "\n")
+        self._lines.flush()
+
+
+def _rounded(value: Any) -> Any:
+    """Truth travels with a centimetre's resolution; four digits keep all of it without printing noise."""
+    if isinstance(value, tuple):
+        return [round(float(v), 4) for v in value]
+    return None if value is None else round(float(value), 4)
