@@ -1,0 +1,57 @@
+"""From the pose of a vehicle to the pose of its camera, and from there to what the kernels need."""
+
+import math
+from typing import NamedTuple
+
+from dronecats.border.camera import CameraModel, CameraPose
+from dronecats.border.frames import Quat, Vec3, rotate
+
+NEAR_M = 0.05  # nothing closer along the optical axis is drawn
+
+
+class Eye(NamedTuple):
+    """A camera as the kernels see it.
+
+    A position (x, y) in px looks along `forward + (x - center_x) / focal · right + (y - center_y) / focal · down`,
+    whose component along the optical axis is one: a multiple of it *is* the planar depth.
+    """
+
+    position: Vec3  # m, NED, optical centre
+    forward: Vec3  # unit, NED
+    right: Vec3  # unit, NED
+    down: Vec3  # unit, NED
+    focal: float  # px
+    center_x: float  # px, W / 2
+    center_y: float  # px, H / 2
+
+
+def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> CameraPose:
+    """Return where the camera of a vehicle is.
+
+    `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED; the camera sits at
+    `camera.offset_frd` and looks along body forward (zero pitch), so its attitude is the body's.
+    """
+    offset = rotate(attitude, camera.offset_frd)
+    position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
+    return CameraPose(position_ned=position, attitude=attitude)
+
+
+def eye_of(pose: CameraPose, camera: CameraModel) -> Eye:
+    """Return `pose` with its axes in NED and the pinhole of `camera`. Source: paper, "Back-projection"."""
+    return Eye(
+        position=as_floats(pose.position_ned),
+        forward=rotate(pose.attitude, (1.0, 0.0, 0.0)),
+        right=rotate(pose.attitude, (0.0, 1.0, 0.0)),
+        down=rotate(pose.attitude, (0.0, 0.0, 1.0)),
+        focal=float(camera.focal_px),
+        center_x=0.5 * camera.width,
+        center_y=0.5 * camera.height,
+    )
+
+
+def as_floats(v: Vec3) -> Vec3:
+    """Return `v` as three Python floats, so that a kernel is compiled for one kind of number only."""
+    x, y, z = (float(component) for component in v)
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        raise ValueError(f"a position must be finite, not {v}")
+    return (x, y, z)

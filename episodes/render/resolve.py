@@ -1,0 +1,83 @@
+"""From one colour per pixel to the picture: edges smoothed by what the samples around each pixel see, then sRGB."""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+STEPS = 8192  # of the encoding table: fine enough for the steep start of the sRGB curve
+
+
+def srgb_table() -> NDArray[np.uint8]:
+    """Return the (STEPS + 1,) sRGB codes of equally spaced linear values 0 … 1. Source: IEC 61966-2-1."""
+    x = np.arange(STEPS + 1) / STEPS
+    return np.rint(255.0 * np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)).astype(np.uint8)
+
+
+@numba.njit(cache=True, nogil=True)
+def resolve_rows(thread, threads, samples, plane, color, table, rgb):
+    """Write this thread's rows of `rgb` (H, W, 3).
+
+    A pixel whose nine samples see one flat piece keeps its colour. Elsewhere each sample counts with the weight of a
+    tent one pixel wide on either side, and brings the colour of the pixel beside it that sees the same piece; a piece
+    that no neighbouring middle sees is left out.
+    """
+    height, width = rgb.shape[:2]
+    for y in range(thread, height, threads):
+        j = 2 * y + 1
+        for x in range(width):
+            i = 2 * x + 1
+            t = samples[j, i]
+            same = (
+                samples[j - 1, i - 1] == t
+                and samples[j - 1, i] == t
+                and samples[j - 1, i + 1] == t
+                and samples[j, i - 1] == t
+                and samples[j, i + 1] == t
+                and samples[j + 1, i - 1] == t
+                and samples[j + 1, i] == t
+                and samples[j + 1, i + 1] == t
+            )
+            r = color[y, x, 0]
+            g = color[y, x, 1]
+            b = color[y, x, 2]
+            if not same:
+                piece = plane[t] if t >= 0 else -1
+                total = np.float32(4.0)
+                r *= total
+                g *= total
+                b *= total
+                for dy in range(-1, 2):
+                    for dx in range(-1, 2):
+                        if dx == 0 and dy == 0:
+                            continue
+                        s = samples[j + dy, i + dx]
+                        wanted = plane[s] if s >= 0 else -1
+                        qy, qx = y, x
+                        if wanted != piece:
+                            qy, qx = _find(samples, plane, wanted, y, x, dy, dx, height, width)
+                            if qy < 0:
+                                continue
+                        w = np.float32((2 - abs(dx)) * (2 - abs(dy)))
+                        r += w * color[qy, qx, 0]
+                        g += w * color[qy, qx, 1]
+                        b += w * color[qy, qx, 2]
+                        total += w
+                r /= total
+                g /= total
+                b /= total
+            rgb[y, x, 0] = table[int(r * STEPS + 0.5)]
+            rgb[y, x, 1] = table[int(g * STEPS + 0.5)]
+            rgb[y, x, 2] = table[int(b * STEPS + 0.5)]
+
+
+@numba.njit(cache=True, nogil=True)
+def _find(samples, plane, wanted, y, x, dy, dx, height, width):
+    """Return the pixel beside the sample (dy, dx) of pixel (y, x) whose middle sees the piece `wanted`, or (-1, -1)."""
+    for choice in range(3):
+        qy = y + (dy if choice != 1 else 0)
+        qx = x + (dx if choice != 2 else 0)
+        if 0 <= qy < height and 0 <= qx < width:
+            s = samples[2 * qy + 1, 2 * qx + 1]
+            if (plane[s] if s >= 0 else -1) == wanted:
+                return qy, qx
+    return -1, -1

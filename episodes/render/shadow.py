@@ -1,0 +1,175 @@
+"""What the sun sees: for each ray of a fine grid of parallel rays, how far towards the sun the first surface lies.
+
+The map of everything that stands still is drawn once. Movable things are drawn into the same map for one picture and
+the places they covered are put back afterwards.
+"""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.render.triangles import Layout, Triangles
+from episodes.scene import Sun
+
+CELLS = 4096  # per side of the map
+MARGIN_CELLS = 4
+SLOPE_LIMIT = 12.0  # m of depth per m across, of the receiving plane
+BIAS_M = 0.015
+
+
+class SunMap(NamedTuple):
+    """Heights towards the sun on a grid across its rays.
+
+    Cell (j, i) belongs to the ray through `low + (i, j)·cell` in the coordinates along `across` and `up`.
+    """
+
+    height: NDArray[np.float32]  # (CELLS, CELLS) m along `toward`; -1e30 where the ray meets nothing
+    across: tuple[float, float, float]  # unit, NED
+    up: tuple[float, float, float]  # unit, NED
+    toward: tuple[float, float, float]  # unit, NED
+    low_across: float  # m
+    low_up: float  # m
+    cell: float  # m
+
+
+def sun_map(layout: Layout, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
+    """Return the map of the things that never move, fitted around what stands on the ground and its shadows."""
+    toward = np.asarray(sun.toward_ned, float) / np.linalg.norm(sun.toward_ned)
+    helper = np.array([1.0, 0.0, 0.0]) if abs(toward[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    across = np.cross(helper, toward)
+    across /= np.linalg.norm(across)
+    up = np.cross(toward, across)
+    triangles = layout.triangles
+    # a thing and its shadow lie on the same rays: the bounds of the things are enough
+    casts = ~np.isin(triangles.instance, sorted(ground_ids))
+    corners = triangles.position[casts if casts.any() else slice(None)].reshape(-1, 3)
+    if not len(corners):
+        corners = np.zeros((1, 3), np.float32)
+    flat = corners @ np.column_stack((across, up))
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    cell = max(float((high - low).max()) / (cells - 1 - 2 * MARGIN_CELLS), 0.005)
+    low = 0.5 * (low + high) - 0.5 * (cells - 1) * cell
+    result = SunMap(
+        height=np.full((cells, cells), -1e30, np.float32),
+        across=(float(across[0]), float(across[1]), float(across[2])),
+        up=(float(up[0]), float(up[1]), float(up[2])),
+        toward=(float(toward[0]), float(toward[1]), float(toward[2])),
+        low_across=float(low[0]),
+        low_up=float(low[1]),
+        cell=cell,
+    )
+    draw_heights(result, triangles.position, 0, layout.static_count)
+    return result
+
+
+def cast_movable(sun: SunMap, triangles: Triangles, layout: Layout) -> list[tuple[slice, slice, NDArray[np.float32]]]:
+    """Draw the movable things into the map and return what `restore` needs to take them out again."""
+    axes = np.column_stack((sun.across, sun.up))
+    cells = sun.height.shape[0]
+    covered = []
+    for part in layout.movable:
+        flat = triangles.position[part.triangles].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
+        low = np.clip(np.floor(flat.min(axis=0) / sun.cell), 0, cells).astype(int)
+        high = np.clip(np.ceil(flat.max(axis=0) / sun.cell) + 1, 0, cells).astype(int)
+        where = (slice(low[1], high[1]), slice(low[0], high[0]))
+        covered.append((*where, sun.height[where].copy()))
+        draw_heights(sun, triangles.position, part.triangles.start, part.triangles.stop)
+    return covered
+
+
+def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
+    """Undo `cast_movable`, last thing first because two may overlap."""
+    for rows, columns, heights in reversed(covered):
+        sun.height[rows, columns] = heights
+
+
+@numba.njit(cache=True, nogil=True)
+def draw_heights(sun, position, first, stop):
+    """Raise `sun.height` to the triangles first … stop - 1."""
+    cells = sun.height.shape[0]
+    last = cells - 1.0
+    x = np.empty(3)
+    y = np.empty(3)
+    z = np.empty(3)
+    for t in range(first, stop):
+        for k in range(3):
+            n, e, d = float(position[t, k, 0]), float(position[t, k, 1]), float(position[t, k, 2])
+            x[k] = (sun.across[0] * n + sun.across[1] * e + sun.across[2] * d - sun.low_across) / sun.cell
+            y[k] = (sun.up[0] * n + sun.up[1] * e + sun.up[2] * d - sun.low_up) / sun.cell
+            z[k] = sun.toward[0] * n + sun.toward[1] * e + sun.toward[2] * d
+        area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
+        if area == 0.0:
+            continue
+        za = ((z[1] - z[0]) * (y[2] - y[0]) - (z[2] - z[0]) * (y[1] - y[0])) / area
+        zb = ((z[2] - z[0]) * (x[1] - x[0]) - (z[1] - z[0]) * (x[2] - x[0])) / area
+        top = math.ceil(max(min(y[0], y[1], y[2]), 0.0))
+        bottom = math.floor(min(max(y[0], y[1], y[2]), last))
+        highest = np.float32(max(z[0], z[1], z[2]))
+        for j in range(top, bottom + 1):
+            low, high = 1e30, -1e30
+            for k in range(3):  # where the row crosses the outline
+                m = k + 1 if k < 2 else 0
+                ya, yb = y[k], y[m]
+                if (ya <= j <= yb or yb <= j <= ya) and ya != yb:
+                    s = x[k] + (x[m] - x[k]) * ((j - ya) / (yb - ya))
+                    low, high = min(low, s), max(high, s)
+                elif ya == j and yb == j:
+                    low, high = min(low, x[k], x[m]), max(high, x[k], x[m])
+            low, high = max(low, 0.0), min(high, last)
+            if low > high:
+                continue
+            for i in range(math.ceil(low), math.floor(high) + 1):
+                h = min(np.float32(z[0] + za * (i - x[0]) + zb * (j - y[0])), highest)
+                if h > sun.height[j, i]:
+                    sun.height[j, i] = h
+
+
+@numba.njit(cache=True, nogil=True)
+def sunlight(sun, px, py, pz, nx, ny, nz):
+    """Return the share (0 … 1) of the sun's disc that reaches a point (NED, m) on a plane with unit normal n.
+
+    The mean of 3 × 3 bilinear comparisons; each cell is compared with the height of the receiving plane itself above
+    that cell, so a slanted plane does not shade itself and thin things need no gap beneath them.
+    """
+    lit = sun.toward[0] * nx + sun.toward[1] * ny + sun.toward[2] * nz
+    if lit <= 0.0:
+        return 0.0
+    x = (sun.across[0] * px + sun.across[1] * py + sun.across[2] * pz - sun.low_across) / sun.cell
+    y = (sun.up[0] * px + sun.up[1] * py + sun.up[2] * pz - sun.low_up) / sun.cell
+    cells = sun.height.shape[0]
+    if not (1.0 <= x < cells - 3.0 and 1.0 <= y < cells - 3.0):
+        return 1.0
+    i = int(x)
+    j = int(y)
+    fx = x - i
+    fy = y - j
+    slope_x = -(sun.across[0] * nx + sun.across[1] * ny + sun.across[2] * nz) / lit
+    slope_y = -(sun.up[0] * nx + sun.up[1] * ny + sun.up[2] * nz) / lit
+    slope_x = min(max(slope_x, -SLOPE_LIMIT), SLOPE_LIMIT) * sun.cell
+    slope_y = min(max(slope_y, -SLOPE_LIMIT), SLOPE_LIMIT) * sun.cell
+    z = sun.toward[0] * px + sun.toward[1] * py + sun.toward[2] * pz
+    # what lies within the filter on a curved or folded surface may stand out by a fraction of the slope
+    z += BIAS_M + 0.25 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
+    z -= fx * slope_x + fy * slope_y
+    total = 0.0
+    for dj in range(-1, 3):
+        row = sun.height[j + dj]
+        zr = z + dj * slope_y
+        part = 0.0
+        if row[i - 1] <= zr - slope_x:
+            part += 1.0 - fx
+        if row[i] <= zr:
+            part += 1.0
+        if row[i + 1] <= zr + slope_x:
+            part += 1.0
+        if row[i + 2] <= zr + 2.0 * slope_x:
+            part += fx
+        if dj == -1:
+            part *= 1.0 - fy
+        elif dj == 2:
+            part *= fy
+        total += part
+    return total * (1.0 / 9.0)

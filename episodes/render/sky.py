@@ -1,0 +1,81 @@
+"""The light of a clear day: sky, sun disc, haze, and how bright light becomes a displayable value."""
+
+import math
+from typing import NamedTuple
+
+import numba
+
+from dronecats.border.frames import Vec3
+from episodes.scene import Sun
+
+EXPOSURE = 0.62
+HAZE_LENGTH_M = 1400.0  # distance after which about two thirds of a thing's colour is lost in the air
+DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
+GLOW_COSINE = math.cos(math.radians(0.9))
+
+
+class Daylight(NamedTuple):
+    """The lights of a scene, linear RGB."""
+
+    toward: Vec3  # unit, NED
+    sun: Vec3  # sun colour times strength
+    ambient: Vec3  # from above
+    bounce: Vec3  # from below: sky and sun light returned by the ground
+    zenith: Vec3  # the sky overhead
+    horizon: Vec3  # the sky at eye level, and the haze
+
+
+def daylight(sun: Sun) -> Daylight:
+    """Return the lights that belong to `sun`."""
+    n, e, d = (float(c) for c in sun.toward_ned)
+    length = math.sqrt(n * n + e * e + d * d)
+    toward = (n / length, e / length, d / length)
+    strength = float(sun.strength)
+    light = tuple(float(c) * strength for c in sun.color)
+    sky = tuple(float(c) for c in sun.sky)
+    high = max(-toward[2], 0.0)
+    bounce = tuple(0.20 * (s + light_c * high) * g for s, light_c, g in zip(sky, light, (1.0, 0.95, 0.8), strict=True))
+    zenith = tuple(0.80 * c**1.35 for c in sky)
+    horizon = tuple(0.32 * c + 0.74 * w for c, w in zip(sky, (0.80, 0.89, 1.0), strict=True))
+    return Daylight(toward, _vec3(light), _vec3(sky), _vec3(bounce), _vec3(zenith), _vec3(horizon))
+
+
+def _vec3(v: tuple[float, ...]) -> Vec3:
+    return (v[0], v[1], v[2])
+
+
+@numba.njit(cache=True, nogil=True)
+def sky_color(day, n, e, d):
+    """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED."""
+    up = max(-d, 0.0)
+    low = (1.0 - up) * (1.0 - up)
+    low = low * low * (1.0 - up)
+    if d > 0.0:
+        low *= 1.0 - 0.35 * min(d * 8.0, 1.0)  # below eye level, where the map ends
+    r = day.zenith[0] + (day.horizon[0] - day.zenith[0]) * low
+    g = day.zenith[1] + (day.horizon[1] - day.zenith[1]) * low
+    b = day.zenith[2] + (day.horizon[2] - day.zenith[2]) * low
+    near_sun = day.toward[0] * n + day.toward[1] * e + day.toward[2] * d
+    if near_sun > 0.0:
+        s = near_sun * near_sun
+        s = s * s
+        s8 = s * s
+        s64 = s8 * s8 * s8 * s8 * s8 * s8 * s8 * s8
+        glow = 0.07 * s8 + 0.18 * s64 * s64 * s64
+        if near_sun > GLOW_COSINE:
+            glow += 6.0 * min((near_sun - GLOW_COSINE) / (DISC_COSINE - GLOW_COSINE), 1.0)
+        r += day.sun[0] * glow
+        g += day.sun[1] * glow
+        b += day.sun[2] * glow
+    return r, g, b
+
+
+@numba.njit(cache=True, nogil=True)
+def displayed(light):
+    """Return the linear display value (0 … 1) of a linear light: straight in the dark, bending towards white.
+
+    Reinhard's extended curve, x (1 + x / w²) / (1 + x), with white at w = 3, after the exposure.
+    """
+    x = EXPOSURE * light
+    x = x * (1.0 + x * (1.0 / 9.0)) / (1.0 + 0.55 * x)
+    return min(max(x, 0.0), 1.0)
