@@ -1,0 +1,10 @@
+"""The border's frame conversions, compiled for the kernels of this room."""
+
+from numba import njit
+
+from dronecats.border import frames
+
+rotate = njit(cache=True)(frames.rotate)
+rotate_inverse = njit(cache=True)(frames.rotate_inverse)
+quat_normalized = njit(cache=True)(frames.quat_normalized)
+ned_to_geodetic = njit(cache=True)(frames.ned_to_geodetic)

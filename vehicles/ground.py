@@ -1,0 +1,167 @@
+"""The ground: its height below a point, and the force with which it holds up a vehicle that stands on it.
+
+Each contact point of the airframe is a spring and damper along the surface normal. Along the surface a second spring
+ties the point to an anchor, and the anchor slips when the spring pulls harder than Coulomb friction allows; so a
+vehicle at rest stays at rest, in wind and on a slope, instead of creeping as it would on friction that needs motion.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dronecats.border.terrain import HeightField
+from vehicles.compiled_frames import rotate
+from vehicles.records import STEP_S
+
+# rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
+# limit of RK4 at 1 kHz (2.8 rad per step) on every airframe, whose tips weigh about a tenth of the whole
+RESONANCE = 120.0
+DAMPING_RATIO = 0.6
+FRICTION = 0.7  # rubber or plastic on dry hard ground
+TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
+DEEPEST = 0.2  # m, penetration beyond which the spring no longer hardens: steps in the height field do not catapult
+MARGIN = 0.005  # m, beyond the way of one step: what accelerations add to it
+CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
+CRASH_BODY = 1.0  # m/s, the same for a propeller or the hull
+
+
+def peaks(terrain: HeightField, reach: float) -> NDArray[np.float64]:
+    """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell."""
+    from scipy.ndimage import minimum_filter  # only terrains need it, and only once
+
+    return np.ascontiguousarray(minimum_filter(terrain.down, size=2 * (math.ceil(reach / terrain.cell_m) + 1) + 1))
+
+
+@njit(cache=True)
+def surface(params, down, north, east):
+    """Return (NED z of the ground in m, its slope to the north, its slope to the east); as `HeightField.at`."""
+    rows, columns = down.shape
+    if rows * columns == 1:
+        return down[0, 0], 0.0, 0.0
+    i = min(max((north - params.ground_north) / params.ground_cell, 0.0), rows - 1.0)
+    j = min(max((east - params.ground_east) / params.ground_cell, 0.0), columns - 1.0)
+    i0, j0 = min(int(i), max(rows - 2, 0)), min(int(j), max(columns - 2, 0))
+    i1, j1 = min(i0 + 1, rows - 1), min(j0 + 1, columns - 1)
+    u, v = i - i0, j - j0
+    a, b, c, d = down[i0, j0], down[i0, j1], down[i1, j0], down[i1, j1]
+    low, high = a * (1.0 - v) + b * v, c * (1.0 - v) + d * v
+    slope_east = ((b - a) * (1.0 - u) + (d - c) * u) / params.ground_cell
+    return low * (1.0 - u) + high * u, (high - low) / params.ground_cell, slope_east
+
+
+@njit(cache=True)
+def in_reach(params, peak, position):
+    """Return whether any contact point could touch the ground at this position (m, NED)."""
+    rows, columns = peak.shape
+    i = min(max((position[0] - params.ground_north) / params.ground_cell, 0.0), rows - 1.0)
+    j = min(max((position[1] - params.ground_east) / params.ground_cell, 0.0), columns - 1.0)
+    return position[2] + params.reach + MARGIN > peak[int(i), int(j)]
+
+
+@njit(cache=True)
+def candidates(params, state, down, attitude):
+    """Return a bit mask of the contact points close enough to touch the ground within the coming step."""
+    velocity, rates = state.velocity, state.rates
+    spin = abs(rates[0]) + abs(rates[1]) + abs(rates[2])
+    speed = abs(velocity[0]) + abs(velocity[1]) + abs(velocity[2]) + spin * params.reach
+    margin = MARGIN + STEP_S * speed
+    mask = 0
+    for k in range(params.contacts):
+        arm = rotate(
+            attitude, (params.contact_position[k, 0], params.contact_position[k, 1], params.contact_position[k, 2])
+        )
+        z, slope_north, slope_east = surface(params, down, state.position[0] + arm[0], state.position[1] + arm[1])
+        if state.position[2] + arm[2] + margin * (1.0 + abs(slope_north) + abs(slope_east)) > z:
+            mask |= 1 << k
+    return mask
+
+
+@njit(cache=True)
+def _touch(params, down, k, position, attitude, velocity, rates):
+    """Return what contact point k does: (depth, closing speed, arm NED, normal NED, velocity NED, point NED)."""
+    px, py, pz = params.contact_position[k, 0], params.contact_position[k, 1], params.contact_position[k, 2]
+    arm = rotate(attitude, (px, py, pz))
+    point = (position[0] + arm[0], position[1] + arm[1], position[2] + arm[2])
+    z, slope_north, slope_east = surface(params, down, point[0], point[1])
+    scale = 1.0 / math.sqrt(1.0 + slope_north * slope_north + slope_east * slope_east)
+    normal = (slope_north * scale, slope_east * scale, -scale)
+    spin = rotate(
+        attitude,
+        (rates[1] * pz - rates[2] * py, rates[2] * px - rates[0] * pz, rates[0] * py - rates[1] * px),
+    )
+    moving = (velocity[0] + spin[0], velocity[1] + spin[1], velocity[2] + spin[2])
+    closing = -(moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2])
+    return (point[2] - z) * scale, closing, arm, normal, moving, point
+
+
+@njit(cache=True)
+def support(params, state, down, mask, position, attitude, velocity, rates):
+    """Return (force N NED, moment N·m NED about the body origin) of the ground on the contact points in `mask`."""
+    fx = fy = fz = mx = my = mz = 0.0
+    stiffness, damping = params.contact_stiffness, params.contact_damping
+    for k in range(params.contacts):
+        if mask >> k & 1 == 0:
+            continue
+        depth, closing, arm, normal, moving, point = _touch(params, down, k, position, attitude, velocity, rates)
+        if depth <= 0.0:
+            continue
+        # the damper fades in with depth, so that a touch begins without a jump of force
+        fade = min(depth * stiffness / (0.1 * params.mass), 1.0)
+        load = max(stiffness * min(depth, DEEPEST) + damping * fade * closing, 0.0)
+        tx = ty = tz = 0.0
+        if state.contact[k] != 0:
+            ox, oy, oz = state.anchor[k, 0] - point[0], state.anchor[k, 1] - point[1], state.anchor[k, 2] - point[2]
+            tx, ty, tz = TANGENTIAL * stiffness * ox, TANGENTIAL * stiffness * oy, TANGENTIAL * stiffness * oz
+        tx -= damping * fade * moving[0]
+        ty -= damping * fade * moving[1]
+        tz -= damping * fade * moving[2]
+        along = tx * normal[0] + ty * normal[1] + tz * normal[2]
+        tx, ty, tz = tx - along * normal[0], ty - along * normal[1], tz - along * normal[2]
+        size = math.sqrt(tx * tx + ty * ty + tz * tz)
+        if size > FRICTION * load:
+            shrink = FRICTION * load / size
+            tx, ty, tz = tx * shrink, ty * shrink, tz * shrink
+        px, py, pz = load * normal[0] + tx, load * normal[1] + ty, load * normal[2] + tz
+        fx += px
+        fy += py
+        fz += pz
+        mx += arm[1] * pz - arm[2] * py
+        my += arm[2] * px - arm[0] * pz
+        mz += arm[0] * py - arm[1] * px
+    return (fx, fy, fz), (mx, my, mz)
+
+
+@njit(cache=True)
+def settle(params, state, down, mask):
+    """After a step: move the anchors that slipped, note which points touch, and latch a crash."""
+    position = (state.position[0], state.position[1], state.position[2])
+    velocity = (state.velocity[0], state.velocity[1], state.velocity[2])
+    rates = (state.rates[0], state.rates[1], state.rates[2])
+    attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
+    state.on_ground = 0
+    for k in range(params.contacts):
+        if mask >> k & 1 == 0:
+            state.contact[k] = 0
+            continue
+        depth, closing, _, normal, _, point = _touch(params, down, k, position, attitude, velocity, rates)
+        if depth <= 0.0:
+            state.contact[k] = 0
+            continue
+        state.on_ground = 1
+        if closing > (CRASH_FOOT if params.contact_is_foot[k] != 0 else CRASH_BODY):
+            state.crashed = 1
+        if state.contact[k] == 0:
+            state.contact[k] = 1
+            state.anchor[k, 0], state.anchor[k, 1], state.anchor[k, 2] = point
+            continue
+        ox, oy, oz = state.anchor[k, 0] - point[0], state.anchor[k, 1] - point[1], state.anchor[k, 2] - point[2]
+        along = ox * normal[0] + oy * normal[1] + oz * normal[2]
+        ox, oy, oz = ox - along * normal[0], oy - along * normal[1], oz - along * normal[2]
+        size = math.sqrt(ox * ox + oy * oy + oz * oz)
+        limit = FRICTION * min(depth, DEEPEST) / TANGENTIAL
+        if size > limit:
+            shrink = limit / size
+            state.anchor[k, 0], state.anchor[k, 1] = point[0] + ox * shrink, point[1] + oy * shrink
+            state.anchor[k, 2] = point[2] + oz * shrink

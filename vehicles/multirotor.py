@@ -1,0 +1,194 @@
+"""A multirotor, composed once: actuators → rotors → forces → motion → sensors → truth, one millisecond at a time."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dronecats.border.airframe import Airframe
+from dronecats.border.errors import UsageError
+from dronecats.border.frames import GRAVITY, Vec3, quat_from_euler
+from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
+from dronecats.border.terrain import FLAT, HeightField
+from vehicles import battery, ground, noise, rotor, sensors, wind
+from vehicles.compiled_frames import rotate_inverse
+from vehicles.records import AIR, PARAMS, STATE, STEP_S, STEP_US
+from vehicles.rigid_body import move
+from vehicles.sensors import Suite
+from vehicles.wind import CALM, Wind
+
+_gust = wind.gust
+_surface, _in_reach, _candidates, _settle = ground.surface, ground.in_reach, ground.candidates, ground.settle
+_ground_gain, _push, _drain, _sample = rotor.ground_gain, rotor.push, battery.drain, sensors.sample
+_BATTERY_PERIOD_US, _WIND_PERIOD_US = battery.PERIOD_US, wind.PERIOD_US
+
+
+@njit(cache=True)
+def step(params, state, air, suite, memory, down, peak, actuators, sensors, truth):
+    """Advance one vehicle by exactly STEP_US: reads `actuators`, writes all but `params`, `suite`, `down` and `peak`.
+
+    The arguments are a Multirotor's `kernel_args`. Callable from any compiled loop.
+    """
+    if air.w20 > 0.0 and state.time_us >= air.next_us:
+        air.next_us += _WIND_PERIOD_US
+        _gust(air, state.velocity, state.height)
+    breeze = (air.mean[0] + air.gust[0], air.mean[1] + air.gust[1], air.mean[2] + air.gust[2])
+
+    position = (state.position[0], state.position[1], state.position[2])
+    attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
+    through_air = rotate_inverse(
+        attitude, (state.velocity[0] - breeze[0], state.velocity[1] - breeze[1], state.velocity[2] - breeze[2])
+    )
+    below, _, _ = _surface(params, down, position[0], position[1])
+    state.height = below - position[2]
+    upright = 1.0 - 2.0 * (attitude[1] ** 2 + attitude[2] ** 2)  # cosine of the tilt
+    near_ground = _ground_gain(state.height + params.rotor_height, params.rotor_radius) if upright > 0.5 else 1.0
+    mask = _candidates(params, state, down, attitude) if _in_reach(params, peak, position) else 0
+
+    rates = (state.rates[0], state.rates[1], state.rates[2])
+    load = _push(params, state, actuators, through_air, rates, near_ground)
+    if state.time_us % _BATTERY_PERIOD_US == 0:
+        _drain(params, state)
+
+    move(params, state, down, load, breeze, mask)
+    if mask != 0:
+        _settle(params, state, down, mask)
+    else:
+        state.on_ground = 0
+        state.contact[:] = 0
+    state.upside_down = 1 if upright < 0.0 else 0
+    state.time_us += STEP_US
+
+    _sample(params, suite, memory, state, down, sensors)
+    _tell(state, truth)
+
+
+@njit(cache=True)
+def _tell(state, truth):
+    truth.time_us = state.time_us
+    for i in range(3):
+        truth.position_ned[i] = state.position[i]
+        truth.velocity_ned[i] = state.velocity[i]
+        truth.rates_frd[i] = state.rates[i]
+        truth.accel_frd[i] = state.specific_force[i]
+    for i in range(4):
+        truth.attitude[i] = state.attitude[i]
+
+
+@njit(cache=True)
+def run(steps, params, state, air, suite, memory, down, peak, actuators, sensors, truth):
+    """Advance one vehicle by `steps` steps with the actuators as they are."""
+    for _ in range(steps):
+        step(params, state, air, suite, memory, down, peak, actuators, sensors, truth)
+
+
+class Multirotor:
+    """One vehicle: its records, and the time it has lived.
+
+    `params`, `state`, `air`, `suite` and `memory` are records of `vehicles.records` and `vehicles.sensors`; `sensors`,
+    `actuators` and `truth` are the border's. `kernel_args` holds them all in the order that `step` takes.
+    """
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        *,
+        seed: int,
+        origin: tuple[float, float, float],  # latitude, longitude (degrees) and altitude (m) of the map's NED origin
+        terrain: HeightField = FLAT,
+        position_ned: Vec3 = (0.0, 0.0, 0.0),
+        yaw: float = 0.0,
+        wind: Wind | None = None,
+        suite: Suite | None = None,
+    ) -> None:
+        """Put a vehicle at `position_ned` (m), level, heading `yaw` (rad), standing on the ground if not above it.
+
+        Raises UsageError for a pose that is not finite.
+        """
+        if not all(math.isfinite(x) for x in (*position_ned, yaw, *origin)):
+            raise UsageError(f"vehicle pose {position_ned}, yaw {yaw}, origin {origin} must be finite numbers")
+        wind, suite = wind or CALM, suite or Suite()
+        streams = noise.streams(seed, 2)
+        self.airframe = airframe
+        self.params = parameters(airframe, terrain)
+        self.state = np.zeros(1, STATE)[0]
+        self.air = np.zeros(1, AIR)[0]
+        self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
+        self.air["rng"][0] = streams[0]
+        self.suite = sensors.suite_record(suite, origin)
+        self.memory = sensors.fresh_memory(suite, int(streams[1]))
+        self.sensors = np.zeros(1, SENSORS)[0]
+        self.sensors["range_m"] = math.nan
+        self.actuators = np.zeros(1, ACTUATORS)[0]
+        self.truth = np.zeros(1, TRUTH)[0]
+        self._down = np.ascontiguousarray(terrain.down, dtype=np.float64)
+        self._peak = ground.peaks(terrain, float(self.params["reach"]))
+        self._place(terrain, position_ned, yaw)
+
+    @property
+    def kernel_args(self) -> tuple:
+        """The arguments of `step`."""
+        return (
+            self.params,
+            self.state,
+            self.air,
+            self.suite,
+            self.memory,
+            self._down,
+            self._peak,
+            self.actuators,
+            self.sensors,
+            self.truth,
+        )
+
+    def advance(self, steps: int) -> None:
+        """Live through `steps` milliseconds with the actuators as they are."""
+        run(steps, *self.kernel_args)
+
+    def _place(self, terrain: HeightField, position_ned: Vec3, yaw: float) -> None:
+        north, east, down = position_ned
+        lowest = max(point[2] for point in self.airframe.contact_points_frd)
+        feet = sum(1 for point in self.airframe.contact_points_frd if point[2] > lowest - 1e-9)
+        sag = self.airframe.mass_kg * GRAVITY / (feet * float(self.params["contact_stiffness"]))
+        surface = terrain.at(north, east)
+        down = min(down, surface - lowest + sag)
+        state = self.state
+        state["position"] = (north, east, down)
+        state["attitude"] = quat_from_euler(0.0, 0.0, yaw)
+        state["rotor_health"] = 1.0
+        state["height"] = surface - down
+        state["charge_ah"] = self.airframe.battery.capacity_ah
+        state["voltage"] = self.airframe.battery.cells * battery.open_circuit(1.0)
+        _tell(state, self.truth)
+
+
+def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
+    """Return the PARAMS record of an airframe over a terrain."""
+    record = np.zeros(1, PARAMS)[0]
+    curve, pack, points = airframe.curve, airframe.battery, airframe.contact_points_frd
+    record["mass"], record["inertia"] = airframe.mass_kg, airframe.inertia_frd
+    record["drag_linear"], record["drag_quadratic"] = airframe.drag_linear_frd, airframe.drag_quadratic_frd
+    count = len(airframe.rotors)
+    record["rotors"] = count
+    record["rotor_position"][:count] = [r.position_frd for r in airframe.rotors]
+    record["rotor_spin"][:count] = [r.spin for r in airframe.rotors]
+    record["rotor_height"] = -sum(r.position_frd[2] for r in airframe.rotors) / count
+    record["thrust_coefficient"], record["torque_coefficient"] = curve.thrust_coefficient, curve.torque_coefficient
+    record["speed_max"], record["speed_idle"] = curve.speed_max, curve.speed_idle
+    record["gain_up"] = 1.0 - math.exp(-STEP_S / curve.time_constant_up_s)
+    record["gain_down"] = 1.0 - math.exp(-STEP_S / curve.time_constant_down_s)
+    record["rotor_inertia"], record["rotor_radius"] = curve.inertia, curve.radius_m
+    record["blade_drag"] = curve.drag_coefficient
+    record["contacts"] = len(points)
+    record["contact_position"][: len(points)] = points
+    lowest = max(point[2] for point in points)
+    # feet: the points that the vehicle stands on, within the play of a landing gear
+    record["contact_is_foot"][: len(points)] = [point[2] > lowest - 0.02 * max(lowest, 0.0) - 1e-9 for point in points]
+    record["contact_stiffness"] = airframe.mass_kg * ground.RESONANCE**2 / 4.0
+    record["contact_damping"] = 2.0 * ground.DAMPING_RATIO * airframe.mass_kg * ground.RESONANCE / 4.0
+    record["reach"] = max(math.dist(point, (0.0, 0.0, 0.0)) for point in points)
+    record["cells"], record["capacity_ah"] = pack.cells, pack.capacity_ah
+    record["resistance_ohm"], record["avionics_w"] = pack.resistance_ohm, pack.avionics_w
+    record["ground_north"], record["ground_east"] = terrain.origin_north, terrain.origin_east
+    record["ground_cell"] = terrain.cell_m
+    return record

@@ -1,0 +1,116 @@
+"""What the compiled physics reads and writes, field by field.
+
+PARAMS never changes in flight; the rest is the complete state of one vehicle, so that copying the records copies the
+vehicle. Sensor, actuator and truth records are the border's.
+"""
+
+import numpy as np
+
+from dronecats.border.sensors import MAX_ROTORS
+from vehicles.airframe import MAX_CONTACTS
+
+STEP_US = 1000  # µs, the plant's step
+STEP_S = 1e-3
+
+GPS_QUEUE = 16  # fixes that can be under way at once: bounds latency · rate
+
+PARAMS = np.dtype(
+    [
+        ("mass", "f8"),  # kg
+        ("inertia", "f8", (3,)),  # kg·m², principal, FRD
+        ("drag_linear", "f8", (3,)),  # N / (m/s), FRD
+        ("drag_quadratic", "f8", (3,)),  # N / (m/s)², FRD
+        ("rotors", "i8"),
+        ("rotor_position", "f8", (MAX_ROTORS, 3)),  # m, FRD
+        ("rotor_spin", "f8", (MAX_ROTORS,)),  # +1 counter-clockwise seen from above
+        ("rotor_height", "f8"),  # m, mean of the rotors above the body origin
+        ("thrust_coefficient", "f8"),  # N / (rad/s)²
+        ("torque_coefficient", "f8"),  # N·m / (rad/s)²
+        ("speed_max", "f8"),  # rad/s at nominal voltage
+        ("speed_idle", "f8"),  # rad/s
+        ("gain_up", "f8"),  # share of a speed error gone after one step while spinning up
+        ("gain_down", "f8"),  # the same while spinning down
+        ("rotor_inertia", "f8"),  # kg·m²
+        ("rotor_radius", "f8"),  # m
+        ("blade_drag", "f8"),  # N / ((rad/s)·(m/s))
+        ("contacts", "i8"),
+        ("contact_position", "f8", (MAX_CONTACTS, 3)),  # m, FRD
+        ("contact_is_foot", "i8", (MAX_CONTACTS,)),  # bool
+        ("contact_stiffness", "f8"),  # N/m, one point
+        ("contact_damping", "f8"),  # N·s/m, one point
+        ("reach", "f8"),  # m, farthest contact point from the body origin
+        ("cells", "f8"),
+        ("capacity_ah", "f8"),
+        ("resistance_ohm", "f8"),
+        ("avionics_w", "f8"),
+        ("ground_north", "f8"),  # m, NED origin and cell of the height field
+        ("ground_east", "f8"),
+        ("ground_cell", "f8"),
+    ],
+    align=True,
+)
+
+STATE = np.dtype(
+    [
+        ("time_us", "i8"),  # µs since boot
+        ("position", "f8", (3,)),  # m, NED
+        ("velocity", "f8", (3,)),  # m/s, NED
+        ("attitude", "f8", (4,)),  # (w, x, y, z), FRD → NED
+        ("rates", "f8", (3,)),  # rad/s, FRD
+        ("specific_force", "f8", (3,)),  # m/s², FRD, mean over the last step
+        ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
+        ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 sound … 0 dead: scales the commanded speed
+        ("rotor_power", "f8"),  # W, mechanical, all rotors
+        ("charge_ah", "f8"),
+        ("voltage", "f8"),  # V, at the terminals
+        ("current", "f8"),  # A
+        ("height", "f8"),  # m, body origin above the ground below it
+        ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, where friction holds each contact point
+        ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
+        ("on_ground", "i8"),  # bool: any point touches
+        ("crashed", "i8"),  # bool, latched: a foot hit very hard, or another point hit hard
+        ("upside_down", "i8"),  # bool: body z axis points up
+        ("external_force", "f8", (3,)),  # N, NED at the body origin: obstacles, ropes, hands; stays until rewritten
+        ("external_torque", "f8", (3,)),  # N·m, FRD
+    ],
+    align=True,
+)
+
+AIR = np.dtype(
+    [
+        ("mean", "f8", (3,)),  # m/s, NED, steady wind (the direction the air moves to)
+        ("w20", "f8"),  # m/s, wind at 20 ft that sets the gust intensity; 0: no gusts
+        ("gust", "f8", (3,)),  # m/s, NED
+        ("filter", "f8", (3, 2)),  # states of the shaping filters: along, across, vertical
+        ("next_us", "i8"),  # µs of the next gust update
+        ("rng", "u8", (1,)),
+    ],
+    align=True,
+)
+
+MEMORY = np.dtype(
+    [
+        ("rng", "u8", (1,)),
+        ("accel_bias", "f8", (3,)),  # m/s²
+        ("gyro_bias", "f8", (3,)),  # rad/s
+        ("accel_scale", "f8", (3,)),  # factor
+        ("gyro_scale", "f8", (3,)),
+        ("mag_bias", "f8", (3,)),  # gauss
+        ("baro_drift", "f8"),  # hPa
+        ("gps_error", "f8", (3,)),  # m, NED, correlated part
+        ("imu_next_us", "i8"),
+        ("bias_next_us", "i8"),
+        ("mag_next_us", "i8"),
+        ("baro_next_us", "i8"),
+        ("gps_next_us", "i8"),
+        ("range_next_us", "i8"),
+        ("battery_next_us", "i8"),
+        ("queue_head", "i8"),  # index of the oldest fix under way
+        ("queue_count", "i8"),
+        ("queue_time_us", "i8", (GPS_QUEUE,)),  # µs of validity
+        ("queue_due_us", "i8", (GPS_QUEUE,)),  # µs of delivery
+        ("queue_position", "f8", (GPS_QUEUE, 3)),  # m, NED
+        ("queue_velocity", "f8", (GPS_QUEUE, 3)),  # m/s, NED
+    ],
+    align=True,
+)

@@ -1,0 +1,97 @@
+"""Rotors: from an actuator command to a speed, from the speed and the air to a force and a moment on the body.
+
+Signs: body axes are forward, right, down. A rotor of spin +1 turns counter-clockwise seen from above, that is about -z;
+what resists it turns the body about +z.
+"""
+
+import math
+
+from numba import njit
+
+from vehicles.battery import NOMINAL_CELL_V
+from vehicles.records import STEP_S
+
+# Advance ratio V / (n·D) at which a static-pitch propeller stops pulling. UIUC Propeller Data Site: 10x4.7 and 5x3
+# propellers reach C_T = 0 between 0.6 and 0.7, and C_T falls almost linearly towards it.
+ADVANCE_ZERO_THRUST = 0.65
+# Same source: C_P there is still about half of its static value.
+TORQUE_LEFT = 0.5
+# Ceiling of the gain in descent; beyond it the rotor meets its own wake and the linear law is void.
+THRUST_GAIN_MAX = 1.5
+# Cheeseman and Bennett (1955) is quoted for z / R > 0.5; closer in, its value there is held.
+GROUND_EFFECT_NEAREST = 0.5
+GROUND_EFFECT_FARTHEST = 4.0  # rotor radii; the gain there is 0.4 %
+
+
+@njit(cache=True)
+def commanded_speed(params, armed, command, voltage):
+    """Return the speed (rad/s) that the speed controller asks of a rotor: a share of what the voltage allows."""
+    if armed == 0:
+        return 0.0
+    share = command if command > 0.0 else 0.0  # a NaN command compares false and stops at idle
+    if share > 1.0:
+        share = 1.0
+    ceiling = params.speed_max * voltage / (NOMINAL_CELL_V * params.cells)
+    return max(share * ceiling, min(params.speed_idle, ceiling))
+
+
+@njit(cache=True)
+def inflow_gain(climb, speed, radius):
+    """Return (thrust, torque) relative to still air for an axial climb speed (m/s) at a rotor speed (rad/s)."""
+    if speed < 1.0:
+        return 0.0, 0.0
+    advance = math.pi * climb / (speed * radius) / ADVANCE_ZERO_THRUST  # J = V / (n·D) = π·V / (ω·R)
+    thrust = min(max(1.0 - advance, 0.0), THRUST_GAIN_MAX)
+    return thrust, TORQUE_LEFT + (1.0 - TORQUE_LEFT) * thrust
+
+
+@njit(cache=True)
+def ground_gain(height, radius):
+    """Return thrust near the ground relative to free air, `height` (m) being that of the rotor disc."""
+    if height > GROUND_EFFECT_FARTHEST * radius:
+        return 1.0
+    z = max(height, GROUND_EFFECT_NEAREST * radius)
+    return 1.0 / (1.0 - (radius / (4.0 * z)) ** 2)
+
+
+@njit(cache=True)
+def push(params, state, actuators, air, rates, near_ground):
+    """Advance the rotor speeds by one step and return what the rotors do to the body.
+
+    `air` (m/s, FRD) is the body's velocity through the air, `near_ground` the factor of `ground_gain`.
+    Returns (force N FRD, moment N·m FRD, angular momentum of the rotors about z in N·m·s); writes the shaft power.
+    """
+    fx = fy = fz = mx = my = mz = momentum = power = 0.0
+    thrust_coefficient, torque_coefficient = params.thrust_coefficient, params.torque_coefficient
+    armed, voltage = actuators.armed, state.voltage
+    for i in range(params.rotors):
+        x, y, z = params.rotor_position[i, 0], params.rotor_position[i, 1], params.rotor_position[i, 2]
+        spin = params.rotor_spin[i]
+        before = state.rotor_speed[i]
+        error = commanded_speed(params, armed, actuators.command[i], voltage) * state.rotor_health[i] - before
+        change = error * (params.gain_up if error > 0.0 else params.gain_down)
+        speed = before + change
+        state.rotor_speed[i] = speed
+
+        # velocity of the hub through the air
+        u = air[0] + rates[1] * z - rates[2] * y
+        v = air[1] + rates[2] * x - rates[0] * z
+        w = air[2] + rates[0] * y - rates[1] * x
+        gain_thrust, gain_torque = inflow_gain(-w, speed, params.rotor_radius)
+        thrust = thrust_coefficient * speed * speed * gain_thrust * near_ground
+        torque = torque_coefficient * speed * speed * gain_torque
+        drag = params.blade_drag * speed
+        dx, dy, dz = -drag * u, -drag * v, -thrust
+
+        fx += dx
+        fy += dy
+        fz += dz
+        mx += y * dz - z * dy
+        my += z * dx - x * dz
+        mz += x * dy - y * dx + spin * (torque + params.rotor_inertia * change / STEP_S)
+        momentum -= spin * params.rotor_inertia * speed
+        power += torque * speed
+        if change > 0.0:
+            power += params.rotor_inertia * change / STEP_S * speed
+    state.rotor_power = power
+    return (fx, fy, fz), (mx, my, mz), momentum

@@ -1,0 +1,262 @@
+"""Sensors: the truth, late and noisy, at each sensor's own rate. Writes the fields of `border/sensors.py` SENSORS.
+
+The default suite is that of a small autopilot board of today. Every number can be set; zero switches an error off.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from dronecats.border.errors import UsageError
+from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse
+from vehicles.ground import surface
+from vehicles.noise import normal
+from vehicles.records import GPS_QUEUE, MEMORY, STEP_US
+
+BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
+BATTERY_PERIOD_US = 100_000
+PRESSURE_0 = 1013.25  # hPa, ISA sea level
+TEMPERATURE_0 = 288.15  # K, ISA sea level
+LAPSE = 0.0065  # K/m, ISA
+EXPONENT = 5.255876  # ISA: g·M / (R·LAPSE)
+KELVIN = 273.15
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """What the sensors of a vehicle are like. 1σ where not said otherwise; `density` is per √Hz of white noise."""
+
+    imu_period_us: int = 1000
+    accel_noise_density: float = 1.72e-3  # m/s²/√Hz: BMI088 data sheet, 175 µg/√Hz
+    accel_random_walk: float = 1.0e-3  # m/s²/√s: estimate, about 1 mg of drift in a minute
+    accel_bias: float = 0.03  # m/s² at boot: what a field calibration leaves
+    accel_scale: float = 0.002  # relative: the same
+    accel_range: float = 235.0  # m/s²: BMI088, ±24 g
+    gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
+    gyro_random_walk: float = 3.9e-5  # rad/s/√s: 8 °/h/√s-class MEMS, as in RotorS' ADIS16448
+    gyro_bias: float = 0.003  # rad/s at boot: what a calibration at another temperature leaves
+    gyro_scale: float = 0.001  # relative
+    gyro_range: float = 34.9  # rad/s: BMI088, ±2000 °/s
+    mag_period_us: int = 10_000
+    mag_noise: float = 0.003  # gauss: IST8310 data sheet, 0.3 µT
+    mag_bias: float = 0.004  # gauss: hard iron that a calibration leaves
+    mag_declination_deg: float = 3.2  # WMM 2025 near Zurich
+    mag_inclination_deg: float = 63.5  # the same
+    mag_strength: float = 0.48  # gauss, the same
+    baro_period_us: int = 20_000
+    baro_noise_hpa: float = 0.012  # hPa, about 0.1 m: BMP388 data sheet at low oversampling
+    baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
+    baro_drift_time_s: float = 300.0
+    gps_period_us: int = 100_000
+    gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
+    gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
+    gps_error_v: float = 0.8  # m
+    gps_error_time_s: float = 60.0
+    gps_noise: float = 0.02  # m, white, on top
+    gps_velocity_noise_h: float = 0.06  # m/s per axis: u-blox M8 data sheet, 0.05 m/s
+    gps_velocity_noise_v: float = 0.1  # m/s
+    gps_eph_m: float = 0.7  # m, reported
+    gps_epv_m: float = 1.1  # m, reported
+    gps_speed_accuracy: float = 0.15  # m/s, reported
+    gps_satellites: int = 14
+    range_period_us: int = 20_000
+    range_max_m: float = 12.0  # 0: not fitted. TFmini Plus data sheet: 0.1 to 12 m
+    range_noise_m: float = 0.02  # the same: about 1 % below 6 m
+
+    def __post_init__(self) -> None:
+        for name in ("imu", "mag", "baro", "gps", "range"):
+            period = getattr(self, f"{name}_period_us")
+            if period < STEP_US or period % STEP_US:
+                raise UsageError(f"sensor suite: {name}_period_us = {period} must be a multiple of {STEP_US} µs")
+        if not 0 <= self.gps_latency_us < self.gps_period_us * GPS_QUEUE:
+            raise UsageError(
+                f"sensor suite: gps_latency_us = {self.gps_latency_us} must be 0 to {GPS_QUEUE - 1} gps periods"
+            )
+
+
+SUITE = np.dtype(
+    [(name, "i8" if kind in (int, "int") else "f8") for name, kind in Suite.__annotations__.items()]
+    + [
+        ("field_ned", "f8", (3,)),  # gauss, the earth's magnetic field
+        ("origin_lat_deg", "f8"),
+        ("origin_lon_deg", "f8"),
+        ("origin_alt_m", "f8"),  # m above mean sea level
+    ],
+    align=True,
+)
+
+
+def suite_record(suite: Suite, origin: tuple[float, float, float]) -> np.void:
+    """Return `suite` as a SUITE record, with the map's origin (latitude, longitude in degrees, altitude in m)."""
+    record = np.zeros(1, SUITE)[0]
+    for name in Suite.__annotations__:
+        record[name] = getattr(suite, name)
+    declination, inclination = math.radians(suite.mag_declination_deg), math.radians(suite.mag_inclination_deg)
+    horizontal = suite.mag_strength * math.cos(inclination)
+    record["field_ned"] = (
+        horizontal * math.cos(declination),
+        horizontal * math.sin(declination),
+        suite.mag_strength * math.sin(inclination),
+    )
+    record["origin_lat_deg"], record["origin_lon_deg"], record["origin_alt_m"] = origin
+    return record
+
+
+def fresh_memory(suite: Suite, stream: int) -> np.void:
+    """Return the MEMORY record of sensors just switched on: turn-on errors drawn, first samples due, in steps apart."""
+    memory = np.zeros(1, MEMORY)[0]
+    memory["rng"][0] = stream
+    draw = np.random.Generator(np.random.PCG64(int(stream)))
+    memory["accel_bias"] = suite.accel_bias * draw.standard_normal(3)
+    memory["gyro_bias"] = suite.gyro_bias * draw.standard_normal(3)
+    memory["accel_scale"] = 1.0 + suite.accel_scale * draw.standard_normal(3)
+    memory["gyro_scale"] = 1.0 + suite.gyro_scale * draw.standard_normal(3)
+    memory["mag_bias"] = suite.mag_bias * draw.standard_normal(3)
+    memory["baro_drift"] = suite.baro_drift_hpa * draw.standard_normal()
+    memory["gps_error"] = np.array([suite.gps_error_h, suite.gps_error_h, suite.gps_error_v]) * draw.standard_normal(3)
+    for i, name in enumerate(("imu", "mag", "baro", "gps", "range", "battery", "bias")):
+        memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step pays for all of them
+    return memory
+
+
+@njit(cache=True)
+def pressure(altitude):
+    """Return the ISA pressure (hPa) at an altitude (m above mean sea level, below 11 km)."""
+    return PRESSURE_0 * (1.0 - LAPSE / TEMPERATURE_0 * altitude) ** EXPONENT
+
+
+@njit(cache=True)
+def _inertial(suite, memory, state, sensors):
+    """One inertial sample: white noise over the sample's period, bias, scale, saturation."""
+    rng = memory.rng
+    bandwidth = 1.0 / math.sqrt(suite.imu_period_us * 1e-6)
+    accel_noise, gyro_noise = suite.accel_noise_density * bandwidth, suite.gyro_noise_density * bandwidth
+    accel_range, gyro_range = suite.accel_range, suite.gyro_range
+    for i in range(3):
+        a = state.specific_force[i] * memory.accel_scale[i] + memory.accel_bias[i] + accel_noise * normal(rng)
+        w = state.rates[i] * memory.gyro_scale[i] + memory.gyro_bias[i] + gyro_noise * normal(rng)
+        sensors.accel_frd[i] = min(max(a, -accel_range), accel_range)
+        sensors.gyro_frd[i] = min(max(w, -gyro_range), gyro_range)
+    sensors.imu_time_us = state.time_us
+
+
+@njit(cache=True)
+def _wander(suite, memory):
+    """Let the inertial biases walk for one BIAS_PERIOD."""
+    root = math.sqrt(BIAS_PERIOD_US * 1e-6)
+    for i in range(3):
+        memory.accel_bias[i] += suite.accel_random_walk * root * normal(memory.rng)
+        memory.gyro_bias[i] += suite.gyro_random_walk * root * normal(memory.rng)
+
+
+@njit(cache=True)
+def _magnetic(suite, memory, state, attitude, sensors):
+    field = rotate_inverse(attitude, (suite.field_ned[0], suite.field_ned[1], suite.field_ned[2]))
+    for i in range(3):
+        sensors.mag_frd[i] = field[i] + memory.mag_bias[i] + suite.mag_noise * normal(memory.rng)
+    sensors.mag_time_us = state.time_us
+
+
+@njit(cache=True)
+def _barometric(suite, memory, state, sensors):
+    altitude = suite.origin_alt_m - state.position[2]
+    keep = math.exp(-suite.baro_period_us * 1e-6 / suite.baro_drift_time_s)
+    fresh = suite.baro_drift_hpa * math.sqrt(1.0 - keep * keep)
+    memory.baro_drift = keep * memory.baro_drift + fresh * normal(memory.rng)
+    sensors.pressure_hpa = pressure(altitude) + memory.baro_drift + suite.baro_noise_hpa * normal(memory.rng)
+    sensors.temperature_c = TEMPERATURE_0 - KELVIN - LAPSE * altitude
+    sensors.baro_time_us = state.time_us
+
+
+@njit(cache=True)
+def _satellite_fix(suite, memory, state):
+    """Take a fix that is valid now and put it on its way."""
+    rng = memory.rng
+    keep = math.exp(-suite.gps_period_us * 1e-6 / suite.gps_error_time_s)
+    fresh = math.sqrt(1.0 - keep * keep)
+    slot = (memory.queue_head + memory.queue_count) % GPS_QUEUE
+    memory.queue_count += 1
+    memory.queue_time_us[slot] = state.time_us
+    memory.queue_due_us[slot] = state.time_us + suite.gps_latency_us
+    for i in range(3):
+        error = suite.gps_error_h if i < 2 else suite.gps_error_v
+        noise = suite.gps_velocity_noise_h if i < 2 else suite.gps_velocity_noise_v
+        memory.gps_error[i] = keep * memory.gps_error[i] + fresh * error * normal(rng)
+        memory.queue_position[slot, i] = state.position[i] + memory.gps_error[i] + suite.gps_noise * normal(rng)
+        memory.queue_velocity[slot, i] = state.velocity[i] + noise * normal(rng)
+
+
+@njit(cache=True)
+def _satellite_delivery(suite, memory, sensors):
+    """Hand over the oldest fix under way."""
+    slot = memory.queue_head
+    memory.queue_head = (slot + 1) % GPS_QUEUE
+    memory.queue_count -= 1
+    lat, lon, alt = ned_to_geodetic(
+        suite.origin_lat_deg,
+        suite.origin_lon_deg,
+        suite.origin_alt_m,
+        memory.queue_position[slot, 0],
+        memory.queue_position[slot, 1],
+        memory.queue_position[slot, 2],
+    )
+    sensors.gps_lat_deg, sensors.gps_lon_deg, sensors.gps_alt_m = lat, lon, alt
+    for i in range(3):
+        sensors.gps_velocity_ned[i] = memory.queue_velocity[slot, i]
+    sensors.gps_eph_m, sensors.gps_epv_m = suite.gps_eph_m, suite.gps_epv_m
+    sensors.gps_speed_accuracy = suite.gps_speed_accuracy
+    sensors.gps_fix_type = 3
+    sensors.gps_satellites = suite.gps_satellites
+    sensors.gps_time_us = memory.queue_time_us[slot]
+
+
+@njit(cache=True)
+def _rangefinder(params, suite, memory, state, attitude, down, sensors):
+    """Measure along the body's down axis, against the plane of the ground below the vehicle."""
+    z, _, _ = surface(params, down, state.position[0], state.position[1])
+    tilt = 1.0 - 2.0 * (attitude[1] ** 2 + attitude[2] ** 2)  # cosine
+    distance = (z - state.position[2]) / tilt if tilt > 0.1 else math.inf
+    noise = suite.range_noise_m * normal(memory.rng)
+    sensors.range_m = max(distance + noise, 0.0) if distance <= suite.range_max_m else math.nan
+    sensors.range_time_us = state.time_us
+
+
+@njit(cache=True)
+def sample(params, suite, memory, state, down, sensors):
+    """Write every sample that is due at the vehicle's time into `sensors`."""
+    now = state.time_us
+    attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
+    if now >= memory.imu_next_us:
+        memory.imu_next_us += suite.imu_period_us
+        _inertial(suite, memory, state, sensors)
+        sensors.time_us = now
+    if now >= memory.bias_next_us:
+        memory.bias_next_us += BIAS_PERIOD_US
+        _wander(suite, memory)
+    if now >= memory.mag_next_us:
+        memory.mag_next_us += suite.mag_period_us
+        _magnetic(suite, memory, state, attitude, sensors)
+        sensors.time_us = now
+    if now >= memory.baro_next_us:
+        memory.baro_next_us += suite.baro_period_us
+        _barometric(suite, memory, state, sensors)
+        sensors.time_us = now
+    if now >= memory.gps_next_us:
+        memory.gps_next_us += suite.gps_period_us
+        _satellite_fix(suite, memory, state)
+    if memory.queue_count > 0 and now >= memory.queue_due_us[memory.queue_head]:
+        _satellite_delivery(suite, memory, sensors)
+        sensors.time_us = now
+    if now >= memory.range_next_us and suite.range_max_m > 0.0:
+        memory.range_next_us += suite.range_period_us
+        _rangefinder(params, suite, memory, state, attitude, down, sensors)
+        sensors.time_us = now
+    if now >= memory.battery_next_us:
+        memory.battery_next_us += BATTERY_PERIOD_US
+        sensors.battery_voltage = state.voltage
+        sensors.battery_current = state.current
+        sensors.battery_remaining = min(max(state.charge_ah / params.capacity_ah, 0.0), 1.0)
+        sensors.battery_time_us = now
+        sensors.time_us = now
