@@ -1,5 +1,6 @@
 """What the trace says beside the verdict. None of it enters the verdict. Paper, "Metrics"."""
 
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -31,7 +32,7 @@ def diagnostics(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
 def _dwell(poses: list[dict[str, Any]], delta_m: float) -> float:
     """Seconds spent within delta with the target in view, drones added up."""
     return sum(
-        b["t"] - a["t"]
+        float(b["t"] - a["t"])
         for drone in {p["drone"] for p in poses}
         for a, b in pairwise([p for p in poses if p["drone"] == drone])
         if a["visible"] and a["distance_m"] <= delta_m
@@ -40,7 +41,7 @@ def _dwell(poses: list[dict[str, Any]], delta_m: float) -> float:
 
 def _path(poses: list[dict[str, Any]]) -> float:
     return sum(
-        sum((x - y) ** 2 for x, y in zip(a["position_ned"], b["position_ned"], strict=True)) ** 0.5
+        math.dist(a["position_ned"], b["position_ned"])
         for drone in {p["drone"] for p in poses}
         for a, b in pairwise([p for p in poses if p["drone"] == drone])
     )

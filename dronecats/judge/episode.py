@@ -7,7 +7,7 @@ from typing import Any
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.diagnostics import diagnostics
-from dronecats.judge.files import Logs, Unmeasured, declarations, last_action, read
+from dronecats.judge.files import Logs, UnmeasuredError, declarations, last_action, read
 from dronecats.judge.verdict import CAP_S, DELTA_M, Verdict, judge
 
 
@@ -21,7 +21,7 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
     try:
         verdict = judge(declarations(logs), last_action(logs), delta_m)
         error = None if verdict.success else _interrupted(logs)
-    except Unmeasured as unmeasured:
+    except UnmeasuredError as unmeasured:
         verdict, error = Verdict(False, None, None), str(unmeasured)
     steps = max((d["step"] + 1 for d in logs.decisions), default=0)
     deciding = verdict.deciding

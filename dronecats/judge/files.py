@@ -54,18 +54,18 @@ def lines(path: Path) -> Iterator[dict[str, Any]]:
         yield value
 
 
-class Unmeasured(Exception):
+class UnmeasuredError(Exception):
     """A decision refers to a frame whose truth was not logged."""
 
 
 def declarations(logs: Logs) -> list[Measured]:
-    """Return the declarations within the cap with the truth at their frames. Raises Unmeasured."""
+    """Return the declarations within the cap with the truth at their frames. Raises UnmeasuredError."""
     finished = [d for d in logs.decisions if (d.get("action") or {}).get("action") == "finished"]
     return [measured(d, logs) for d in finished if d["t_decided"] <= CAP_S]
 
 
 def last_action(logs: Logs) -> Measured | None:
-    """Return the last action within the cap; of a fleet, the closest of the last step. Raises Unmeasured."""
+    """Return the last action within the cap; of a fleet, the closest of the last step. Raises UnmeasuredError."""
     acted = [d for d in logs.decisions if d["t_decided"] <= CAP_S]
     if not acted:
         return None
@@ -74,10 +74,10 @@ def last_action(logs: Logs) -> Measured | None:
 
 
 def measured(decision: dict[str, Any], logs: Logs) -> Measured:
-    """Return a decision with the truth at its own frame. Raises Unmeasured."""
+    """Return a decision with the truth at its own frame. Raises UnmeasuredError."""
     frame = logs.frames.get((decision["drone"], decision["frame_id"]))
     if frame is None or frame.get("distance_m") is None:
-        raise Unmeasured(
+        raise UnmeasuredError(
             f"step {decision['step']} of drone {decision['drone']} was decided on frame {decision['frame_id']},"
             " of which the logger has no truth"
         )

@@ -41,6 +41,13 @@ class WorldCamera:
                 sample = truth_sample(message, self._origin)
                 self._newest[sample.drone] = sample
 
+    def warm_up(self) -> None:
+        """Render once, for nobody: what has to be compiled is compiled now."""
+        spawn = self.world.scene.spawn_ned
+        pose = camera_pose((spawn[0], spawn[1], spawn[2] - 2.0), (1.0, 0.0, 0.0, 0.0), self.camera)
+        with self._lock:
+            self._renderer.render(pose, self.world.moved(0.0))
+
     def newest(self, drone: int = 0) -> Frame:
         """Return a frame of the newest truth. Raises CameraError while nothing is known of the drone."""
         with self._lock:

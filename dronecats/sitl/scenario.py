@@ -5,6 +5,7 @@ from pathlib import Path
 
 from dronecats.border.truth import Origin
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from episodes import catalogue
 from episodes.world import World
 from vehicles import airframe as airframes
 
@@ -52,3 +53,8 @@ def build(
             for index, place in enumerate(places[:count])
         ]
     )
+
+
+def load_world(episode: str) -> World:
+    """Return the world of an episode id or file. Raises UsageError."""
+    return World(catalogue.load(episode))

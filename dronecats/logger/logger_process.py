@@ -1,0 +1,55 @@
+"""The logger as a process: listens on the truth bus and on a telemetry port of its own, and writes."""
+
+from pathlib import Path
+from typing import Any
+
+from dronecats.border.camera import CameraModel
+from dronecats.logger.recorder import Recorder
+from dronecats.logger.telemetry import subscribe
+from dronecats.run.listening import Listener
+from dronecats.sitl.scenario import load_world, origin
+
+
+class Logger:
+    """Part of a real-time flight."""
+
+    def __init__(self, config: dict[str, Any]) -> None:
+        world = load_world(config["episode"])
+        self._recorder = Recorder(
+            Path(config["folder"]),
+            origin(world),
+            lambda t, s, camera: world.measure(t, s.position_ned, s.attitude, camera),
+            CameraModel(),
+        )
+        self._drones = len(world.record.starts)
+        self._truth = Listener(config["truth"], self._recorder.truth)
+        self._telemetry = [Listener(url, self._recorder.telemetry) for url in config["telemetry"]]
+        for listener in self._telemetry:
+            subscribe(listener.send)
+
+    def ready(self) -> dict[str, Any]:
+        return {}
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        match command:
+            case "begin":
+                self._recorder.begin(arguments["t0_us"])
+            case "end":
+                self.turn()
+                self._recorder.end(arguments["reason"], arguments.get("error"))
+            case "heard":
+                return self._recorder.drones >= self._drones
+        return None
+
+    def turn(self) -> None:
+        self._truth.read(0.02)
+        for listener in self._telemetry:
+            listener.read(0.0)
+
+    def close(self) -> None:
+        self._recorder.close()
+
+
+def create(config: dict[str, Any]) -> Logger:
+    """Return the logger for an episode file, an episode folder, and the URLs to listen on."""
+    return Logger(config)

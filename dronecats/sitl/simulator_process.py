@@ -1,0 +1,83 @@
+"""The simulator as a process: vehicles and autopilots in real time, MAVLink on UDP, the truth on a bus beside it."""
+
+from typing import Any
+
+from dronecats.sitl.pace import RateKeeper
+from dronecats.sitl.scenario import build, load_world
+from dronecats.sitl.simulation import TICK_US, Simulation
+from dronecats.sitl.sockets import UdpPort
+
+LOOPBACK = "127.0.0.1"
+AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # + instance, where clients listen
+AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance, where the simulator listens
+
+
+class Ports:
+    """Every UDP port of a simulation. `instance` None: ephemeral ones, but for the ground station's."""
+
+    def __init__(self, simulation: Simulation, instance: int | None) -> None:
+        self.agent, self.gcs, self.log = [], [], []
+        tap = simulation.bus.tap()
+        if instance is None:
+            self.truth = UdpPort((LOOPBACK, 0), None, tap.take, tap.receive)
+        else:
+            self.truth = UdpPort((LOOPBACK, TRUTH_LOCAL + instance), (LOOPBACK, TRUTH_PORT + instance),
+                                 tap.take, tap.receive)  # fmt: skip
+        for vehicle in simulation.vehicles:
+            n = (instance or 0) + vehicle.index
+            ports = [vehicle.autopilot.open_port(profile) for profile in ("onboard", "gcs", "minimal")]
+            agent, gcs, log = ((port.take, port.receive) for port in ports)
+            if instance is None:
+                self.agent.append(UdpPort((LOOPBACK, 0), None, *agent))
+                self.gcs.append(UdpPort((LOOPBACK, 0), (LOOPBACK, GCS_PORT), *gcs))
+            else:
+                self.agent.append(UdpPort((LOOPBACK, AGENT_LOCAL + n), (LOOPBACK, AGENT_PORT + n), *agent))
+                self.gcs.append(UdpPort((LOOPBACK, GCS_LOCAL + n), (LOOPBACK, GCS_PORT), *gcs))
+            self.log.append(UdpPort((LOOPBACK, 0), None, *log))
+
+    def all(self) -> list[UdpPort]:
+        return [self.truth, *self.agent, *self.gcs, *self.log]
+
+
+class Simulator:
+    """Part of a real-time flight: one turn is one tick of the simulation."""
+
+    def __init__(self, config: dict[str, Any]) -> None:
+        world = load_world(config["episode"])
+        self.simulation = build(
+            world, airframe=config["airframe"], seed=config["seed"], count=config.get("count")
+        )
+        self.simulation.advance()  # compiles, on the first run of an installation
+        self.ports = Ports(self.simulation, config.get("instance"))
+        self.speed = float(config["speed"])
+        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+
+    def ready(self) -> dict[str, Any]:
+        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+        return {
+            "agent": [port.port for port in self.ports.agent],
+            "log": [port.port for port in self.ports.log],
+            "truth": self.ports.truth.port,
+        }
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "pace":
+            return {"ticks": self._keeper.ticks, "late": self._keeper.late, "lag_max_s": self._keeper.lag_max_s}
+        return None
+
+    def turn(self) -> None:
+        for port in self.ports.all():
+            port.exchange()
+        self.simulation.advance()
+        for port in self.ports.all():
+            port.exchange()
+        self._keeper.wait()
+
+    def close(self) -> None:
+        for port in self.ports.all():
+            port.close()
+
+
+def create(config: dict[str, Any]) -> Simulator:
+    """Return the simulator of an episode's vehicles: keys episode, airframe, seed, speed, instance or None."""
+    return Simulator(config)

@@ -1,0 +1,70 @@
+"""The simulator's MAVLink ports on UDP, in PX4's convention: it speaks first, to a known place, and learns who answers."""
+
+import contextlib
+import socket
+from collections.abc import Callable
+
+from hil.transport import BUFFER_BYTES, bind_error
+
+Address = tuple[str, int]
+
+
+class UdpPort:
+    """One local socket. Sends to its default remote and to everyone who has spoken to it."""
+
+    def __init__(
+        self,
+        local: Address,
+        remote: Address | None,
+        take: Callable[[], bytes],
+        give: Callable[[bytes], None],
+    ) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        try:
+            self._socket.bind(local)
+        except OSError as error:
+            self._socket.close()
+            raise bind_error(error, "UDP", *local) from None
+        self._socket.setblocking(False)
+        self._peers: list[Address] = [remote] if remote else []
+        self._take, self._give = take, give
+
+    @property
+    def port(self) -> int:
+        return int(self._socket.getsockname()[1])
+
+    def exchange(self) -> None:
+        """Read what has come and send what there is to say."""
+        with contextlib.suppress(BlockingIOError):
+            for _ in range(256):
+                try:
+                    data, peer = self._socket.recvfrom(65536)
+                except ConnectionRefusedError:
+                    continue  # nobody listens at the default remote yet
+                if peer not in self._peers:
+                    self._peers.append(peer)
+                self._give(data)
+        data = self._take()
+        for packet in packets(data):
+            for peer in self._peers:
+                with contextlib.suppress(BlockingIOError, ConnectionRefusedError, OSError):
+                    self._socket.sendto(packet, peer)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def packets(data: bytes, size: int = 1400) -> list[bytes]:
+    """Return MAVLink 2 bytes cut between messages into datagrams of at most about `size` bytes."""
+    cut, at, start = [], 0, 0
+    while at < len(data):
+        length = 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
+        if at + length - start > size and at > start:
+            cut.append(data[start:at])
+            start = at
+        at += length
+    if start < len(data):
+        cut.append(data[start:])
+    return cut
