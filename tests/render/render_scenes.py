@@ -41,7 +41,7 @@ def box_mesh(length, width, height, material=GREY):
 
 
 def quad_mesh(corners, material=GREY):
-    """Return the quadrilateral of four corners given as top-left, top-right, bottom-right, bottom-left of its picture."""
+    """Return the quadrilateral of the corners top-left, top-right, bottom-right, bottom-left of its picture."""
     return mesh_of(corners, [(0, 2, 1), (0, 3, 2)], material, uv=[(0, 0), (1, 0), (1, 1), (0, 1)])
 
 
