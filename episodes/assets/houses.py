@@ -1,0 +1,223 @@
+"""Suburban houses: lapped walls or brick, gabled shingle roofs, framed windows, a porch, a garage and a chimney."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from episodes import geometry as g
+from episodes.assets import paint as colors
+from episodes.assets.textures import garage_door, surface
+from episodes.geometry import Array, Part
+from episodes.scene import Material, Mesh
+
+WALLS = {
+    "cream": (236, 226, 200),
+    "sage": (164, 178, 150),
+    "sand": (214, 194, 162),
+    "pale": (226, 228, 226),
+    "slate": (142, 152, 162),
+    "clay": (196, 158, 132),
+    "straw": (222, 206, 152),
+}
+ROOFS = {"charcoal": (92, 92, 98), "umber": (122, 98, 82), "stone": (140, 136, 130), "rust": (136, 88, 70)}
+DOORS = {"oak": (120, 76, 44), "ink": (38, 48, 66), "moss": (54, 82, 58), "wine": (96, 32, 38)}
+
+FOUNDATION_M = 0.35  # floor above the ground
+STOREY_M = 2.7
+
+
+@dataclass(frozen=True, slots=True)
+class HousePlan:
+    """What distinguishes one house; metres. The front faces forward (+x), y runs to the left."""
+
+    width: float = 11.0  # of the main block, along y
+    depth: float = 9.0
+    storeys: int = 1
+    pitch: float = 0.55  # rise over run of the roof
+    gable_front: bool = False  # ridge runs front to back instead of along the street
+    wall: str = "cream"
+    brick: bool = False
+    roof: str = "charcoal"
+    door: str = "oak"
+    garage: int = 1  # +1 on the left, -1 on the right, 0 none
+    garage_width: float = 5.6
+    porch: float = 3.6  # width of the porch, 0 none
+    chimney: bool = True
+
+
+def _wall(plan: HousePlan) -> Material:
+    if plan.brick:
+        return surface("brick")
+    return surface("siding", colors.linear(WALLS[plan.wall]))
+
+
+def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, along_y: bool,
+          wall: Material, tile: float, roof: Material) -> list[Part]:  # fmt: skip
+    """Return the walls' triangles and two roof slabs over the rectangle low … high, ridge along y or x."""
+    overhang, thick = 0.45, 0.16
+    (x0, y0), (x1, y1) = low, high
+    if not along_y:
+        turned = gable((y0, -x1), (y1, -x0), eave, pitch, True, wall, tile, roof)
+        return [g.placed(p, yaw=np.pi / 2) for p in turned]
+    middle, half = (x0 + x1) / 2, (x1 - x0) / 2
+    ridge = eave + pitch * half
+    parts = [g.profile([(x0, eave), (x1, eave), (middle, ridge)], y0, y1, wall, tile)]
+    drop = pitch * overhang
+    for end in (x0 - overhang, x1 + overhang):
+        ring = [(middle, ridge), (middle, ridge + thick), (end, eave - drop + thick), (end, eave - drop)]
+        parts.append(g.profile(ring, y0 - overhang, y1 + overhang, roof, 1.6))
+        # fascia board under the eave
+        near, far = sorted((end, end - np.sign(end - middle) * 0.05))
+        parts.append(g.box((near, y0 - overhang, eave - drop - 0.08), (far, y1 + overhang, eave - drop + 0.1), colors.WHITE_WOOD))
+    return parts
+
+
+def window(centre: tuple[float, float], sill: float, width: float, height: float, face: str) -> list[Part]:
+    """Return a framed sash window on the plane `face` ('+x', '-x', '+y', '-y') through `centre` (x, y)."""
+    frame, glass = colors.WHITE_WOOD, colors.WINDOW
+    half, top, bar = width / 2, sill + height, 0.075
+    parts = [
+        g.box((-0.02, -half - bar, sill - bar), (0.06, -half, top + bar), frame),
+        g.box((-0.02, half, sill - bar), (0.06, half + bar, top + bar), frame),
+        g.box((-0.02, -half, top), (0.06, half, top + bar), frame),
+        g.box((-0.02, -half - 0.14, sill - bar), (0.11, half + 0.14, sill), frame),
+        g.box((-0.02, -half, sill + height / 2 - 0.025), (0.035, half, sill + height / 2 + 0.025), frame),
+        g.quad([(0.02, -half, sill), (0.02, half, sill), (0.02, half, top), (0.02, -half, top)], glass),
+    ]
+    if width > 1.3:
+        parts.append(g.box((-0.02, -0.03, sill), (0.035, 0.03, top), frame))
+    turn = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}[face]
+    return [g.placed(p, (*centre, 0.0), turn) for p in parts]
+
+
+def _door(x: float, y: float, floor: float, material: Material) -> list[Part]:
+    """Return a front door with its frame, knob and step."""
+    return [
+        g.box((x - 0.05, y - 0.58, floor), (x + 0.05, y + 0.58, floor + 2.22), colors.WHITE_WOOD),
+        g.box((x, y - 0.47, floor), (x + 0.07, y + 0.47, floor + 2.10), material),
+        g.box((x + 0.05, y - 0.30, floor + 1.15), (x + 0.085, y + 0.30, floor + 1.90), colors.WINDOW),
+        g.ball((x + 0.11, y - 0.38, floor + 1.0), (0.04, 0.04, 0.04), colors.CHROME, 1),
+    ]
+
+
+def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Part]:
+    """Return a deck, steps, posts, railings and a lean-to roof before the door."""
+    reach, half, high = 1.9, plan.porch / 2, FOUNDATION_M + 2.45
+    stone = surface("concrete")
+    parts = [
+        g.box((front, y - half, 0.0), (front + reach, y + half, FOUNDATION_M), stone, 1.5),
+        g.box((front + reach, y - 0.8, 0.0), (front + reach + 0.32, y + 0.8, FOUNDATION_M / 2), stone, 1.5),
+        g.box((front, y - half - 0.1, high), (front + reach + 0.1, y + half + 0.1, high + 0.16), colors.WHITE_WOOD),
+    ]
+    ring = [(front, high + 0.16), (front + reach + 0.35, high + 0.16), (front + reach + 0.35, high + 0.26), (front, high + 0.85)]
+    parts.append(g.profile(ring, y - half - 0.3, y + half + 0.3, roof, 1.6))
+    for side in (-1.0, 1.0):
+        py = y + side * (half - 0.12)
+        parts.append(g.box((front + reach - 0.2, py - 0.08, FOUNDATION_M), (front + reach - 0.04, py + 0.08, high), colors.WHITE_WOOD))
+        a, b = sorted((y + side * 0.85, py))
+        if b - a > 0.3:
+            parts.append(g.box((front + reach - 0.15, a, FOUNDATION_M + 0.85), (front + reach - 0.09, b, FOUNDATION_M + 0.93), colors.WHITE_WOOD))
+            parts += [
+                g.box((front + reach - 0.135, k - 0.02, FOUNDATION_M), (front + reach - 0.105, k + 0.02, FOUNDATION_M + 0.85), colors.WHITE_WOOD)
+                for k in np.arange(a + 0.1, b, 0.22)
+            ]
+    return parts
+
+
+def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> list[Part]:
+    """Return the garage wing: a lower block whose door stands at ground level."""
+    side = float(plan.garage)
+    y0, y1 = sorted((side * plan.width / 2, side * (plan.width / 2 + plan.garage_width)))
+    x0, x1, eave = plan.depth / 2 - 6.3, plan.depth / 2 + 0.5, 2.55
+    parts = [g.box((x0, y0, 0.0), (x1, y1, eave), wall, tile)]
+    parts += gable((x0, y0), (x1, y1), eave, 0.5, False, wall, tile, roof)
+    half, middle = plan.garage_width / 2 - 0.6, (y0 + y1) / 2
+    door = Material("garage-door", (1.0, 1.0, 1.0), garage_door(), specular=0.05)
+    x = x1 + 0.03
+    parts.append(g.box((x1 - 0.02, middle - half - 0.12, 0.0), (x1 + 0.02, middle + half + 0.12, 2.32), colors.WHITE_WOOD))
+    parts.append(g.quad([(x, middle - half, 0.02), (x, middle + half, 0.02), (x, middle + half, 2.2), (x, middle - half, 2.2)], door))
+    parts.append(g.box((x1, middle - 0.09, 2.36), (x1 + 0.14, middle + 0.09, 2.52), colors.STEEL))
+    return parts
+
+
+def _windows(plan: HousePlan, door_y: float) -> list[Part]:
+    """Return the windows of every free wall."""
+    front, half, parts = plan.depth / 2, plan.width / 2, []
+    for storey in range(plan.storeys):
+        sill = FOUNDATION_M + storey * STOREY_M + 0.85
+        for y in np.linspace(-half + 1.6, half - 1.6, 3 if plan.width < 11.5 else 4):
+            if storey > 0 or abs(y - door_y) > 1.75:
+                parts += window((front, y), sill, 1.5 if storey == 0 else 1.15, 1.35, "+x")
+            parts += window((-front, y), sill, 1.2, 1.3, "-x")
+        for side, face in ((1, "+y"), (-1, "-y")):
+            if storey == 0 and plan.garage == side:
+                continue
+            for x in (-front + 2.0, front - 2.2):
+                parts += window((x, side * half), sill, 1.1, 1.3, face)
+    return parts
+
+
+def house(plan: HousePlan) -> Mesh:
+    """Return the house of a plan; its origin is the middle of the main block."""
+    wall, tile = _wall(plan), 0.6 if plan.brick else 1.6
+    roof = surface("shingles", colors.linear(ROOFS[plan.roof]))
+    front, half = plan.depth / 2, plan.width / 2
+    eave = FOUNDATION_M + plan.storeys * STOREY_M
+    door_y = -plan.garage * half * 0.35
+    stone = surface("concrete")
+    parts: list[Part] = [
+        g.box((-front - 0.03, -half - 0.03, -0.3), (front + 0.03, half + 0.03, FOUNDATION_M), stone, 1.5),
+        g.box((-front, -half, FOUNDATION_M), (front, half, eave), wall, tile),
+        *gable((-front, -half), (front, half), eave, plan.pitch, not plan.gable_front, wall, tile, roof),
+        *_door(front, door_y, FOUNDATION_M, colors.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),
+        *_windows(plan, door_y),
+    ]
+    if not plan.brick:
+        for x in (-front, front):
+            for y in (-half, half):
+                parts.append(g.box((x - 0.08, y - 0.08, FOUNDATION_M), (x + 0.08, y + 0.08, eave), colors.WHITE_WOOD))
+    if plan.gable_front:
+        parts += window((front, 0.0), eave + 0.5, 0.9, 0.9, "+x")
+    if plan.garage:
+        parts += _garage(plan, wall, tile, roof)
+    if plan.porch > 0.0:
+        parts += _porch(plan, front, door_y, roof)
+    else:
+        parts.append(g.box((front, door_y - 0.8, 0.0), (front + 1.0, door_y + 0.8, FOUNDATION_M), stone, 1.5))
+    if plan.chimney:
+        ridge = eave + plan.pitch * (front if not plan.gable_front else half)
+        x, y = (-0.9, -plan.garage * half * 0.6) if not plan.gable_front else (-front * 0.4, 0.9)
+        parts.append(g.box((x - 0.4, y - 0.5, eave - 0.5), (x + 0.4, y + 0.5, ridge + 0.75), surface("brick"), 0.6))
+        parts.append(g.box((x - 0.48, y - 0.58, ridge + 0.70), (x + 0.48, y + 0.58, ridge + 0.82), stone))
+        parts.append(g.rod((x, y, ridge + 0.8), (x, y, ridge + 1.15), (0.15, 0.13), colors.STEEL))
+    return g.assemble(parts)
+
+
+def plan_of(seed: int) -> HousePlan:
+    """Return a plan drawn from the seed; the garage side is left to the caller."""
+    rng = np.random.default_rng(seed)
+
+    def pick(names: dict[str, tuple[int, int, int]]) -> str:
+        return list(names)[int(rng.integers(len(names)))]
+
+    storeys = int(rng.integers(1, 3))
+    return HousePlan(
+        width=float(rng.uniform(8.5, 10.0) if storeys == 2 else rng.uniform(10.0, 12.0)),
+        depth=float(rng.uniform(8.0, 9.2)),
+        storeys=storeys,
+        pitch=float(rng.uniform(0.5, 0.75)),
+        gable_front=bool(rng.random() < 0.35),
+        wall=pick(WALLS),
+        brick=bool(rng.random() < 0.28),
+        roof=pick(ROOFS),
+        door=pick(DOORS),
+        porch=float(rng.choice([0.0, 3.4, 4.6])),
+        chimney=bool(rng.random() < 0.7),
+    )
+
+
+def footprint(plan: HousePlan) -> Array:
+    """Return (low, high) corners (2, 2) of walls and garage, x forward and y left."""
+    left = plan.width / 2 + (plan.garage_width if plan.garage > 0 else 0.0)
+    right = plan.width / 2 + (plan.garage_width if plan.garage < 0 else 0.0)
+    return np.array([(-plan.depth / 2, -right), (plan.depth / 2 + 0.5, left)])

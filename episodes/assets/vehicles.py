@@ -1,0 +1,287 @@
+"""Cars: a lofted body with real wheel arches, a glazed cabin, wheels, lamps, mirrors and licence plates."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from episodes import geometry as g
+from episodes.assets import paint as colors
+from episodes.assets.textures import lettering
+from episodes.geometry import Array, Part
+from episodes.scene import Material, Mesh
+
+
+@dataclass(frozen=True, slots=True)
+class CarShape:
+    """The lines of a car, metres, x forward of its middle, heights above the road."""
+
+    length: float
+    width: float  # without mirrors
+    wheelbase: float
+    wheel_radius: float
+    clearance: float
+    deck: tuple[tuple[float, float], ...]  # (x, height) of the body's upper line from tail to nose, cabin left out
+    cabin_low: tuple[float, float]  # x of the rear and front glass at the belt
+    cabin_high: tuple[float, float]  # x of the rear and front edge of the roof
+    belt: float
+    roof: float
+    pillars: tuple[float, ...]  # x of the upright pillars between the side windows
+    side_glass: tuple[float, float]  # x reach of the side windows at the belt, for vans with blind sides
+    bed: tuple[float, float] | None = None  # x reach of a pickup's load bed
+    rails: bool = False
+    cladding: bool = False
+
+
+SHAPES: dict[str, CarShape] = {
+    "suv": CarShape(
+        4.70, 1.90, 2.75, 0.37, 0.24,
+        ((-2.35, 0.98), (-2.20, 1.08), (-0.5, 1.09), (0.95, 1.08), (1.75, 1.02), (2.20, 0.93), (2.35, 0.80)),
+        (-2.22, 0.98), (-1.90, 0.28), 1.07, 1.72, (-1.28, -0.22), (-2.0, 0.85), rails=True, cladding=True,
+    ),
+    "sedan": CarShape(
+        4.70, 1.82, 2.75, 0.33, 0.17,
+        ((-2.35, 0.86), (-2.22, 1.00), (-1.60, 1.02), (0.0, 0.96), (0.95, 0.94), (1.80, 0.84), (2.22, 0.72), (2.35, 0.6)),
+        (-1.72, 1.02), (-0.95, 0.18), 0.95, 1.45, (-0.82, -0.12), (-1.45, 0.80),
+    ),
+    "hatchback": CarShape(
+        4.05, 1.76, 2.55, 0.32, 0.17,
+        ((-2.02, 0.84), (-1.92, 0.98), (-0.6, 0.98), (0.85, 0.96), (1.50, 0.88), (1.88, 0.76), (2.02, 0.62)),
+        (-1.93, 0.95), (-1.45, 0.18), 0.97, 1.48, (-0.98, -0.12), (-1.70, 0.75),
+    ),
+    "pickup": CarShape(
+        5.45, 1.98, 3.35, 0.40, 0.30,
+        ((-2.72, 1.10), (-2.60, 1.14), (-0.6, 1.14), (1.15, 1.14), (2.05, 1.10), (2.55, 1.02), (2.72, 0.88)),
+        (-0.62, 1.20), (-0.48, 0.50), 1.13, 1.84, (0.16,), (-0.55, 1.05), bed=(-2.58, -0.72), cladding=True,
+    ),
+    "van": CarShape(
+        5.20, 2.00, 3.10, 0.35, 0.20,
+        ((-2.60, 1.02), (-2.52, 1.10), (-0.5, 1.10), (1.55, 1.12), (2.15, 1.00), (2.48, 0.86), (2.60, 0.70)),
+        (-2.58, 1.78), (-2.50, 0.95), 1.10, 2.12, (0.55,), (0.45, 1.55),
+    ),
+}  # fmt: skip
+
+
+def _plan(shape: CarShape, x: Array) -> Array:
+    """Return the half width of the body at x: full amidships, drawn in at nose and tail."""
+    reach = np.clip(np.abs(x) / (shape.length / 2), 0.0, 1.0)
+    return shape.width / 2 * (1.0 - 0.10 * reach**5 - 0.06 * np.clip((reach - 0.93) / 0.07, 0, 1) ** 2)
+
+
+def _body(shape: CarShape, material: Material) -> list[Part]:
+    """Return the lower body: cross-sections lofted from tail to nose, the underside raised over the wheels."""
+    half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
+    around = arch * np.cos(np.linspace(0.0, np.pi, 13))
+    x = np.unique(
+        np.round(
+            np.concatenate(
+                [np.linspace(-half, half, 15), axle + around, -axle + around, [p[0] for p in shape.deck]]
+                + [[end * (half - d) for d in (0.0, 0.03, 0.10)] for end in (-1, 1)]
+            ),
+            3,
+        )
+    )
+    deck = np.array(shape.deck)
+    top = np.interp(x, deck[:, 0], deck[:, 1])
+    bottom = np.full_like(x, shape.clearance)
+    bottom += 0.20 * np.clip((np.abs(x) - half + 0.12) / 0.12, 0, 1) ** 2
+    for centre in (-axle, axle):
+        inside = np.abs(x - centre) < arch - 1e-6
+        rise = np.sqrt(np.clip(arch**2 - (x - centre) ** 2, 0.0, None))
+        bottom = np.where(inside, np.maximum(bottom, shape.wheel_radius + rise), bottom)
+    bottom = np.minimum(bottom, top - 0.08)
+    wide = _plan(shape, x)
+    tall = top - bottom
+    # half section from the keel to the crown: (fraction of half width, fraction of height, drop from the top in metres)
+    section = [(0.0, 0.0), (0.93, 0.0), (0.985, 0.06), (1.0, 0.30), (1.0, 0.62), (0.985, 0.84), (0.94, 0.96)]
+    section += [(0.84, 1.0), (0.42, 1.02), (0.0, 1.03)]
+    ring = section + [(-a, b) for a, b in section[-2:0:-1]]
+    points = np.stack([np.stack([x, wide * a, bottom + tall * b], axis=1) for a, b in [*ring, ring[0]]], axis=1)
+    skin = g.grid(points[::-1], material, crease_deg=42.0)
+    ends = []
+    for row, turn in ((points[0], -1), (points[-1], 1)):
+        loop = row[:-1]
+        fan = np.array([(0, k, k + 1)[::turn] for k in range(1, len(loop) - 1)])
+        ends.append(g.soup(loop[fan], material, 0.0))
+    return [skin, *ends]
+
+
+def _cabin_side(shape: CarShape, z: float) -> float:
+    """Return the half width of the cabin at height z: it leans in towards the roof."""
+    up = (z - shape.belt) / (shape.roof - shape.belt)
+    return shape.width / 2 * (0.945 - 0.145 * up)
+
+
+def _edge(shape: CarShape, end: int, z: float) -> float:
+    """Return x of the cabin's rear (0) or front (1) edge at height z."""
+    up = (z - shape.belt) / (shape.roof - shape.belt)
+    return shape.cabin_low[end] + (shape.cabin_high[end] - shape.cabin_low[end]) * up
+
+
+def _cabin(shape: CarShape, material: Material) -> list[Part]:
+    """Return the greenhouse: painted shell and crowned roof, with glass set a finger's breadth proud of it."""
+    levels = (shape.belt - 0.06, shape.roof - 0.09, shape.roof - 0.03, shape.roof)
+    inset = (0.0, 0.0, 0.045, 0.16)
+
+    def ring(z: float, inward: float) -> Array:
+        rear, front, side = _edge(shape, 0, z) + inward, _edge(shape, 1, z) - inward, _cabin_side(shape, z) - inward
+        cut = 0.10 + 0.3 * inward
+        return np.array(
+            [
+                (rear + 0.02, -side + cut, z), (rear + cut, -side, z), (front - cut, -side, z), (front, -side + cut, z),
+                (front, side - cut, z), (front - cut, side, z), (rear + cut, side, z), (rear + 0.02, side - cut, z),
+            ]
+        )  # fmt: skip
+
+    rings = [ring(z, i) for z, i in zip(levels, inset, strict=True)]
+    parts = [g.hull(a, b, material, crease_deg=40.0) for a, b in zip(rings, rings[1:], strict=False)]
+    low, high = shape.belt + 0.02, shape.roof - 0.10
+    proud = 0.012
+    # wind screen and rear window
+    for end, sign in ((1, 1.0), (0, -1.0)):
+        if end == 0 and shape.bed is None and shape.side_glass[0] > shape.cabin_low[0] + 1.0:
+            continue  # blind rear of a panel van
+        y0, y1 = _cabin_side(shape, low) - 0.13, _cabin_side(shape, high) - 0.13
+        x0, x1 = _edge(shape, end, low) + sign * proud, _edge(shape, end, high) + sign * proud
+        pane = [(x0, -sign * -y0, low), (x0, -sign * y0, low), (x1, -sign * y1, high), (x1, -sign * -y1, high)]
+        parts.append(g.quad(pane[::-1] if end == 9 else _facing(pane, (sign, 0.0, 0.3)), colors.GLASS))
+    # side windows
+    rear, front = shape.side_glass
+    cuts = sorted([rear, *[p for p in shape.pillars if rear < p < front], front])
+    for a, b in zip(cuts, cuts[1:], strict=False):
+        top_a = max(a + 0.035, _edge(shape, 0, high) + 0.17) if a == rear else a + 0.035
+        top_b = min(b - 0.035, _edge(shape, 1, high) - 0.15) if b == front else b - 0.035
+        if top_b - top_a < 0.1:
+            continue
+        for side in (1.0, -1.0):
+            y0, y1 = side * (_cabin_side(shape, low) + proud), side * (_cabin_side(shape, high) + proud)
+            pane = [(a + 0.035, y0, low), (b - 0.035, y0, low), (top_b, y1, high), (top_a, y1, high)]
+            parts.append(g.quad(_facing(pane, (0.0, side, 0.2)), colors.GLASS))
+    if shape.rails:
+        for side in (-1.0, 1.0):
+            y, z = side * (_cabin_side(shape, shape.roof) - 0.09), shape.roof + 0.02
+            x0, x1 = shape.cabin_high[0] + 0.2, shape.cabin_high[1] - 0.2
+            parts.append(g.box((x0, y - 0.025, z), (x1, y + 0.025, z + 0.04), colors.TRIM))
+            parts += [g.box((x - 0.05, y - 0.02, z - 0.05), (x + 0.05, y + 0.02, z + 0.01), colors.TRIM) for x in (x0 + 0.06, x1 - 0.06)]
+    return parts
+
+
+def _facing(points: list[tuple[float, float, float]], outward: tuple[float, float, float]) -> Array:
+    """Return the ring of points in the order that faces `outward`."""
+    p = np.array(points)
+    normal = np.cross(p[1] - p[0], p[2] - p[0])
+    return p if np.dot(normal, outward) > 0.0 else p[[1, 0, 3, 2]]
+
+
+def wheel(radius: float, width: float) -> list[Part]:
+    """Return a wheel about the y axis through the origin, its rim on the +y side."""
+    half = width / 2
+    outline = [(0.62 * radius, -half), (0.93 * radius, -half), (radius, -0.6 * half), (radius, 0.6 * half)]
+    outline += [(0.93 * radius, half), (0.70 * radius, half)]
+    dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
+    parts = [g.lathe(outline, colors.RUBBER, 24), g.lathe(dish[:2], colors.RIM, 24), g.lathe(dish[1:], colors.TRIM, 24)]
+    spoke = g.hull(
+        [(0.04, -0.045, 0.45 * half), (0.67 * radius, -0.032, 0.45 * half), (0.67 * radius, 0.032, 0.45 * half), (0.04, 0.045, 0.45 * half)],
+        [(0.04, -0.038, 0.90 * half), (0.67 * radius, -0.026, 0.80 * half), (0.67 * radius, 0.026, 0.80 * half), (0.04, 0.038, 0.90 * half)],
+        colors.RIM,
+    )  # fmt: skip
+    parts += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
+    parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], colors.RIM, 12))
+    return [_about_y(p) for p in parts]
+
+
+def _about_y(part: Part) -> Part:
+    """Return a part whose z axis has become +y."""
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    return replace(part, corners=part.corners @ turn, normals=part.normals @ turn)
+
+
+def _wheels(shape: CarShape) -> list[Part]:
+    """Return four wheels, their housings and the dark underbody."""
+    parts = []
+    one = wheel(shape.wheel_radius, 0.23)
+    for x in (-shape.wheelbase / 2, shape.wheelbase / 2):
+        y = shape.width / 2 - 0.135
+        left = [g.placed(p, (x, y, shape.wheel_radius)) for p in one]
+        parts += left + [g.mirrored(p) for p in left]
+    reach, inner = shape.length / 2 - 0.35, shape.width / 2 - 0.30
+    parts.append(g.box((-reach, -inner, shape.clearance - 0.02), (reach, inner, shape.belt - 0.35), colors.SHADOW))
+    return parts
+
+
+def _details(shape: CarShape, material: Material, plate: str) -> list[Part]:
+    """Return lamps, bumpers, grille, doors, mirrors and plates."""
+    half, deck = shape.length / 2, np.array(shape.deck)
+    nose, tail = float(deck[-1, 1]), float(deck[0, 1])
+    mid = shape.clearance + 0.42 * (nose - shape.clearance)
+    side = shape.width / 2
+    end = float(_plan(shape, np.array([half]))[0])
+    parts = []
+    # nose: grille, lower intake, lamps; tail: bumper, lamps
+    parts.append(g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), colors.TRIM))
+    for z in np.linspace(mid + 0.06, nose - 0.11, 3):
+        parts.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), colors.CHROME))
+    low = shape.clearance + 0.08
+    parts.append(g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), colors.TRIM))
+    parts.append(g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), colors.TRIM))
+    for y in (-1.0, 1.0):
+        y0, y1 = sorted((y * 0.50 * end, y * 0.985 * end))
+        parts.append(g.box((half - 0.10, y0, nose - 0.15), (half + 0.022, y1, nose - 0.03), colors.HEADLAMP))
+        parts.append(g.box((half - 0.16, *sorted((y * 0.97 * end,))[:1], nose - 0.15), (half - 0.1, y * 0.99 * end + 0.001, nose - 0.05), colors.INDICATOR) if False else g.box((half - 0.05, min(y * 0.70 * end, y * 0.86 * end), low + 0.02), (half + 0.028, max(y * 0.70 * end, y * 0.86 * end), low + 0.08), colors.HEADLAMP))
+        upright = tail - 0.12 - (shape.clearance + 0.38)
+        t0, t1 = sorted((y * (0.62 if upright < 0.36 else 0.76) * end, y * 0.99 * end))
+        parts.append(g.box((-half - 0.022, t0, tail - min(0.36, upright)), (-half + 0.12, t1, tail - 0.05), colors.TAIL_LAMP))
+    # doors: gaps, handles, mirrors
+    sill, belt = shape.clearance + 0.16, shape.belt - 0.05
+    cuts = [shape.side_glass[0] + 0.02 if shape.bed is None else shape.cabin_low[0] + 0.05, *shape.pillars, shape.side_glass[1] + 0.06]
+    axle, arch = shape.wheelbase / 2, shape.wheel_radius * 1.22
+    for x in cuts:
+        under = max([sill] + [shape.wheel_radius + np.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle)])
+        for y in (-side, side):
+            parts.append(g.box((x - 0.006, y - 0.004, under), (x + 0.006, y + 0.004, belt - 0.1), colors.SHADOW))
+    for x in [c + 0.12 for c in cuts[:-1]][-2:]:
+        for y in (-side, side):
+            parts.append(g.box((x, y - 0.022, belt - 0.17), (x + 0.19, y + 0.022, belt - 0.135), material))
+    for y in (-1.0, 1.0):
+        x = shape.side_glass[1] - 0.08
+        base = _cabin_side(shape, shape.belt + 0.1)
+        y0, y1 = sorted((y * (base + 0.05), y * (base + 0.25)))
+        parts.append(g.box((x - 0.06, y0, shape.belt + 0.03), (x + 0.06, y1, shape.belt + 0.18), material))
+        parts.append(g.box((x - 0.02, *sorted((y * (base - 0.02), y * (base + 0.08)))[:1], shape.belt + 0.03), (x + 0.02, max(y * (base - 0.02), y * (base + 0.08)), shape.belt + 0.07), colors.TRIM))
+    if shape.cladding:
+        for y in (-side, side):
+            x0, x1 = -axle + arch, axle - arch
+            parts.append(g.box((x0, y - 0.012, shape.clearance), (x1, y + 0.012, shape.clearance + 0.14), colors.TRIM))
+        for c in (-axle, axle):
+            turn = np.linspace(0.02, np.pi - 0.02, 13)
+            for y in (-1.0, 1.0):
+                inner, outer = arch * 0.985, arch * 1.12
+                rim = np.stack([np.stack([c + r * np.cos(turn), np.full(13, y * (side + 0.014)), shape.wheel_radius + r * np.sin(turn)], axis=1) for r in (inner, outer)], axis=0)
+                parts.append(g.grid(rim if y < 0 else rim[::-1], colors.TRIM, 0.0))
+    if shape.bed is not None:
+        x0, x1 = shape.bed
+        z = float(np.interp(x0, deck[:, 0], deck[:, 1])) + 0.036
+        parts.append(g.box((x0, -side + 0.16, z - 0.02), (x1, side - 0.16, z), colors.TRIM))
+        for y in (-1.0, 1.0):
+            y0, y1 = sorted((y * (side - 0.16), y * (side - 0.05)))
+            parts.append(g.box((x0 - 0.06, y0, z - 0.15), (x1 + 0.1, y1, z + 0.09), material))
+        parts.append(g.box((x0 - 0.10, -side + 0.06, z - 0.15), (x0, side - 0.06, z + 0.09), material))
+    sign = Material(f"plate-{plate}", (1.0, 1.0, 1.0), lettering(plate), emission=0.05)
+    # 0.165 m plate: its digits are 0.10 m high (paper, appendix "Maps and Episodes")
+    ratio = sign.texture.shape[1] / sign.texture.shape[0]
+    w, h = 0.165 * ratio / 2, 0.165
+    z = max(tail - 0.52, low + 0.20)
+    back, front = -half - 0.026, half + 0.026
+    parts.append(g.quad([(back, w, z), (back, -w, z), (back, -w, z + h), (back, w, z + h)], sign))
+    z = low - 0.01
+    parts.append(g.quad([(front, -w, z), (front, w, z), (front, w, z + h), (front, -w, z + h)], sign))
+    return parts
+
+
+def car(kind: str, paint: str, plate: str) -> Mesh:
+    """Return a car of SHAPES in a paint of `paint.PAINTS`; `plate` is written on its number plates.
+
+    Raises UsageError for an unknown paint.
+    """
+    shape, material = SHAPES[kind], colors.paint(paint)
+    parts = [*_body(shape, material), *_cabin(shape, material), *_wheels(shape), *_details(shape, material, plate)]
+    return g.assemble(parts)
