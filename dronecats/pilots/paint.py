@@ -28,14 +28,14 @@ BANDS: dict[str, Band] = {
     "red": Band((171, 8), (105, 255), (40, 255), 140),
     "orange": Band((8, 20), (120, 255), (60, 255), 160),
     "yellow": Band((20, 34), (110, 255), (70, 255), 150),
-    "green": Band((40, 83), (90, 255), (30, 255), 120),
+    "green": Band((54, 83), (90, 255), (30, 255), 130),
     "cyan": Band((82, 101), (80, 255), (40, 255), 115),
     "blue": Band((101, 128), (110, 255), (35, 255), 140),
     "purple": Band((125, 152), (70, 255), (30, 255), 95),
     "magenta": Band((140, 171), (90, 255), (45, 255), 125),
     "pink": Band((145, 178), (40, 200), (90, 255), 60),
     "brown": Band((4, 20), (60, 190), (30, 150), 80),
-    "white": Band((0, 179), (0, 40), (185, 255), 0),
+    "white": Band((0, 179), (0, 60), (160, 255), 0),
     "grey": Band((0, 179), (0, 45), (75, 200), 0),
     "black": Band((0, 179), (0, 110), (0, 50), 0),
 }
@@ -65,6 +65,15 @@ def saturation(picture: Picture) -> NDArray[np.uint8]:
     """Return the saturation (H, W), 0–255."""
     hsv: NDArray[np.uint8] = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
     return hsv[:, :, 1]
+
+
+def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+    """Return the mean direction of each label in CIE Lab's colour plane, (count, 2) unit vectors: hue without wrap."""
+    lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
+    flat = labels.ravel()
+    plane = [np.bincount(flat, lab[:, :, k].ravel().astype(np.float64) - 128.0, count) for k in (1, 2)]
+    mean = np.stack(plane, axis=1)
+    return mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
 
 
 def sky(picture: Picture) -> Mask:

@@ -58,7 +58,7 @@ def measure(box: Box, size: Size, aspect: float) -> Range:
     right = np.clip(grid.right + shift, -0.5, 0.5)
     top, bottom = np.clip(grid.top, -half, half), np.clip(grid.bottom, -half, half)
     cost = _mismatch(box.right - box.left, right - left) ** 2
-    cost += _mismatch(box.bottom - box.top, bottom - top) ** 2
+    cost = cost + _mismatch(box.bottom - box.top, bottom - top) ** 2
     cost += 0.5 * ((box.top - top) / (_SPREAD_HORIZON + 0.02 * (bottom - top))) ** 2
     cost += 0.5 * ((box.bottom - bottom) / (_SPREAD_HORIZON + 0.06 * (bottom - top))) ** 2
     best = float(cost.min())

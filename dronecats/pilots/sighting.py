@@ -1,5 +1,6 @@
 """The one place in a picture that looks most like the thing a command names: right colour, plausible size and stand."""
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -12,7 +13,9 @@ from dronecats.pilots.referent import Referent, Size
 
 _SMALLEST_PX = 20  # of 640 × 360; a vehicle is that small at about 60 m
 _CANDIDATES = 12
+_SAME_TINT = math.cos(math.radians(14.0))  # directions in the colour plane: one paint in sun and shade, not grass beside it
 _WEAKEST = 0.08  # score below which nothing is said to have been seen
+_LARGER = 0.3  # among plausible patches the larger is preferred with this power of its area: a speck is rarely the thing
 _HORIZON_SLACK = (
     0.05  # fraction of the width: what stands on the ground does not end above the horizon, but a body pitches
 )
@@ -45,19 +48,24 @@ def find(picture: paint.Picture, named: Referent) -> Sighting | None:
     mask = paint.mask(picture, named.color)
     saturation = paint.saturation(picture)
     best: Sighting | None = None
+    best_rank = 0.0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    for blob in _grouped(stats, count):
+    tint = paint.tint(picture, labels, count) if paint.BANDS[named.color].vivid else None
+    for blob in _grouped(stats, count, tint):
         seen = _judge(blob, np.isin(labels, blob.members), saturation, named, width, height)
-        if seen is not None and (best is None or seen.score > best.score):
-            best = seen
+        if seen is None:
+            continue
+        rank = seen.score * blob.pixels**_LARGER
+        if rank > best_rank:
+            best, best_rank = seen, rank
     return best
 
 
-def _grouped(stats: NDArray[np.int32], count: int) -> list[_Blob]:
+def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | None) -> list[_Blob]:
     """Return the largest patches of colour, each with the patches that belong to the same thing.
 
     Glass, pillars and trim cut the paint of one vehicle into roof, doors and bonnet: patches within a share of the
-    large one's own size are its own.
+    large one's own size, and of the same tint as far as there is one, are its own.
     """
     blobs = []
     order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
@@ -68,8 +76,9 @@ def _grouped(stats: NDArray[np.int32], count: int) -> list[_Blob]:
         x, y, w, h, area = (int(v) for v in stats[seed])
         blob = _Blob(x, y, x + w, y + h, area, (seed,))
         taken.add(seed)
+        alike = order if tint is None else [i for i in order if float(tint[i] @ tint[seed]) > _SAME_TINT]
         for _ in range(3):  # what has been added reaches a little farther
-            grown = _absorb(blob, stats, order, taken)
+            grown = _absorb(blob, stats, alike, taken)
             if grown == blob:
                 break
             blob = grown

@@ -1,0 +1,34 @@
+"""A built-in pilot as a process: an OpenAI-compatible endpoint on the loopback."""
+
+import time
+from typing import Any
+
+from dronecats.pilots import roster
+from dronecats.pilots.server import PilotServer
+
+
+class PilotPart:
+    """Part of a real-time flight."""
+
+    def __init__(self, config: dict[str, Any]) -> None:
+        name = config["pilot"]
+        self._server = PilotServer(
+            roster.answer(name), name, owned_by=roster.SERVED[name], port=config.get("port", 0)
+        ).start()
+
+    def ready(self) -> dict[str, Any]:
+        return {"base_url": self._server.base_url}
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        return None
+
+    def turn(self) -> None:
+        time.sleep(0.05)  # the server has its own thread; this one only waits for the parent
+
+    def close(self) -> None:
+        self._server.close()
+
+
+def create(config: dict[str, Any]) -> PilotPart:
+    """Return the endpoint of a pilot: keys pilot, port."""
+    return PilotPart(config)
