@@ -1,0 +1,1 @@
+"""The cascade: position → velocity → attitude → rate. Pure compiled functions over three records."""

@@ -1,0 +1,201 @@
+"""One inertial sample through the cascade: setpoint and estimate in, actuator commands out.
+
+Rates run with every sample, attitude every 2 ms, position and velocity every 10 ms. Whatever is not a number on the way
+ends in the fallback, level at hover thrust, and never at a rotor.
+"""
+
+import math
+
+from numba import njit
+
+from autopilot.control.attitude import wanted_rates
+from autopilot.control.position import accelerate, begin, head, integrate, steer
+from autopilot.control.rate import filter_rates, torque
+from autopilot.control.thrust import attitude_of, limit_force, track_hover
+from autopilot.kernels import quat_from_euler, quat_yaw, rotate
+from autopilot.mixer import mix
+from autopilot.records import KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
+from dronecats.border.frames import GRAVITY
+
+OUTER_PERIOD_US = 10_000
+ATTITUDE_PERIOD_US = 2_000
+SHORTEST_S, LONGEST_S = 1e-4, 0.02  # s, bounds on a step so that a gap in the samples cannot make a spike
+ACCELERATION_CUTOFF = 2.0 * math.pi * 10.0  # rad/s, for the velocity loop's derivative
+ROTOR_LAG_S = 0.02  # s, how late thrust follows its command, for the hover estimate
+
+
+@njit(cache=True)
+def fallback(params, state, estimate):  # type: ignore[no-untyped-def]
+    """Ask for level flight on the present heading at hover thrust, and forget what may be poisoned."""
+    q = estimate.attitude
+    yaw = quat_yaw((q[0], q[1], q[2], q[3]))
+    level = quat_from_euler(0.0, 0.0, yaw if math.isfinite(yaw) else 0.0)
+    for i in range(4):
+        state.attitude_setpoint[i] = level[i]
+    for i in range(3):
+        state.rates_setpoint[i] = 0.0
+        state.velocity_integral[i] = 0.0
+        state.velocity_reference[i] = 0.0
+        state.acceleration_reference[i] = 0.0
+        state.acceleration_filtered[i] = 0.0
+    state.thrust_setpoint = params.hover_thrust
+    state.yaw_reference = yaw if math.isfinite(yaw) else 0.0
+    state.yaw_rate_reference = 0.0
+    if not math.isfinite(state.hover_thrust):
+        state.hover_thrust = params.hover_thrust
+    state.not_finite += 1
+
+
+@njit(cache=True)
+def outer(params, state, setpoint, estimate, ceiling, dt):  # type: ignore[no-untyped-def]
+    """Trajectory setpoint → attitude and thrust setpoint."""
+    q = estimate.attitude
+    head(params, state, setpoint, quat_yaw((q[0], q[1], q[2], q[3])), dt)
+    horizontal, vertical = steer(params, state, setpoint, estimate, dt)
+    wanted = accelerate(params, state, setpoint, estimate, horizontal, vertical, dt)
+    force = limit_force(params, state.hover_thrust, ceiling, wanted)
+    if not math.isfinite(force[0] + force[1] + force[2] + state.yaw_reference):
+        fallback(params, state, estimate)
+        return
+    if state.landed == 0:
+        flown = (force[0], force[1], force[2] + GRAVITY)
+        integrate(params, state, estimate, wanted, flown, horizontal, vertical, dt)
+    else:
+        for i in range(3):
+            state.velocity_integral[i] = 0.0
+    target = attitude_of(force, state.yaw_reference)
+    for i in range(4):
+        state.attitude_setpoint[i] = target[i]
+    pull = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2) * state.hover_thrust / GRAVITY
+    state.thrust_setpoint = min(max(pull, 0.0), ceiling)
+
+
+@njit(cache=True)
+def direct(params, state, setpoint, estimate, ceiling):  # type: ignore[no-untyped-def]
+    """Attitude or rate setpoint with its thrust, as given; what is not a number is replaced by level, still, hover."""
+    thrust = setpoint.thrust
+    if not math.isfinite(thrust):
+        thrust = state.hover_thrust
+    state.thrust_setpoint = min(max(thrust, 0.0), min(ceiling, params.thrust_max))
+    if setpoint.kind == KIND_RATES:
+        for i in range(3):
+            rate = setpoint.rates_frd[i]
+            top = params.rate_max[i]
+            state.rates_setpoint[i] = min(max(rate, -top), top) if math.isfinite(rate) else 0.0
+        return
+    a = setpoint.attitude
+    norm = a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3]
+    if math.isfinite(norm) and norm > 0.25:
+        scale = 1.0 / math.sqrt(norm)
+        for i in range(4):
+            state.attitude_setpoint[i] = a[i] * scale
+    else:
+        q = estimate.attitude
+        yaw = setpoint.yaw if math.isfinite(setpoint.yaw) else quat_yaw((q[0], q[1], q[2], q[3]))
+        level = quat_from_euler(0.0, 0.0, yaw)
+        for i in range(4):
+            state.attitude_setpoint[i] = level[i]
+    rate = setpoint.yaw_rate
+    state.yaw_rate_reference = rate if math.isfinite(rate) else 0.0
+
+
+@njit(cache=True)
+def stop(params, state, setpoint, actuators):  # type: ignore[no-untyped-def]
+    """Rotors stopped (disarmed) or idling (armed); every memory of the last flight emptied."""
+    for i in range(3):
+        state.rate_integral[i] = 0.0
+        state.velocity_integral[i] = 0.0
+        state.rates_setpoint[i] = 0.0
+        state.torque_scale[i] = 1.0
+    state.thrust_setpoint = 0.0
+    state.thrust_filtered = 0.0
+    state.hover_thrust = params.hover_thrust
+    state.kind = KIND_IDLE
+    for i in range(actuators.command.shape[0]):
+        actuators.command[i] = 0.0
+
+
+@njit(cache=True)
+def drive(params, state, estimate, actuators, dt):  # type: ignore[no-untyped-def]
+    """Rates setpoint and thrust → rotor commands, which are fractions of full speed: thrust goes with their square."""
+    roll, pitch, yaw = torque(params, state, dt, state.landed != 0)
+    thrust = state.thrust_setpoint
+    if not math.isfinite(roll + pitch + yaw + thrust):
+        fallback(params, state, estimate)
+        for i in range(3):
+            state.rate_integral[i] = 0.0
+            state.rates_filtered[i] = 0.0
+            state.rates_derivative[i] = 0.0
+        roll, pitch, yaw, thrust = 0.0, 0.0, 0.0, state.thrust_setpoint
+    command = actuators.command
+    share, turn, collective = mix(
+        params.mix, params.rotors, params.rotor_thrust_min, params.airmode, roll, pitch, yaw, thrust, command
+    )
+    for i in range(params.rotors):
+        command[i] = math.sqrt(command[i])
+    state.torque_scale[0] = share
+    state.torque_scale[1] = share
+    state.torque_scale[2] = turn
+    state.torque[0] = share * roll
+    state.torque[1] = share * pitch
+    state.torque[2] = turn * yaw
+    state.thrust_filtered += min(dt / ROTOR_LAG_S, 1.0) * (collective - state.thrust_filtered)
+
+
+@njit(cache=True)
+def update(params, state, setpoint, estimate, actuators):  # type: ignore[no-untyped-def]
+    """Run what is due for the inertial sample of `estimate.time_us` and write `actuators` and the setpoint fields of
+    `estimate`."""
+    time_us = estimate.time_us
+    dt = min(max((time_us - state.time_us) * 1e-6, SHORTEST_S), LONGEST_S)
+    state.time_us = time_us
+    filter_rates(params, state, estimate.rates_frd, dt)
+    actuators.time_us = time_us
+    armed = setpoint.armed != 0
+    actuators.armed = 1 if armed else 0
+    kind = setpoint.kind
+    if not armed or kind < KIND_TRAJECTORY or kind > KIND_RATES:
+        stop(params, state, setpoint, actuators)
+    else:
+        ceiling = setpoint.thrust_limit
+        ceiling = min(max(ceiling, 0.0), 1.0) if math.isfinite(ceiling) else 1.0
+        elapsed = time_us - state.outer_time_us
+        if kind == KIND_TRAJECTORY:
+            if state.kind != KIND_TRAJECTORY:
+                begin(state, estimate)
+                elapsed = OUTER_PERIOD_US
+            if elapsed >= OUTER_PERIOD_US or elapsed < 0:
+                state.outer_time_us = time_us
+                span = min(max(elapsed * 1e-6, SHORTEST_S), 2.0 * LONGEST_S)
+                measure(state, estimate, span)
+                track_hover(params, state, estimate, span)
+                outer(params, state, setpoint, estimate, ceiling, span)
+        else:
+            direct(params, state, setpoint, estimate, ceiling)
+        waited = time_us - state.attitude_time_us
+        if kind != KIND_RATES and (waited >= ATTITUDE_PERIOD_US or waited < 0 or state.kind != kind):
+            state.attitude_time_us = time_us
+            q, a = estimate.attitude, state.attitude_setpoint
+            x, y, z = wanted_rates(params, (q[0], q[1], q[2], q[3]), (a[0], a[1], a[2], a[3]), state.yaw_rate_reference)
+            state.rates_setpoint[0], state.rates_setpoint[1], state.rates_setpoint[2] = x, y, z
+        state.kind = kind
+        drive(params, state, estimate, actuators, dt)
+    for i in range(4):
+        estimate.attitude_setpoint[i] = state.attitude_setpoint[i]
+    for i in range(3):
+        estimate.rates_setpoint[i] = state.rates_setpoint[i]
+    estimate.thrust_setpoint = state.thrust_setpoint
+    estimate.hover_thrust = state.hover_thrust
+
+
+@njit(cache=True)
+def measure(state, estimate, dt):  # type: ignore[no-untyped-def]
+    """Low-pass the measured acceleration (NED, gravity removed)."""
+    q, s = estimate.attitude, estimate.accel_frd
+    x, y, z = rotate((q[0], q[1], q[2], q[3]), (s[0], s[1], s[2]))
+    weight = dt * ACCELERATION_CUTOFF
+    weight = weight / (1.0 + weight)
+    f = state.acceleration_filtered
+    f[0] += weight * (x - f[0])
+    f[1] += weight * (y - f[1])
+    f[2] += weight * (z + GRAVITY - f[2])

@@ -1,0 +1,151 @@
+"""Position P, velocity PID and heading: from a trajectory setpoint to an acceleration and a yaw."""
+
+import math
+
+from numba import njit
+
+from autopilot.control.smoothing import braking_speed, slew_horizontal, slew_vertical
+from autopilot.kernels import quat_yaw, wrap_pi
+
+YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
+YAW_ACCELERATION = 4.0  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
+
+
+@njit(cache=True)
+def tighter(own, mode):  # type: ignore[no-untyped-def]
+    """Return the smaller of a parameter's limit and the flight mode's, which counts only when finite and positive."""
+    return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
+
+
+@njit(cache=True)
+def begin(state, estimate):  # type: ignore[no-untyped-def]
+    """Start the trajectory loops from the vehicle's present motion, so that taking over does not jerk it."""
+    for i in range(3):
+        v = estimate.velocity_ned[i]
+        state.velocity_reference[i] = v if math.isfinite(v) else 0.0
+        state.acceleration_reference[i] = 0.0
+        state.velocity_integral[i] = 0.0
+    q = estimate.attitude
+    state.yaw_reference = quat_yaw((q[0], q[1], q[2], q[3]))
+    state.yaw_rate_reference = 0.0
+
+
+@njit(cache=True)
+def slew_yaw_rate(state, rate, dt):  # type: ignore[no-untyped-def]
+    """Move the yaw rate reference towards `rate` (rad/s) within YAW_ACCELERATION; return it."""
+    step = min(max(rate - state.yaw_rate_reference, -YAW_ACCELERATION * dt), YAW_ACCELERATION * dt)
+    state.yaw_rate_reference += step
+    return state.yaw_rate_reference
+
+
+@njit(cache=True)
+def head(params, state, setpoint, yaw, dt):  # type: ignore[no-untyped-def]
+    """Advance the yaw reference: turn to a yaw within the auto rate, run with a yaw rate, or keep the heading."""
+    if math.isfinite(setpoint.yaw):
+        gap = wrap_pi(setpoint.yaw - state.yaw_reference)
+        limit = params.yaw_rate_auto_max
+        rate = min(max(4.0 * gap, -limit), limit)
+        rate = slew_yaw_rate(state, rate, dt)
+        state.yaw_reference = wrap_pi(state.yaw_reference + rate * dt)
+    else:
+        limit = params.rate_max[2]
+        rate = min(max(setpoint.yaw_rate, -limit), limit) if math.isfinite(setpoint.yaw_rate) else 0.0
+        rate = slew_yaw_rate(state, rate, dt)
+        lead = wrap_pi(state.yaw_reference + rate * dt - yaw)
+        state.yaw_reference = wrap_pi(yaw + min(max(lead, -YAW_LEAD_MAX), YAW_LEAD_MAX))
+
+
+@njit(cache=True)
+def steer(params, state, setpoint, estimate, dt):  # type: ignore[no-untyped-def]
+    """Advance the velocity reference towards what position and velocity setpoint together ask for.
+
+    An axis with neither is asked to stop, except one that has an acceleration, which then alone decides. Returns which
+    axes are under velocity feedback: (horizontal, vertical).
+    """
+    p, v = setpoint.position_ned, setpoint.velocity_ned
+    here = estimate.position_ned
+    horizontal_max = tighter(params.speed_max_horizontal, setpoint.speed_limit_horizontal)
+    up_max = tighter(params.speed_max_up, setpoint.speed_limit_up)
+    down_max = tighter(params.speed_max_down, setpoint.speed_limit_down)
+
+    to_position = math.isfinite(p[0]) and math.isfinite(p[1]) and estimate.position_valid != 0
+    north = v[0] if math.isfinite(v[0]) else 0.0
+    east = v[1] if math.isfinite(v[1]) else 0.0
+    limit, jerk = params.acceleration_horizontal_max, params.jerk_velocity
+    if to_position:
+        gap_n, gap_e = p[0] - here[0], p[1] - here[1]
+        gap = math.sqrt(gap_n * gap_n + gap_e * gap_e)
+        if gap > 1e-6:
+            # a feed-forward needs its share of the limit, the rest may close the gap
+            speed = min(braking_speed(gap, params.position_p[0], 0.7 * params.acceleration_horizontal), horizontal_max)
+            north += gap_n / gap * speed
+            east += gap_e / gap * speed
+        if not (math.isfinite(v[0]) or math.isfinite(v[1])):
+            limit, jerk = params.acceleration_horizontal, params.jerk_position
+    speed = math.sqrt(north * north + east * east)
+    if speed > horizontal_max:
+        north *= horizontal_max / speed
+        east *= horizontal_max / speed
+    slew_horizontal(state, north, east, limit, jerk, dt)
+
+    down = v[2] if math.isfinite(v[2]) else 0.0
+    vertical_jerk = params.jerk_velocity
+    if math.isfinite(p[2]):
+        gap = p[2] - here[2]
+        braking = params.acceleration_up if gap > 0.0 else params.acceleration_down
+        down += math.copysign(braking_speed(abs(gap), params.position_p[2], 0.7 * braking), gap)
+        vertical_jerk = params.jerk_position
+    down = min(max(down, -up_max), down_max)
+    slew_vertical(state, down, params.acceleration_up, params.acceleration_down, vertical_jerk, dt)
+
+    a = setpoint.acceleration_ned
+    only_horizontal = (
+        math.isfinite(a[0]) and math.isfinite(a[1])
+        and not (math.isfinite(p[0]) or math.isfinite(p[1]) or math.isfinite(v[0]) or math.isfinite(v[1]))
+    )  # fmt: skip
+    only_vertical = math.isfinite(a[2]) and not (math.isfinite(p[2]) or math.isfinite(v[2]))
+    return (estimate.velocity_valid != 0 and not only_horizontal), not only_vertical
+
+
+@njit(cache=True)
+def accelerate(params, state, setpoint, estimate, horizontal, vertical, dt):  # type: ignore[no-untyped-def]
+    """Return the acceleration setpoint (NED, m/s²) of the velocity PID with the reference's own acceleration ahead."""
+    wanted = (0.0, 0.0, 0.0)
+    out_n, out_e, out_d = wanted
+    for i in range(3):
+        extra = setpoint.acceleration_ned[i]
+        ahead = extra if math.isfinite(extra) else 0.0
+        if (i < 2 and horizontal) or (i == 2 and vertical):
+            reference = state.acceleration_reference[i]
+            error = state.velocity_reference[i] - estimate.velocity_ned[i]
+            total = (
+                ahead + reference + params.velocity_p[i] * error + state.velocity_integral[i]
+                - params.velocity_d[i] * (state.acceleration_filtered[i] - reference)
+            )  # fmt: skip
+        else:
+            total = ahead
+            state.velocity_reference[i] = estimate.velocity_ned[i]
+            state.acceleration_reference[i] = 0.0
+            if i < 2:
+                state.velocity_integral[i] = 0.0
+        if i == 0:
+            out_n = total
+        elif i == 1:
+            out_e = total
+        else:
+            out_d = total
+    return out_n, out_e, out_d
+
+
+@njit(cache=True)
+def integrate(params, state, estimate, wanted, flown, horizontal, vertical, dt):  # type: ignore[no-untyped-def]
+    """Advance the velocity integrals; what the limits cut off flows back so that they do not wind up."""
+    for i in range(3):
+        if (i < 2 and not horizontal) or (i == 2 and not vertical):
+            continue
+        error = state.velocity_reference[i] - estimate.velocity_ned[i]
+        cut = wanted[i] - flown[i]
+        back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as PX4's PositionControl
+        state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt
+        bound = 5.0  # m/s²: half a g of wind or of missing thrust
+        state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)

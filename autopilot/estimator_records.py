@@ -1,0 +1,128 @@
+"""What the estimator remembers and what it is told about its sensors."""
+
+import math
+
+import numpy as np
+
+STATES = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
+HISTORY = 128  # entries of the delay buffer: 512 ms at one entry every 4 ms
+
+STATUS_ALIGNING = 0
+STATUS_RUNNING = 1
+
+ESTIMATOR_PARAMS = np.dtype(
+    [
+        ("declination", "f8"),  # rad, magnetic north east of true north (EKF2_MAG_DECL, deg there)
+        ("gyro_noise", "f8"),  # rad/s/√Hz
+        ("accel_noise", "f8"),  # m/s²/√Hz
+        ("gyro_bias_walk", "f8"),  # rad/s/√s
+        ("accel_bias_walk", "f8"),  # m/s²/√s
+        ("mag_noise", "f8"),  # gauss (EKF2_MAG_NOISE)
+        ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
+        ("gps_velocity_noise", "f8"),  # m/s, least (EKF2_GPS_V_NOISE)
+        ("gps_position_noise", "f8"),  # m, least (EKF2_GPS_P_NOISE)
+        ("gate_mag", "f8"),  # σ (EKF2_HDG_GATE)
+        ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
+        ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
+        ("gate_position", "f8"),  # σ (EKF2_GPS_P_GATE)
+        ("gps_eph_max", "f8"),  # m, a worse fix is not used (EKF2_REQ_EPH)
+        ("gps_epv_max", "f8"),  # m (EKF2_REQ_EPV)
+        ("gps_speed_accuracy_max", "f8"),  # m/s (EKF2_REQ_SACC)
+        ("gps_fixes_required", "i8"),  # good fixes in a row before the origin is set
+        ("timeout_us", "i8"),  # µs without a fused sample until a quantity is invalid (EKF2_NOAID_TOUT)
+        ("reset_after_us", "i8"),  # µs of rejected samples until the state is reset to them
+        ("align_us", "i8"),  # µs of rest averaged for the initial attitude
+    ],
+    align=True,
+)
+
+ESTIMATOR_STATE = np.dtype(
+    [
+        ("status", "i8"),
+        ("time_us", "i8"),  # newest IMU sample used
+        ("mag_time_us", "i8"),
+        ("baro_time_us", "i8"),
+        ("gps_time_us", "i8"),
+        ("attitude", "f8", (4,)),
+        ("velocity", "f8", (3,)),  # m/s, NED
+        ("position", "f8", (3,)),  # m, local NED
+        ("gyro_bias", "f8", (3,)),
+        ("accel_bias", "f8", (3,)),
+        ("specific_force_ned", "f8", (3,)),  # m/s², of the newest sample
+        ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
+        ("impulse_dt", "f8"),  # s, length of that integral
+        ("reckoned_velocity", "f8", (3,)),  # running sums of the prediction alone, never corrected: their differences
+        ("reckoned_position", "f8", (3,)),  # say what happened between a fix and now
+        ("history_index", "i8"),  # next entry to write
+        ("history_count", "i8"),
+        ("work", "f8", (STATES,)),  # P·Hᵀ of the scalar update in progress
+        ("align_since_us", "i8"),
+        ("align_count", "i8"),
+        ("align_accel", "f8", (3,)),  # sums over the alignment window
+        ("align_gyro", "f8", (3,)),
+        ("align_gyro_squared", "f8"),
+        ("align_mag", "f8", (3,)),
+        ("align_mag_count", "i8"),
+        ("align_baro", "f8"),
+        ("align_baro_count", "i8"),
+        ("align_attempts", "i8"),
+        ("baro_reference_m", "f8"),  # pressure altitude that is z = 0
+        ("gps_good_fixes", "i8"),
+        ("origin_set", "i8"),
+        ("origin_lat_deg", "f8"),
+        ("origin_lon_deg", "f8"),
+        ("origin_alt_m", "f8"),
+        ("position_fused_us", "i8"),  # when each quantity was last accepted; 0 = never
+        ("velocity_fused_us", "i8"),
+        ("baro_fused_us", "i8"),
+        ("mag_fused_us", "i8"),
+        ("still_fused_us", "i8"),
+        ("ratio_gps_position", "f8"),
+        ("ratio_gps_velocity", "f8"),
+        ("ratio_baro", "f8"),
+        ("ratio_mag", "f8"),
+        ("resets", "i8"),  # times position or velocity was set to the receiver's
+        ("rejected", "i8"),  # samples beyond their gate
+        ("bad_samples", "i8"),  # samples that were not finite
+        ("restarts", "i8"),  # alignments after a filter that lost its numbers
+        ("published_us", "i8"),  # when deviations and ratios were last written to the ESTIMATE record
+    ],
+    align=True,
+)
+
+
+def default_parameters(declination_rad: float) -> np.void:
+    """Return one ESTIMATOR_PARAMS record with PX4-like noise figures and gates.
+
+    Densities are for MEMS inertial sensors on a vibrating frame, an order above data-sheet noise as PX4's EKF2 does it.
+    """
+    params = np.zeros(1, ESTIMATOR_PARAMS)[0]
+    params["declination"] = declination_rad
+    params["gyro_noise"] = 1.0e-3
+    params["accel_noise"] = 0.03
+    params["gyro_bias_walk"] = 1.0e-4
+    params["accel_bias_walk"] = 2.0e-3
+    params["mag_noise"] = 0.02
+    params["baro_noise"] = 1.0
+    params["gps_velocity_noise"] = 0.15
+    params["gps_position_noise"] = 0.5
+    params["gate_mag"] = 3.0
+    params["gate_baro"] = 5.0
+    params["gate_velocity"] = 5.0
+    params["gate_position"] = 5.0
+    params["gps_eph_max"] = 3.0
+    params["gps_epv_max"] = 5.0
+    params["gps_speed_accuracy_max"] = 0.5
+    params["gps_fixes_required"] = 10
+    params["timeout_us"] = 5_000_000
+    params["reset_after_us"] = 7_000_000
+    params["align_us"] = 1_000_000
+    return params
+
+
+def initial_state() -> np.void:
+    """Return one ESTIMATOR_STATE record of a filter that has seen nothing: level, north, at rest."""
+    state = np.zeros(1, ESTIMATOR_STATE)[0]
+    state["attitude"] = (1.0, 0.0, 0.0, 0.0)
+    state["baro_reference_m"] = math.nan
+    return state

@@ -1,0 +1,109 @@
+"""From a torque and a collective thrust to rotor commands, for any rotor geometry.
+
+Geometry gives a matrix from rotor thrusts to (roll, pitch, yaw torque, collective); its pseudo-inverse distributes a
+demand. When a rotor would leave its range, roll and pitch are kept first, then the collective, then yaw.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dronecats.border.airframe import Airframe
+from dronecats.border.errors import UsageError
+from dronecats.border.sensors import MAX_ROTORS
+
+
+@dataclass(frozen=True, slots=True)
+class Allocation:
+    """How an airframe's rotors share a demand."""
+
+    effectiveness: NDArray[np.float64]  # (4, n) roll, pitch, yaw torque (N·m), collective (N) per N of a rotor
+    mix: NDArray[np.float64]  # (MAX_ROTORS, 4) rotor thrust fraction per normalised torque and per collective fraction
+    torque_max: tuple[float, float, float]  # N·m that a normalised torque of 1 stands for
+    thrust_max: float  # N that a collective of 1 stands for
+
+
+def allocation(airframe: Airframe) -> Allocation:
+    """Return the allocation of an airframe.
+
+    A normalised torque of 1 moves the rotor that it moves most by half its range. Raises UsageError when the rotors
+    cannot make all four of roll, pitch, yaw and lift.
+    """
+    count = len(airframe.rotors)
+    if not 4 <= count <= MAX_ROTORS:
+        raise UsageError(f"airframe {airframe.name!r} has {count} rotors: the mixer handles 4 to {MAX_ROTORS}")
+    curve = airframe.curve
+    arm = curve.torque_coefficient / curve.thrust_coefficient  # m
+    effectiveness = np.array(
+        [
+            [-rotor.position_frd[1] for rotor in airframe.rotors],
+            [rotor.position_frd[0] for rotor in airframe.rotors],
+            [rotor.spin * arm for rotor in airframe.rotors],
+            [1.0] * count,
+        ]
+    )
+    if np.linalg.matrix_rank(effectiveness, tol=1e-9) < 4:
+        raise UsageError(
+            f"airframe {airframe.name!r} cannot be controlled: its rotors do not make roll, pitch, yaw and lift "
+            "independently, check their positions and spins"
+        )
+    rotor_max = airframe.thrust_max / count
+    inverse = np.linalg.pinv(effectiveness) / rotor_max  # fraction per N·m, N
+    torque_max = 0.5 / np.abs(inverse[:, :3]).max(axis=0)
+    mix = np.zeros((MAX_ROTORS, 4))
+    mix[:count, :3] = inverse[:, :3] * torque_max
+    mix[:count, 3] = inverse[:, 3] * airframe.thrust_max
+    if mix[:count, 3].min() <= 0.0:
+        raise UsageError(f"airframe {airframe.name!r} cannot hover level: move its centre of mass between its rotors")
+    roll, pitch, yaw = (float(value) for value in torque_max)
+    return Allocation(effectiveness, mix, (roll, pitch, yaw), airframe.thrust_max)
+
+
+@njit(cache=True)
+def mix(matrix, rotors, floor, airmode, roll, pitch, yaw, thrust, fractions):  # type: ignore[no-untyped-def]
+    """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
+
+    matrix (MAX_ROTORS, 4) as in `Allocation`, roll, pitch, yaw in [-1, 1], thrust in [0, 1]; fractions (MAX_ROTORS,) is
+    the output. Without airmode the collective may fall for the sake of roll and pitch, never rise.
+    """
+    thrust = min(max(thrust, 0.0), 1.0)
+    # roll and pitch: the largest share for which some collective keeps every rotor in range
+    least = 0.0
+    for i in range(rotors):
+        fractions[i] = matrix[i, 0] * roll + matrix[i, 1] * pitch
+        least = min(least, fractions[i] / matrix[i, 3])
+    share = 1.0
+    for i in range(rotors):
+        spread = fractions[i] / matrix[i, 3] - least
+        room = (1.0 - floor) / matrix[i, 3]
+        if share * spread > room:
+            share = room / spread
+    # collective: the nearest to the one asked for
+    low, high, idle = 0.0, 1e9, 0.0
+    for i in range(rotors):
+        idle = max(idle, floor / matrix[i, 3])
+        low = max(low, (floor - share * fractions[i]) / matrix[i, 3])
+        high = min(high, (1.0 - share * fractions[i]) / matrix[i, 3])
+    collective = min(thrust, high)
+    if airmode != 0:
+        collective = max(collective, low)
+    elif collective < low:
+        collective = max(collective, min(low, idle))
+        for i in range(rotors):
+            if collective * matrix[i, 3] + share * fractions[i] < floor and fractions[i] < 0.0:
+                share = max((floor - collective * matrix[i, 3]) / fractions[i], 0.0)
+    for i in range(rotors):
+        fractions[i] = share * fractions[i] + collective * matrix[i, 3]
+    # yaw: what is left
+    turn = 1.0
+    for i in range(rotors):
+        step = matrix[i, 2] * yaw
+        if step > 0.0 and fractions[i] + turn * step > 1.0:
+            turn = max((1.0 - fractions[i]) / step, 0.0)
+        elif step < 0.0 and fractions[i] + turn * step < floor:
+            turn = max((floor - fractions[i]) / step, 0.0)
+    for i in range(rotors):
+        fractions[i] = min(max(fractions[i] + turn * matrix[i, 2] * yaw, floor), 1.0)
+    return share, turn, collective
