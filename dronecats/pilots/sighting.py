@@ -89,7 +89,7 @@ def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | N
 
 def _absorb(blob: _Blob, stats: NDArray[np.int32], order: list[int], taken: set[int]) -> _Blob:
     w, h = blob.right - blob.left, blob.bottom - blob.top
-    reach_x, reach_y = max(2, 0.12 * w), max(2, min(0.7 * h, 0.35 * w))
+    reach_x, reach_y = max(2, 0.06 * w), max(2, min(0.45 * h, 0.25 * w))
     left, top, right, bottom = blob.left, blob.top, blob.right, blob.bottom
     pixels, members = blob.pixels, list(blob.members)
     for i in order:
