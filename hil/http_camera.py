@@ -28,7 +28,8 @@ class HttpCamera:
         if response.status_code != 200:
             said = " ".join(response.text[:120].split())
             raise CameraError(f"the camera at {self.url} gives no frame: it answered {response.status_code} {said}")
-        picture = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_COLOR) if response.content else None
+        data = np.frombuffer(response.content, np.uint8)
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
         if picture is None:
             raise CameraError(f"the camera at {self.url} gives no frame: what it sent is not a picture")
         frame_id = int(response.headers.get("X-Frame-Id", self._frames))

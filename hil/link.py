@@ -233,6 +233,10 @@ class Link:
         self.set_mode("OFFBOARD")
         self.wait_for(lambda state: state.mode == "OFFBOARD", 3.0, "offboard mode")
 
+    def stop_stream(self) -> None:
+        """Send no setpoint from now on; the autopilot's own failsafe is what follows unless a mode is set."""
+        self._stream.stop()
+
     def stop_offboard(self) -> None:
         """Stop streaming and let the autopilot hold."""
         self._stream.stop()

@@ -16,18 +16,20 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
 
     A qualifying declaration is a success however the flight ended. Without one, a flight that the logger did not see
     end at the cap or by decision, or one with an unmeasured frame, is an error of the infrastructure, never a failure.
+    Where nobody knew the truth the outcome is unknown and `success` None.
     """
     finished = [d for d in logs.decisions if (d.get("action") or {}).get("action") == "finished"]
+    known = (logs.begin or {}).get("source") != "estimate"
     try:
-        verdict = judge(declarations(logs), last_action(logs), delta_m)
+        verdict = judge(declarations(logs), last_action(logs), delta_m) if known else Verdict(False, None, None)
         error = None if verdict.success else _interrupted(logs)
     except UnmeasuredError as unmeasured:
         verdict, error = Verdict(False, None, None), str(unmeasured)
     steps = max((d["step"] + 1 for d in logs.decisions), default=0)
     deciding = verdict.deciding
     return {
-        "outcome": "error" if error else "success" if verdict.success else "failure",
-        "success": verdict.success,
+        "outcome": "error" if error else "success" if verdict.success else "failure" if known else "unknown",
+        "success": verdict.success if known else None,
         "ne_m": verdict.ne_m,
         "delta_m": delta_m,
         "steps": steps,

@@ -1,4 +1,4 @@
-"""The child's side of a supervised process: commands come as JSON lines on standard input, answers go to standard output.
+"""The child's side of a supervised process: commands are JSON lines on standard input, answers on standard output.
 
     python -m dronecats.run.child KIND
 
@@ -21,6 +21,7 @@ KINDS = {
     "simulator": "dronecats.sitl.simulator_process",
     "camera": "dronecats.sitl.camera_process",
     "logger": "dronecats.logger.logger_process",
+    "estimate-logger": "dronecats.logger.estimate_process",
     "pilot": "dronecats.pilots.pilot_process",
 }
 

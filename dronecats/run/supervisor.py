@@ -1,5 +1,6 @@
 """Starts the processes a flight stands on, watches them, and never leaves one behind."""
 
+import contextlib
 import json
 import os
 import select
@@ -61,10 +62,8 @@ class ChildProcess:
     def close(self) -> None:
         """End the process: its standard input closes, which it obeys; a deaf one is killed."""
         if self._process.stdin:
-            try:
+            with contextlib.suppress(OSError):
                 self._process.stdin.close()
-            except OSError:
-                pass
         try:
             self._process.wait(CLOSE_S)
         except subprocess.TimeoutExpired:

@@ -14,7 +14,11 @@ from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.scenario import load_world
 from hil.transport import bind_error
 
-ENCODINGS = {"/frame.bmp": (".bmp", "image/bmp"), "/frame.jpg": (".jpg", "image/jpeg"), "/frame.png": (".png", "image/png")}
+ENCODINGS = {
+    "/frame.bmp": (".bmp", "image/bmp"),
+    "/frame.jpg": (".jpg", "image/jpeg"),
+    "/frame.png": (".png", "image/png"),
+}
 
 
 class CameraPart:

@@ -1,4 +1,4 @@
-"""The simulator's MAVLink ports on UDP, in PX4's convention: it speaks first, to a known place, and learns who answers."""
+"""The simulator's MAVLink ports on UDP, in PX4's convention: it speaks first, to a known place."""
 
 import contextlib
 import socket

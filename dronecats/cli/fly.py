@@ -1,0 +1,87 @@
+"""`dronecats fly`: one episode, in simulation (`--sitl`) or on a vehicle you connect (`--connect`)."""
+
+import argparse
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+DEFAULT_EPISODE = "residential-approaching-01"
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("fly", help="fly an episode, in simulation or on a vehicle you connect")
+    vehicle = parser.add_argument_group("vehicle")
+    vehicle.add_argument("--sitl", action="store_true", help="simulate the vehicle, its autopilot and its camera")
+    vehicle.add_argument("--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…")
+    vehicle.add_argument("--camera", metavar="URL", help="with --connect: an http:// address that gives a picture")
+    vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
+    vehicle.add_argument("--airframe", default="x500", metavar="NAME", help="with --sitl (default x500)")
+    pilot = parser.add_argument_group("pilot")
+    pilot.add_argument("--pilot", metavar="NAME", help="built-in: vision (default), oracle, blind; none is a model")
+    pilot.add_argument("--model", metavar="PROVIDER/NAME", help="openai/…, openrouter/…, vllm/… or local/…")
+    pilot.add_argument("--base-url", metavar="URL", help="an OpenAI-compatible endpoint, http://HOST:PORT/v1")
+    pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
+    pilot.add_argument("--latency", metavar="POLICY", help="real, measured or fixed:SECONDS of vehicle time")
+    run_group = parser.add_argument_group("run")
+    run_group.add_argument("--episode", default=None, metavar="ID", help=f"id or file (default {DEFAULT_EPISODE})")
+    run_group.add_argument("--speed", default="1", metavar="N|max", help="factor on real time; max is lockstep")
+    run_group.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
+    run_group.add_argument("--seconds", type=float, default=300.0, help="with --connect: length of the flight (300)")
+    run_group.add_argument("--full", action="store_true", help="fly to the cap even when the verdict is decided")
+    run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
+    run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
+    from dronecats.border.errors import UsageError
+
+    signal.signal(signal.SIGTERM, _interrupt)
+    if args.sitl == bool(args.connect):
+        raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
+    if args.model and args.pilot:
+        raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
+    if args.connect:
+        from dronecats.run.connected import fly_connected
+
+        if not args.camera or not args.instruction:
+            raise UsageError("--connect needs --camera URL and --instruction TEXT")
+        result = fly_connected(args, say=_say)
+    else:
+        from dronecats.run.simulated import fly_simulated
+
+        result = fly_simulated(args, say=_say)
+    return _report(result, args.json)
+
+
+def _interrupt(signum: int, frame: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _report(result: dict[str, Any], as_json: bool) -> int:
+    reason, status = result.pop("reason"), result.pop("status")
+    if result.get("error"):
+        print(f"dronecats fly: {result['error']}", file=sys.stderr)
+    if reason == "interrupted":
+        print("dronecats fly: interrupted; the run folder holds what was flown", file=sys.stderr)
+    ne_m = "unknown" if result["ne_m"] is None else f"{result['ne_m']:.2f} m"
+    verdict = {True: "SUCCESS", False: "FAILURE", None: "NOT JUDGED (nobody measured the truth)"}[result["success"]]
+    if reason in ("cap", "decided"):
+        where = "at the deciding declaration" if result["success"] else "at the last action"
+        print(
+            f"\n{verdict}: {ne_m} from the target {where}; {result['steps']} steps,"
+            f" {result['declarations']} declarations, {result['sim_seconds']:.1f} s of flight"
+            f" at {result['real_time_factor']:.1f} × real time"
+        )
+    print(f"run folder: {result['run_dir']}", flush=True)
+    if as_json:
+        print(json.dumps(result), flush=True)
+    return int(status)

@@ -1,0 +1,48 @@
+"""`dronecats VERB …`: finds the verb's file and lets it work. Nothing heavy is imported before the verb is known."""
+
+import argparse
+import importlib
+import sys
+
+from dronecats import __version__
+from dronecats.border.errors import DronecatsError
+
+VERBS = {
+    "fly": "fly an episode, in simulation or on a vehicle you connect",
+    "sitl": "run the simulator for any MAVLink client",
+    "judge": "derive the verdicts of a run again from its logs",
+    "episodes": "list the episodes",
+    "doctor": "say what works on this machine, what is missing and how to get it",
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line and return its exit status: 0 done, 2 wrong usage, 3 something broke, 130 interrupted."""
+    arguments = sys.argv[1:] if argv is None else argv
+    parser = argparse.ArgumentParser(
+        prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
+    )
+    parser.add_argument("--version", action="version", version=f"dronecats {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    asked = next((a for a in arguments if not a.startswith("-")), None)
+    for verb, help_text in VERBS.items():
+        if verb == asked:
+            importlib.import_module(f"dronecats.cli.{verb}").add_parser(verbs)
+        else:
+            verbs.add_parser(verb, help=help_text)
+    args = parser.parse_args(arguments)
+    try:
+        return int(args.run(args))
+    except DronecatsError as error:
+        print(f"dronecats {args.verb}: {error}", file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        print(f"dronecats {args.verb}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away, as `head` does
+        sys.stderr.close()
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

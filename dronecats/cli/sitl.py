@@ -1,0 +1,93 @@
+"""`dronecats sitl`: the simulator alone, for any MAVLink client, on PX4's ports."""
+
+import argparse
+import contextlib
+import signal
+import tempfile
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("sitl", help="run the simulator for any MAVLink client")
+    parser.add_argument("--instance", type=int, default=0, metavar="I", help="added to every port (default 0)")
+    parser.add_argument("--count", type=int, default=None, metavar="N", help="vehicles, each on its own ports")
+    parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
+    parser.add_argument("--airframe", default="x500", metavar="NAME", help="default x500")
+    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
+    parser.add_argument("--episode", default=None, metavar="ID", help="whose map and start place to use")
+    parser.add_argument(
+        "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the forward camera over HTTP"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate until interrupted."""
+    from dronecats.border.errors import UsageError
+    from dronecats.run.plan import speed
+    from episodes import catalogue
+
+    factor = speed(args.speed)
+    if factor is None:
+        raise UsageError("--speed max is lockstep and needs an agent to wait for; sitl wants a factor such as 1 or 10")
+    if not 0 <= args.instance <= 99:
+        raise UsageError(f"--instance wants a number from 0 to 99, got {args.instance}")
+    if args.count is not None and not 1 <= args.count <= 10:
+        raise UsageError(f"--count wants 1 to 10 vehicles, got {args.count}")
+    episode = args.episode or "residential-approaching-01"
+    catalogue.load(episode)
+    signal.signal(signal.SIGTERM, _interrupt)
+    print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
+    from dronecats.run.supervisor import Supervisor
+    from dronecats.sitl.simulator_process import Simulator
+
+    simulator = Simulator(
+        {
+            "episode": episode,
+            "airframe": args.airframe,
+            "seed": args.seed,
+            "speed": factor,
+            "instance": args.instance,
+            "count": args.count or 1,
+        }
+    )
+    with tempfile.TemporaryDirectory(prefix="dronecats-sitl-") as logs:
+        supervisor = Supervisor(Path(logs))
+        try:
+            ports = simulator.ready()
+            camera = None
+            if args.camera is not None:
+                truth = f"udpout://127.0.0.1:{ports['truth']}"
+                child = supervisor.start("camera", {"episode": episode, "truth": truth, "port": args.camera})
+                camera = child.ready(lambda: None)["url"]
+            _announce(args, camera)
+            simulator.ready()
+            while True:
+                simulator.turn()
+                supervisor.check()
+        except KeyboardInterrupt:
+            return 0
+        finally:
+            with contextlib.suppress(KeyboardInterrupt):
+                supervisor.close()
+                simulator.close()
+
+
+def _interrupt(signum: int, frame: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def _announce(args: argparse.Namespace, camera: str | None) -> None:
+    from dronecats.sitl.simulator_process import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
+
+    for index in range(args.count or 1):
+        port = AGENT_PORT + args.instance + index
+        print(f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}")
+    print(
+        f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}"
+    )
+    if camera:
+        print(f"camera: {camera}")
+    print("Ctrl-C ends it", flush=True)

@@ -1,0 +1,64 @@
+"""A vehicle that somebody else started: its link, its camera, a pilot, and a logger of what it says of itself."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from dronecats.agent.chat import ChatModel
+from dronecats.agent.model import Model
+from dronecats.agent.providers import PROVIDERS, split
+from dronecats.border.mavlink import dialect
+from dronecats.run.supervisor import Supervisor
+from hil.http_camera import HttpCamera
+from hil.link import Link
+from hil.transport import connect
+
+
+class ConnectedStage:
+    """The link's bytes are copied to the logger, which is a process of its own here as well."""
+
+    def __init__(
+        self, url: str, camera_url: str, pilot: str | None, model: str | None, base_url: str | None, folder: Path
+    ) -> None:
+        self._supervisor = Supervisor(folder)
+        self.executor = ThreadPoolExecutor(1, thread_name_prefix="model")
+        self.links: list[Link] = []
+        try:
+            self.links.append(Link(connect(url)))
+            self.camera = HttpCamera(camera_url, lambda: self.links[0].time_us)
+            self.camera.newest()  # no frame, no flight: said before anything moves
+            self._logger = self._supervisor.start("estimate-logger", {"folder": str(folder)})
+            self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
+            self.links[0].on_message = self._to_logger
+            self.model = self._model(pilot, model, base_url)
+        except BaseException:
+            self.close()
+            raise
+
+    def _model(self, pilot: str | None, model: str | None, base_url: str | None) -> Model:
+        if pilot:
+            url = self._supervisor.start("pilot", {"pilot": pilot}).ready()["base_url"]
+            return ChatModel(PROVIDERS["local"], pilot, url)
+        chat = ChatModel(*split(model or ""), base_url)
+        chat.check()
+        return chat
+
+    def _to_logger(self, message: dialect.MAVLink_message) -> None:
+        self._copy.send(bytes(message.get_msgbuf()))
+
+    def begin(self, t0_us: int) -> None:
+        self._logger.do("begin", t0_us=t0_us)
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def close(self) -> None:
+        closing: list[Callable[[], None]] = [link.close for link in self.links]
+        closing += [getattr(self, part).close for part in ("model", "camera", "_copy") if hasattr(self, part)]
+        for close in closing:
+            close()
+        self._supervisor.close()
+        self.executor.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,182 @@
+"""One episode from the ground to the ground, the same on any autopilot."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.loop import CAP_S, Agent, Pilot
+from dronecats.border.camera import CameraModel
+from dronecats.border.errors import DronecatsError, LinkError
+from dronecats.border.frames import Vec3
+from dronecats.border.mavlink import dialect
+from dronecats.border.setpoints import Hold
+from dronecats.judge.episode import outcome
+from dronecats.judge.files import read
+from dronecats.run.stage import Stage
+from hil.link import Link
+
+READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
+AVERAGE_S = 1.0  # s over which the place on the ground is averaged
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a drone begins its episode, relative to the ground it stands on at boot."""
+
+    offset_ned: Vec3  # m, start pose less the place on the ground below it
+    yaw: float | None  # rad; None: as it stands
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """How the episode ended."""
+
+    reason: str  # cap, decided, interrupted, error
+    error: DronecatsError | None
+    sim_seconds: float
+    wall_seconds: float
+    steps: int
+
+
+def fly(
+    stage: Stage,
+    starts: list[Start],
+    pilot: Pilot,
+    folder: Path,
+    *,
+    full: bool = False,
+    cap_s: float = CAP_S,
+    on_step: Callable[[Decision], None] = lambda decision: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Flown:
+    """Fly the drones of a stage to their start poses, let the agent fly the episode, and land.
+
+    Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
+    """
+    log = DecisionLog(folder / "decisions.jsonl")
+    agent: Agent | None = None
+    reason, error = "cap", None
+    began_s = time.monotonic()  # wall time of the flight is one of its results
+    watch = Watch(folder, full)
+    try:
+        for link, start in zip(stage.links, starts, strict=True):
+            link.on_wait = stage.check
+            ascend(link, start, say)
+        agent = _begin(stage, pilot, folder, log, on_step)
+        began_s = time.monotonic()
+        agent.fly(cap_s, watch.decided)
+        reason = "decided" if watch.success else "cap"
+    except KeyboardInterrupt:
+        reason = "interrupted"
+    except DronecatsError as fault:
+        reason, error = "error", fault
+    flown_s = agent.now_s if agent else 0.0
+    wall_s = time.monotonic() - began_s
+    try:
+        stage.end(reason, str(error) if error else None)
+    except DronecatsError as fault:
+        reason, error = ("error", fault) if error is None else (reason, error)
+    try:
+        land(stage, say)
+    except DronecatsError as fault:
+        say(f"the landing was not seen to end: {fault}")  # after the episode, so it changes no verdict
+    except KeyboardInterrupt:
+        say("asked twice to stop: not waiting for the landing")
+    log.close()
+    return Flown(reason, error, flown_s, wall_s, agent.steps if agent else 0)
+
+
+def ascend(link: Link, start: Start, say: Callable[[str], None]) -> None:
+    """Connect, arm, take off, fly to the start pose and hold there. Raises LinkError."""
+    link.connect()
+    say("waiting until the autopilot is ready to arm …")
+    link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
+    ground = _average_position(link)
+    say("arming and taking off …")
+    link.arm()
+    link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+    link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
+    say("flying to the start pose …")
+    place = tuple(g + o for g, o in zip(ground, start.offset_ned, strict=True))
+    euler = link.state.euler
+    link.go_to(place, start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
+    link.stop_offboard()
+
+
+def _average_position(link: Link) -> Vec3:
+    sums, count = [0.0, 0.0, 0.0], 0
+    end_us = link.time_us + round(AVERAGE_S * 1e6)
+    while link.time_us < end_us:
+        link.tick()
+        if link.state.position_ned is None:
+            raise LinkError("the autopilot sends no local position")
+        sums = [s + p for s, p in zip(sums, link.state.position_ned, strict=True)]
+        count += 1
+    return (sums[0] / count, sums[1] / count, sums[2] / count)
+
+
+def _begin(
+    stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None]
+) -> Agent:
+    for link in stage.links:
+        link.fly(Hold())
+        link.start_offboard()
+    t0_us = stage.links[0].time_us
+    stage.begin(t0_us)
+    for link in stage.links:  # so that the first frame is younger than the episode
+        link.wait(0.1)
+    return Agent(
+        pilot=pilot,
+        vehicles=stage.links,
+        camera=stage.camera,
+        camera_model=CameraModel(),
+        log=log,
+        frames_dir=folder / "frames",
+        executor=stage.executor,
+        t0_us=t0_us,
+        on_step=on_step,
+        on_tick=stage.check,
+    )
+
+
+def land(stage: Stage, say: Callable[[str], None] = lambda line: None) -> None:
+    """Land every drone that is armed and wait until it has disarmed. Raises LinkError."""
+    for link in stage.links:
+        link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
+        link.stop_stream()
+        if link.state.armed:
+            say("landing …")
+            link.set_mode("LAND")
+    for link in stage.links:
+        if link.state.armed:
+            link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
+
+
+class Watch:
+    """Looks, after each declaration, whether the verdict is decided: what the first qualifying one settles is settled.
+
+    It reads the logger's files with the verifier's own function. The agent learns nothing of it but that time is up.
+    """
+
+    def __init__(self, folder: Path, full: bool) -> None:
+        self._folder, self._full = folder, full
+        self._declared = False
+        self.success = False
+
+    def decided(self, decision: Decision) -> bool:
+        """Return whether the flight may end."""
+        self._declared |= bool(decision.action and decision.action["action"] == "finished")
+        if self._full or not self._declared:
+            return False
+        result: dict[str, Any] = outcome(read(self._folder))
+        self.success = result["outcome"] == "success"
+        return self.success
+
+
+def start_of(record_start: Any, ground_down: float) -> Start:
+    """Return the start of a record's drone above the ground at its place."""
+    return Start((0.0, 0.0, record_start.position_ned[2] - ground_down), math.radians(record_start.yaw_deg))

@@ -1,0 +1,78 @@
+"""Everything in one process on one clock that waits for whoever is slowest."""
+
+from concurrent.futures import Executor
+from pathlib import Path
+
+from dronecats.agent.chat import ChatModel
+from dronecats.agent.latency import InlineExecutor
+from dronecats.agent.model import Model
+from dronecats.agent.providers import PROVIDERS, split
+from dronecats.border.camera import CameraModel
+from dronecats.logger.recorder import Recorder
+from dronecats.logger.telemetry import subscribe
+from dronecats.pilots import roster
+from dronecats.pilots.oracle_model import OracleModel
+from dronecats.pilots.server import PilotServer
+from dronecats.run.plan import Plan
+from dronecats.sitl.camera import WorldCamera
+from dronecats.sitl.lockstep import Lockstep
+from dronecats.sitl.scenario import build, origin
+from episodes.world import World
+from hil.link import Link
+
+
+class LockstepStage:
+    """The same parts as in real time, without the sockets between them; the pilot keeps its HTTP endpoint."""
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        world = World(plan.record)
+        camera = CameraModel()
+        simulation = build(world, airframe=plan.airframe, seed=plan.seed)
+        clock = Lockstep(simulation)
+        self._recorder = Recorder(
+            folder, origin(world), lambda t, s, c: world.measure(t, s.position_ned, s.attitude, c), camera
+        )
+        clock.follow(self._recorder.truth)
+        for vehicle in simulation.vehicles:
+            port = vehicle.autopilot.open_port("minimal")
+            subscribe(port.receive)
+            clock.followers.append(lambda port=port: self._recorder.telemetry(port.take()))
+        self.camera = WorldCamera(world, camera, lambda data: announce(data))
+        announce = clock.follow(self.camera.feed)
+        self._server: PilotServer | None = None
+        self._oracle: OracleModel | None = None
+        self.model = self._model(plan, world, camera, clock)
+        self.links = [Link(clock.transport(index)) for index in range(len(simulation.vehicles))]
+        self.executor: Executor = InlineExecutor()
+
+    def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep) -> Model:
+        if plan.pilot == "oracle":
+            self._oracle = OracleModel(world, camera, origin(world), lambda: None)
+            clock.follow(self._oracle.feed)
+            return self._oracle
+        if plan.pilot:
+            self._server = PilotServer(
+                roster.answer(plan.pilot), plan.pilot, owned_by=roster.SERVED[plan.pilot]
+            ).start()
+            return ChatModel(PROVIDERS["local"], plan.pilot, self._server.base_url)
+        model = ChatModel(*split(plan.model or ""), plan.base_url)
+        model.check()
+        return model
+
+    def begin(self, t0_us: int) -> None:
+        self._recorder.begin(t0_us)
+        self.camera.begin(t0_us)
+        if self._oracle:
+            self._oracle.begin(t0_us)
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._recorder.end(reason, error)
+
+    def check(self) -> None:
+        """One process: what breaks raises by itself."""
+
+    def close(self) -> None:
+        self.model.close()
+        if self._server:
+            self._server.close()
+        self._recorder.close()

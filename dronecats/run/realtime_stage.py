@@ -1,0 +1,109 @@
+"""Every part a process of its own, the vehicle's clock paced by the wall's."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from dronecats.agent.chat import ChatModel
+from dronecats.agent.model import Model
+from dronecats.agent.providers import PROVIDERS, split
+from dronecats.border.camera import CameraModel
+from dronecats.pilots.oracle_model import OracleModel
+from dronecats.run.listening import Listener
+from dronecats.run.plan import Plan
+from dronecats.run.supervisor import ChildProcess, Supervisor
+from dronecats.sitl.scenario import load_world, origin
+from hil.http_camera import HttpCamera
+from hil.link import Link
+from hil.transport import connect
+
+
+class RealtimeStage:
+    """Simulator, camera, logger and pilot as supervised processes, on ports that the system chose."""
+
+    def __init__(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
+        self._supervisor = Supervisor(folder)
+        self._oracle: OracleModel | None = None
+        self._oracle_bus: Listener | None = None
+        self.executor = ThreadPoolExecutor(1, thread_name_prefix="model")
+        try:
+            self._start(plan, folder, Patience(say))
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, plan: Plan, folder: Path, patience: "Patience") -> None:
+        pilot = self._supervisor.start("pilot", {"pilot": plan.pilot}) if plan.pilot not in (None, "oracle") else None
+        simulator = self._supervisor.start(
+            "simulator",
+            {"episode": plan.episode, "airframe": plan.airframe, "seed": plan.seed, "speed": plan.speed},
+        )
+        ports = simulator.ready(patience)
+        truth = f"udpout://127.0.0.1:{ports['truth']}"
+        camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth})
+        self._logger = self._supervisor.start(
+            "logger",
+            {
+                "episode": plan.episode,
+                "folder": str(folder),
+                "truth": truth,
+                "telemetry": [f"udpout://127.0.0.1:{port}" for port in ports["log"]],
+            },
+        )
+        self.links = [Link(connect(f"udpout://127.0.0.1:{port}")) for port in ports["agent"]]
+        self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
+        self._camera_process = camera
+        self._logger.ready(patience)
+        self.model = self._model(plan, pilot, truth, patience)
+
+    def _model(self, plan: Plan, pilot: ChildProcess | None, truth: str, patience: "Patience") -> Model:
+        if plan.pilot == "oracle":
+            world = load_world(plan.episode)
+            self._oracle = OracleModel(world, CameraModel(), origin(world), self._listen)
+            self._oracle_bus = Listener(truth, self._oracle.feed)
+            return self._oracle
+        if pilot is not None:
+            return ChatModel(PROVIDERS["local"], plan.pilot or "", pilot.ready(patience)["base_url"])
+        model = ChatModel(*split(plan.model or ""), plan.base_url)
+        model.check()
+        return model
+
+    def _listen(self) -> None:
+        if self._oracle_bus:
+            while self._oracle_bus.read(0.0):
+                pass
+
+    def begin(self, t0_us: int) -> None:
+        self._camera_process.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us)
+        if self._oracle:
+            self._oracle.begin(t0_us)
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def close(self) -> None:
+        for closing in ("model", "camera"):
+            if hasattr(self, closing):
+                getattr(self, closing).close()
+        for link in getattr(self, "links", []):
+            link.close()
+        if self._oracle_bus:
+            self._oracle_bus.close()
+        self._supervisor.close()
+        self.executor.shutdown(wait=False, cancel_futures=True)
+
+
+class Patience:
+    """Says once why nothing happens, when nothing happens for a while."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say, self._waits = say, 0
+
+    def __call__(self) -> None:
+        self._waits += 1
+        if self._waits == 6:
+            self._say("compiling the flight core and the camera (first run only, about a minute) …")

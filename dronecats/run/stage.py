@@ -1,0 +1,32 @@
+"""What an episode is flown on: vehicles to command, a camera, a model, and a logger that looks on."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from typing import Protocol
+
+from dronecats.agent.model import Model
+from dronecats.border.camera import Camera
+from hil.link import Link
+
+
+class Stage(Protocol):
+    """Lockstep in one process, or real time over sockets: the episode does not know which."""
+
+    links: Sequence[Link]
+    camera: Camera
+    model: Model
+    executor: Executor
+
+    def begin(self, t0_us: int) -> None:
+        """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets."""
+        ...
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        """Tell the logger that the episode is over."""
+        ...
+
+    def check(self) -> None:
+        """Raise InfrastructureError if something the flight stands on is gone."""
+        ...
+
+    def close(self) -> None: ...
