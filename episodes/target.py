@@ -1,0 +1,52 @@
+"""Where a target is: a pure function of the time since the episode began."""
+
+import bisect
+import math
+from dataclasses import dataclass
+
+from dronecats.border.frames import Vec3
+from episodes.record import TargetRecord
+
+AXLES_M = 2.7  # distance between the two points of the path that the heading is drawn through, a car's wheelbase
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A target's whole movement. A standing target has one waypoint and speed 0."""
+
+    waypoints_ned: tuple[Vec3, ...]  # m
+    reached_m: tuple[float, ...]  # m along the path at each waypoint, measured in three dimensions
+    speed_mps: float
+    yaw: float  # rad, of a standing target
+
+    def pose(self, t_s: float) -> tuple[Vec3, float]:
+        """Return (position_ned of the asset's origin in m, yaw in rad in [-π, π]) at time t_s; before 0 as at 0.
+
+        The path is followed once and the target stays at its end. The heading joins two points of the path half a
+        wheelbase ahead and behind, so it turns into a corner gradually, as a vehicle does.
+        """
+        if self.speed_mps == 0.0:
+            return self.waypoints_ned[0], self.yaw
+        s = min(max(t_s, 0.0) * self.speed_mps, self.reached_m[-1])
+        rear, front = self._at(s - AXLES_M / 2), self._at(s + AXLES_M / 2)
+        return self._at(s), math.atan2(front[1] - rear[1], front[0] - rear[0])
+
+    def _at(self, s: float) -> Vec3:
+        """Return the point at arc length s; the first and last legs go on beyond the ends."""
+        k = min(max(bisect.bisect_right(self.reached_m, s) - 1, 0), len(self.reached_m) - 2)
+        a, b = self.waypoints_ned[k], self.waypoints_ned[k + 1]
+        u = (s - self.reached_m[k]) / (self.reached_m[k + 1] - self.reached_m[k])
+        return (a[0] + u * (b[0] - a[0]), a[1] + u * (b[1] - a[1]), a[2] + u * (b[2] - a[2]))
+
+
+def motion(target: TargetRecord) -> Motion:
+    """Return the movement that a record asks for."""
+    if target.path is None:
+        if target.position_ned is None or target.yaw_deg is None:
+            raise ValueError("a target has either a pose or a path")
+        return Motion((target.position_ned,), (0.0,), 0.0, math.radians(target.yaw_deg))
+    points = target.path.waypoints_ned
+    reached = [0.0]
+    for a, b in zip(points, points[1:], strict=False):
+        reached.append(reached[-1] + math.dist(a, b))
+    return Motion(points, tuple(reached), target.path.speed_mps, 0.0)

@@ -1,0 +1,100 @@
+"""One episode's world: its map with the target in it, and every true answer about the two."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dronecats.border.camera import CameraModel, CameraPose
+from dronecats.border.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
+from episodes import assets, maps
+from episodes.record import EpisodeRecord
+from episodes.scene import Instance, Scene
+from episodes.target import motion
+from episodes.visibility import Solids, TargetView, turn
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The truth about one drone and the target at one instant."""
+
+    target_ned: Vec3  # m, centre of the target's box
+    distance_m: float  # m, body origin to that centre, in three dimensions
+    distance_box_m: float  # m, body origin to the nearest point of the target's oriented box; 0 inside
+    visible: bool
+    visible_fraction: float  # 0 … 1 of the target's silhouette that is in the picture and not hidden
+    bearing_deg: float  # [-180, 180), of the centre, horizontal, from the nose, + to the right
+    oracle_depth_m: float | None  # m, median planar depth of the visible surface; None when none is visible
+
+
+class World:
+    """The map of a record with its target and look-alikes. Time is seconds since the episode began."""
+
+    def __init__(self, record: EpisodeRecord) -> None:
+        """Build the scene. Raises UsageError for an unknown map, asset or paint."""
+        self.record = record
+        self._motion = motion(record.target)
+        plan = maps.build(record.map, record.map_seed)
+        next_id = max(i.id for i in plan.instances) + 1
+        mesh = assets.build(record.target.asset, record.target.paint, record.target.inscription)
+        place, yaw = self._motion.pose(0.0)
+        self.target_id: int = next_id
+        target = Instance(next_id, "target", record.target.asset, mesh, place, yaw, movable=self._motion.speed_mps > 0.0)
+        others = []
+        for k, one in enumerate(record.candidates, 1):
+            spot, heading = motion(one).pose(0.0)
+            look = assets.build(one.asset, one.paint, one.inscription)
+            others.append(Instance(next_id + k, f"candidate-{k}", one.asset, look, spot, heading))
+        self.scene: Scene = replace(plan, instances=(*plan.instances, target, *others))
+        self.solids = Solids((*plan.instances, *others))
+        self._view = TargetView(mesh, self.solids)
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        self._half = tuple(float(v) for v in (high - low) / 2)
+        self._middle = tuple(float(v) for v in (high + low) / 2)
+
+    def target_pose(self, t_s: float) -> tuple[Vec3, float]:
+        """Return (position_ned of the target's origin in m, yaw in rad)."""
+        return self._motion.pose(t_s)
+
+    def target_centre(self, t_s: float) -> Vec3:
+        """Return the centre (m, NED) of the target's box."""
+        place, yaw = self._motion.pose(t_s)
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y, z = self._middle
+        return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
+
+    def moved(self, t_s: float) -> Mapping[int, tuple[Vec3, float]]:
+        """Return id → (position_ned, yaw) of everything that moves, for the renderer."""
+        return {self.target_id: self._motion.pose(t_s)} if self._motion.speed_mps > 0.0 else {}
+
+    def measure(self, t_s: float, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Measurement:
+        """Return the truth about a drone whose body origin and attitude (FRD → NED) are given."""
+        place, yaw = self._motion.pose(t_s)
+        centre = self.target_centre(t_s)
+        local = turn(yaw).T @ (np.array(position_ned) - np.array(centre))
+        beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
+        lever = rotate(attitude, camera.offset_frd)
+        eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
+        sight = self._view.sight(place, yaw, CameraPose(eye, attitude), camera)
+        toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
+        return Measurement(
+            target_ned=centre,
+            distance_m=math.dist(position_ned, centre),
+            distance_box_m=math.hypot(*beyond),
+            visible=sight.visible,
+            visible_fraction=sight.fraction,
+            bearing_deg=math.degrees(wrap_pi(toward - quat_yaw(attitude))),
+            oracle_depth_m=sight.depth_m,
+        )
+
+    def ground_down(self, north: float, east: float) -> float:
+        """Return the NED z (m) of the ground."""
+        return self.scene.terrain.at(north, east)
+
+    def clearance_m(self, point_ned: Vec3) -> float:
+        """Return the distance (m) from a point to the nearest solid that does not move, ground included.
+
+        The target is not among them: its distance is `measure(…).distance_box_m`.
+        """
+        return self.solids.clearance_m(point_ned)
