@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from autopilot.control.smoothing import RESPONSE
 from autopilot.mixer import allocation
 from dronecats.border.airframe import Airframe
 from dronecats.border.errors import UsageError
@@ -57,6 +58,8 @@ class Gains:
     velocity_i: Vec3  # m/s² per m
     velocity_d: Vec3  # m/s² per m/s²
     position_p: Vec3  # 1/s
+    velocity_lag: Vec3  # s, how late an acceleration follows its setpoint
+    yaw_lag: float  # s, how late the yaw rate follows its setpoint
     gyro_cutoff_hz: float
     gyro_derivative_cutoff_hz: float
     acceleration_max: Vec3  # rad/s², angular acceleration of a normalised torque of 1
@@ -124,10 +127,16 @@ def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
     return lambda s: (p + i / s + d * s * measured(s)) / s * inner(s) * np.exp(-OUTER_DELAY_S * s)
 
 
-def position_loop(p: float, velocity: Response) -> Response:
-    """Return L(s) of a position P around a velocity loop and the smoothing of its setpoint."""
-    inner, smoothing = closed(velocity), lag(1 / 8.0)  # control.smoothing.RESPONSE
-    return lambda s: p / s * inner(s) * smoothing(s)
+def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
+    """Return L(s) of a position P around the smoothing of its velocity setpoint and a velocity loop with feed-forward.
+
+    The smoothed reference r drives the acceleration with s r and the feedback C with r / (T s + 1), T the expected lag,
+    so with G what makes the acceleration and L = C G / s the velocity is (G + L / (T s + 1)) / (1 + L) r.
+    """
+    smoothing, late = lag(1.0 / RESPONSE), lag(expected)
+    return lambda s: (
+        p / s * smoothing(s) * (inner(s) * np.exp(-OUTER_DELAY_S * s) + velocity(s) * late(s)) / (1.0 + velocity(s))
+    )
 
 
 def margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES) -> Margin:
@@ -155,7 +164,7 @@ def shape_rate(airframe: Airframe, cutoff_hz: float, derivative_hz: float, yaw: 
     lead = 0.0 if yaw else 0.6 * rotor_lag(airframe)  # s, derivative time: undoes most of the rotor lag
     top = YAW_CROSSOVER_MAX if yaw else 1.0 / rotor_lag(airframe)
     for p in np.geomspace(top, 0.02 * top, 120):
-        i, d = 0.15 * p * p, lead * p
+        i, d = (0.05 if yaw else 0.15) * p * p, lead * p
         found = margin(rate_loop(airframe, p, i, d, cutoff_hz, derivative_hz, yaw), FREQUENCIES[::6])
         if found.phase_deg >= RATE_PHASE_MARGIN and found.gain_db >= RATE_GAIN_MARGIN:
             return float(p), float(i), float(d)
@@ -171,15 +180,17 @@ def loops(airframe: Airframe, gains: Gains) -> dict[str, Response]:
     }
     attitude = {axis: attitude_loop(gains.attitude_p[k], loop) for k, (axis, loop) in enumerate(rate.items())}
     p, i, d = gains.velocity_p, gains.velocity_i, gains.velocity_d
-    horizontal = velocity_loop(p[0], i[0], d[0], closed(attitude["pitch"]))
-    vertical = velocity_loop(p[2], i[2], d[2], lag(rotor_lag(airframe)))
+    tilting, lifting = closed(attitude["pitch"]), lag(rotor_lag(airframe))
+    horizontal = velocity_loop(p[0], i[0], d[0], tilting)
+    vertical = velocity_loop(p[2], i[2], d[2], lifting)
+    late = gains.velocity_lag
     return {
         **{f"{axis} rate": loop for axis, loop in rate.items()},
         **{f"{axis} attitude": loop for axis, loop in attitude.items()},
         "horizontal velocity": horizontal,
         "vertical velocity": vertical,
-        "horizontal position": position_loop(gains.position_p[0], horizontal),
-        "vertical position": position_loop(gains.position_p[2], vertical),
+        "horizontal position": position_loop(gains.position_p[0], horizontal, tilting, late[0]),
+        "vertical position": position_loop(gains.position_p[2], vertical, lifting, late[2]),
     }
 
 
@@ -204,7 +215,8 @@ def design(airframe: Airframe) -> Gains:
     tilt_p = min(level[0] / ATTITUDE_RATIO, ATTITUDE_P_MAX)
     attitude_p = (tilt_p, tilt_p, min(turn[0] / ATTITUDE_RATIO, tilt_p))
     sideways = min(tilt_p / VELOCITY_RATIO, VELOCITY_P_MAX[0])
-    upright = min(0.1 / rotor_lag(airframe), VELOCITY_P_MAX[2])
+    upright = min(0.16 / rotor_lag(airframe), VELOCITY_P_MAX[2])
+    tilt_lag = 1.0 / tilt_p + 1.0 / level[0] + OUTER_DELAY_S
     floor = (airframe.curve.speed_idle / airframe.curve.speed_max) ** 2
     gains = Gains(
         rate_p=(rate[0][0], rate[1][0], rate[2][0]),
@@ -212,9 +224,11 @@ def design(airframe: Airframe) -> Gains:
         rate_d=(rate[0][2], rate[1][2], rate[2][2]),
         attitude_p=attitude_p,
         velocity_p=(sideways, sideways, upright),
-        velocity_i=(0.2 * sideways**2, 0.2 * sideways**2, 0.12 * upright**2),
+        velocity_i=(0.3 * sideways**2, 0.3 * sideways**2, 0.12 * upright**2),
         velocity_d=(0.1 * sideways, 0.1 * sideways, 0.0),
         position_p=(0.5 * sideways, 0.5 * sideways, 0.3 * upright),
+        velocity_lag=(tilt_lag, tilt_lag, rotor_lag(airframe) + OUTER_DELAY_S),
+        yaw_lag=1.0 / turn[0],
         gyro_cutoff_hz=cutoff_hz,
         gyro_derivative_cutoff_hz=derivative_hz,
         acceleration_max=tuple(t / j for t, j in zip(share.torque_max, airframe.inertia_frd, strict=True)),  # type: ignore[arg-type]

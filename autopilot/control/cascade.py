@@ -36,11 +36,14 @@ def fallback(params, state, estimate):  # type: ignore[no-untyped-def]
         state.rates_setpoint[i] = 0.0
         state.velocity_integral[i] = 0.0
         state.velocity_reference[i] = 0.0
+        state.velocity_expected[i] = 0.0
         state.acceleration_reference[i] = 0.0
+        state.acceleration_expected[i] = 0.0
         state.acceleration_filtered[i] = 0.0
     state.thrust_setpoint = params.hover_thrust
     state.yaw_reference = yaw if math.isfinite(yaw) else 0.0
     state.yaw_rate_reference = 0.0
+    state.yaw_rate_expected = 0.0
     if not math.isfinite(state.hover_thrust):
         state.hover_thrust = params.hover_thrust
     state.not_finite += 1

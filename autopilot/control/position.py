@@ -4,11 +4,12 @@ import math
 
 from numba import njit
 
-from autopilot.control.smoothing import braking_speed, slew_horizontal, slew_vertical
+from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
 from autopilot.kernels import quat_yaw, wrap_pi
 
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
-YAW_ACCELERATION = 4.0  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
+YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
+YAW_ACCELERATION = 2.5  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
 
 
 @njit(cache=True)
@@ -23,19 +24,23 @@ def begin(state, estimate):  # type: ignore[no-untyped-def]
     for i in range(3):
         v = estimate.velocity_ned[i]
         state.velocity_reference[i] = v if math.isfinite(v) else 0.0
+        state.velocity_expected[i] = state.velocity_reference[i]
         state.acceleration_reference[i] = 0.0
+        state.acceleration_expected[i] = 0.0
         state.velocity_integral[i] = 0.0
     q = estimate.attitude
     state.yaw_reference = quat_yaw((q[0], q[1], q[2], q[3]))
     state.yaw_rate_reference = 0.0
+    state.yaw_rate_expected = 0.0
 
 
 @njit(cache=True)
-def slew_yaw_rate(state, rate, dt):  # type: ignore[no-untyped-def]
-    """Move the yaw rate reference towards `rate` (rad/s) within YAW_ACCELERATION; return it."""
+def slew_yaw_rate(params, state, rate, dt):  # type: ignore[no-untyped-def]
+    """Move the yaw rate reference towards `rate` (rad/s) within YAW_ACCELERATION; return the rate expected by now."""
     step = min(max(rate - state.yaw_rate_reference, -YAW_ACCELERATION * dt), YAW_ACCELERATION * dt)
     state.yaw_rate_reference += step
-    return state.yaw_rate_reference
+    state.yaw_rate_expected += dt / (params.yaw_lag + dt) * (state.yaw_rate_reference - state.yaw_rate_expected)
+    return state.yaw_rate_expected
 
 
 @njit(cache=True)
@@ -44,13 +49,13 @@ def head(params, state, setpoint, yaw, dt):  # type: ignore[no-untyped-def]
     if math.isfinite(setpoint.yaw):
         gap = wrap_pi(setpoint.yaw - state.yaw_reference)
         limit = params.yaw_rate_auto_max
-        rate = min(max(4.0 * gap, -limit), limit)
-        rate = slew_yaw_rate(state, rate, dt)
+        rate = math.copysign(min(braking_speed(abs(gap), YAW_GAIN, 0.6 * YAW_ACCELERATION), limit), gap)
+        rate = slew_yaw_rate(params, state, rate, dt)
         state.yaw_reference = wrap_pi(state.yaw_reference + rate * dt)
     else:
         limit = params.rate_max[2]
         rate = min(max(setpoint.yaw_rate, -limit), limit) if math.isfinite(setpoint.yaw_rate) else 0.0
-        rate = slew_yaw_rate(state, rate, dt)
+        rate = slew_yaw_rate(params, state, rate, dt)
         lead = wrap_pi(state.yaw_reference + rate * dt - yaw)
         state.yaw_reference = wrap_pi(yaw + min(max(lead, -YAW_LEAD_MAX), YAW_LEAD_MAX))
 
@@ -98,6 +103,8 @@ def steer(params, state, setpoint, estimate, dt):  # type: ignore[no-untyped-def
     down = min(max(down, -up_max), down_max)
     slew_vertical(state, down, params.acceleration_up, params.acceleration_down, vertical_jerk, dt)
 
+    expect(params, state, dt)
+
     a = setpoint.acceleration_ned
     only_horizontal = (
         math.isfinite(a[0]) and math.isfinite(a[1])
@@ -117,15 +124,17 @@ def accelerate(params, state, setpoint, estimate, horizontal, vertical, dt):  # 
         ahead = extra if math.isfinite(extra) else 0.0
         if (i < 2 and horizontal) or (i == 2 and vertical):
             reference = state.acceleration_reference[i]
-            error = state.velocity_reference[i] - estimate.velocity_ned[i]
+            error = state.velocity_expected[i] - estimate.velocity_ned[i]
             total = (
                 ahead + reference + params.velocity_p[i] * error + state.velocity_integral[i]
-                - params.velocity_d[i] * (state.acceleration_filtered[i] - reference)
+                - params.velocity_d[i] * (state.acceleration_filtered[i] - state.acceleration_expected[i])
             )  # fmt: skip
         else:
             total = ahead
             state.velocity_reference[i] = estimate.velocity_ned[i]
+            state.velocity_expected[i] = estimate.velocity_ned[i]
             state.acceleration_reference[i] = 0.0
+            state.acceleration_expected[i] = 0.0
             if i < 2:
                 state.velocity_integral[i] = 0.0
         if i == 0:
@@ -143,7 +152,7 @@ def integrate(params, state, estimate, wanted, flown, horizontal, vertical, dt):
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):
             continue
-        error = state.velocity_reference[i] - estimate.velocity_ned[i]
+        error = state.velocity_expected[i] - estimate.velocity_ned[i]
         cut = wanted[i] - flown[i]
         back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as PX4's PositionControl
         state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt

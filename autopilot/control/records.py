@@ -25,6 +25,8 @@ CONTROL_PARAMS = np.dtype(
         ("thrust_horizontal_margin", "f8"),  # 0 … 1, kept for the horizontal when thrust saturates
         ("hover_thrust", "f8"),  # 0 … 1, from the airframe's constants
         ("yaw_rate_auto_max", "f8"),  # rad/s, while turning to a yaw setpoint
+        ("velocity_lag", "f8", (3,)),  # s, how late an acceleration follows its setpoint
+        ("yaw_lag", "f8"),  # s, how late the yaw rate follows its setpoint
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # 0 … 1
         ("rate_max", "f8", (3,)),  # rad/s
@@ -51,9 +53,12 @@ CONTROL_STATE = np.dtype(
         ("kind", "i8"),  # setpoint kind of the last tick
         ("velocity_reference", "f8", (3,)),  # m/s, smoothed velocity setpoint
         ("acceleration_reference", "f8", (3,)),  # m/s², its derivative
+        ("velocity_expected", "f8", (3,)),  # m/s, what the reference makes of a vehicle with the lag it has
+        ("acceleration_expected", "f8", (3,)),  # m/s², its derivative
         ("velocity_integral", "f8", (3,)),  # m/s²
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
-        ("yaw_reference", "f8"),  # rad
+        ("yaw_reference", "f8"),  # rad, with the lag of the yaw rate in it
+        ("yaw_rate_expected", "f8"),  # rad/s, its derivative
         ("yaw_rate_reference", "f8"),  # rad/s
         ("attitude_setpoint", "f8", (4,)),
         ("thrust_setpoint", "f8"),

@@ -4,7 +4,7 @@ import math
 
 from numba import njit
 
-RESPONSE = 8.0  # 1/s, how fast the last metre per second is closed; well above the velocity loop's own bandwidth
+RESPONSE = 5.0  # 1/s, how fast the last metre per second is closed; well above the velocity loop's own bandwidth
 
 
 @njit(cache=True)
@@ -50,3 +50,18 @@ def slew_vertical(state, down, limit_up, limit_down, jerk, dt):  # type: ignore[
     target = math.copysign(wanted_acceleration(abs(gap), limit, jerk), gap)
     a[2] += min(max(target - a[2], -jerk * dt), jerk * dt)
     v[2] += a[2] * dt
+
+
+@njit(cache=True)
+def expect(params, state, dt):  # type: ignore[no-untyped-def]
+    """Advance the velocity that a vehicle following the reference's acceleration with its lag has by now.
+
+    The velocity error is taken against it: the feedback then corrects disturbances only and not the lag, which would
+    make it overshoot.
+    """
+    for i in range(3):
+        share = dt / (params.velocity_lag[i] + dt)
+        a, v = state.acceleration_expected, state.velocity_expected
+        a[i] += share * (state.acceleration_reference[i] - a[i])
+        # leaking into the reference, so that rounding and clipped steps do not remain
+        v[i] += (a[i] + 0.5 * (state.velocity_reference[i] - params.velocity_lag[i] * a[i] - v[i])) * dt
