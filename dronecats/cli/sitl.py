@@ -18,7 +18,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
     parser.add_argument("--episode", default=None, metavar="ID", help="whose map and start place to use")
     parser.add_argument(
-        "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the forward camera over HTTP"
+        "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the camera over HTTP"
     )
     parser.set_defaults(run=run)
 

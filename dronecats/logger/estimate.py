@@ -1,4 +1,4 @@
-"""truth.jsonl of a flight whose truth nobody knows: the autopilot's own estimate, and `null` for all that is unknown."""
+"""truth.jsonl of a flight whose truth nobody knows: the autopilot's own estimate, `null` for all that is unknown."""
 
 import json
 import math
