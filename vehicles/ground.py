@@ -11,8 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dronecats.border.frames import GRAVITY
 from dronecats.border.terrain import HeightField
-from vehicles.compiled_frames import rotate
+from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.records import STEP_S
 
 # rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
@@ -23,6 +24,7 @@ FRICTION = 0.7  # rubber or plastic on dry hard ground
 TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
 DEEPEST = 0.2  # m, penetration beyond which the spring no longer hardens: steps in the height field do not catapult
 MARGIN = 0.005  # m, beyond the way of one step: what accelerations add to it
+STILL = 1e-5  # m/s, rad/s and m/s²: slower than this is standing
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, the same for a propeller or the hull
 
@@ -85,7 +87,8 @@ def _touch(params, down, k, position, attitude, velocity, rates):
     arm = rotate(attitude, (px, py, pz))
     point = (position[0] + arm[0], position[1] + arm[1], position[2] + arm[2])
     z, slope_north, slope_east = surface(params, down, point[0], point[1])
-    scale = 1.0 / math.sqrt(1.0 + slope_north * slope_north + slope_east * slope_east)
+    steep = slope_north * slope_north + slope_east * slope_east
+    scale = 1.0 / math.sqrt(1.0 + steep) if steep > 0.0 else 1.0
     normal = (slope_north * scale, slope_east * scale, -scale)
     spin = rotate(
         attitude,
@@ -101,6 +104,7 @@ def support(params, state, down, mask, position, attitude, velocity, rates):
     """Return (force N NED, moment N·m NED about the body origin) of the ground on the contact points in `mask`."""
     fx = fy = fz = mx = my = mz = 0.0
     stiffness, damping = params.contact_stiffness, params.contact_damping
+    fading = stiffness / (0.1 * params.mass)  # full damping once the spring carries a hundredth of the weight
     for k in range(params.contacts):
         if mask >> k & 1 == 0:
             continue
@@ -108,7 +112,7 @@ def support(params, state, down, mask, position, attitude, velocity, rates):
         if depth <= 0.0:
             continue
         # the damper fades in with depth, so that a touch begins without a jump of force
-        fade = min(depth * stiffness / (0.1 * params.mass), 1.0)
+        fade = min(depth * fading, 1.0)
         load = max(stiffness * min(depth, DEEPEST) + damping * fade * closing, 0.0)
         tx = ty = tz = 0.0
         if state.contact[k] != 0:
@@ -119,9 +123,9 @@ def support(params, state, down, mask, position, attitude, velocity, rates):
         tz -= damping * fade * moving[2]
         along = tx * normal[0] + ty * normal[1] + tz * normal[2]
         tx, ty, tz = tx - along * normal[0], ty - along * normal[1], tz - along * normal[2]
-        size = math.sqrt(tx * tx + ty * ty + tz * tz)
-        if size > FRICTION * load:
-            shrink = FRICTION * load / size
+        square = tx * tx + ty * ty + tz * tz
+        if square > (FRICTION * load) ** 2:
+            shrink = FRICTION * load / math.sqrt(square)
             tx, ty, tz = tx * shrink, ty * shrink, tz * shrink
         px, py, pz = load * normal[0] + tx, load * normal[1] + ty, load * normal[2] + tz
         fx += px
@@ -131,6 +135,36 @@ def support(params, state, down, mask, position, attitude, velocity, rates):
         my += arm[2] * px - arm[0] * pz
         mz += arm[0] * py - arm[1] * px
     return (fx, fy, fz), (mx, my, mz)
+
+
+@njit(cache=True)
+def at_rest(state, force, breeze):
+    """Return whether the vehicle stands, with nothing left that could move it but the ground and its weight.
+
+    `force` (N, FRD) is that of the rotors, `breeze` (m/s, NED) the wind. Friction has then stopped all but a creep
+    far below every sensor's noise, and the motion need not be integrated.
+    """
+    if state.on_ground == 0 or force[2] != 0.0:
+        return False
+    restless = 0.0
+    for i in range(3):
+        if state.external_force[i] != 0.0 or state.external_torque[i] != 0.0 or breeze[i] != 0.0:
+            return False
+        restless = max(restless, abs(state.velocity[i]), abs(state.rates[i]))
+    felt = state.specific_force
+    return restless < STILL and abs(felt[0] ** 2 + felt[1] ** 2 + felt[2] ** 2 - GRAVITY**2) < STILL * GRAVITY
+
+
+@njit(cache=True)
+def hold(state):
+    """Keep a vehicle that is at rest exactly where it is."""
+    felt = rotate_inverse(
+        (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3]), (0.0, 0.0, -GRAVITY)
+    )
+    for i in range(3):
+        state.velocity[i] = 0.0
+        state.rates[i] = 0.0
+        state.specific_force[i] = felt[i]
 
 
 @njit(cache=True)
@@ -159,9 +193,9 @@ def settle(params, state, down, mask):
         ox, oy, oz = state.anchor[k, 0] - point[0], state.anchor[k, 1] - point[1], state.anchor[k, 2] - point[2]
         along = ox * normal[0] + oy * normal[1] + oz * normal[2]
         ox, oy, oz = ox - along * normal[0], oy - along * normal[1], oz - along * normal[2]
-        size = math.sqrt(ox * ox + oy * oy + oz * oz)
+        square = ox * ox + oy * oy + oz * oz
         limit = FRICTION * min(depth, DEEPEST) / TANGENTIAL
-        if size > limit:
-            shrink = limit / size
+        if square > limit * limit:
+            shrink = limit / math.sqrt(square)
             state.anchor[k, 0], state.anchor[k, 1] = point[0] + ox * shrink, point[1] + oy * shrink
             state.anchor[k, 2] = point[2] + oz * shrink

@@ -18,7 +18,8 @@ from vehicles.sensors import Suite
 from vehicles.wind import CALM, Wind
 
 _gust = wind.gust
-_surface, _in_reach, _candidates, _settle = ground.surface, ground.in_reach, ground.candidates, ground.settle
+_surface, _in_reach, _candidates = ground.surface, ground.in_reach, ground.candidates
+_at_rest, _hold, _settle = ground.at_rest, ground.hold, ground.settle
 _ground_gain, _push, _drain, _sample = rotor.ground_gain, rotor.push, battery.drain, sensors.sample
 _BATTERY_PERIOD_US, _WIND_PERIOD_US = battery.PERIOD_US, wind.PERIOD_US
 
@@ -50,12 +51,11 @@ def step(params, state, air, suite, memory, down, peak, actuators, sensors, trut
     if state.time_us % _BATTERY_PERIOD_US == 0:
         _drain(params, state)
 
-    move(params, state, down, load, breeze, mask)
-    if mask != 0:
-        _settle(params, state, down, mask)
+    if mask != 0 and _at_rest(state, load[0], breeze):
+        _hold(state)
     else:
-        state.on_ground = 0
-        state.contact[:] = 0
+        move(params, state, down, load, breeze, mask)
+        _settle(params, state, down, mask)
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 

@@ -21,6 +21,7 @@ THRUST_GAIN_MAX = 1.5
 # Cheeseman and Bennett (1955) is quoted for z / R > 0.5; closer in, its value there is held.
 GROUND_EFFECT_NEAREST = 0.5
 GROUND_EFFECT_FARTHEST = 4.0  # rotor radii; the gain there is 0.4 %
+STANDSTILL = 0.1  # rad/s, speed below which a rotor that slows down stops
 
 
 @njit(cache=True)
@@ -70,6 +71,8 @@ def push(params, state, actuators, air, rates, near_ground):
         before = state.rotor_speed[i]
         error = commanded_speed(params, armed, actuators.command[i], voltage) * state.rotor_health[i] - before
         change = error * (params.gain_up if error > 0.0 else params.gain_down)
+        if error < 0.0 and before < STANDSTILL:
+            change = error  # stiction ends what the exponential never would
         speed = before + change
         state.rotor_speed[i] = speed
 

@@ -1,0 +1,103 @@
+"""Airframe files: what is shipped is flyable, what is broken is refused by name."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.border.errors import UsageError
+from dronecats.border.frames import GRAVITY
+from vehicles import airframe
+
+FILES = Path(airframe.__file__).parent / "airframes"
+
+
+@pytest.mark.parametrize("name", airframe.names())
+def test_shipped_airframe_hovers_with_margin_and_balance(name: str) -> None:
+    frame = airframe.load(name)
+    assert 0.3 < frame.mass_kg * GRAVITY / frame.thrust_max < 0.6
+    assert sum(rotor.spin for rotor in frame.rotors) == 0
+    for axis in (0, 1):  # equal speeds pull through the centre of mass, and their torques cancel
+        assert sum(rotor.position_frd[axis] for rotor in frame.rotors) == pytest.approx(0.0, abs=1e-9)
+        assert sum(rotor.spin * rotor.position_frd[axis] for rotor in frame.rotors) == pytest.approx(0.0, abs=1e-9)
+    a, b, c = sorted(frame.inertia_frd)
+    assert a + b >= c  # a body of positive mass
+
+
+@pytest.mark.parametrize("name", airframe.names())
+def test_every_constant_names_its_source(name: str) -> None:
+    for line in (FILES / f"{name}.toml").read_text(encoding="utf-8").splitlines():
+        if "=" in line.split("#")[0] and not line.startswith(("spin", "contact_points_frd")):
+            assert "#" in line, line
+
+
+def test_quad_order_is_px4s() -> None:
+    corners = [(r.position_frd[0] > 0, r.position_frd[1] > 0, r.spin) for r in airframe.load("x500").rotors]
+    assert corners == [(True, True, 1), (False, False, 1), (True, False, -1), (False, True, -1)]
+
+
+def test_unknown_name_suggests_the_nearest() -> None:
+    with pytest.raises(UsageError, match="x500"):
+        airframe.load("x50")
+    with pytest.raises(UsageError, match=r"hexa.*nano.*racer250.*x500"):
+        airframe.load("zzzzzz")
+    with pytest.raises(UsageError, match=r"missing\.toml"):
+        airframe.load("missing.toml")
+
+
+def test_a_file_of_ones_own_is_loaded_by_path(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text((FILES / "x500.toml").read_text(encoding="utf-8").replace("mass_kg = 2.0", "mass_kg = 1.5"))
+    assert airframe.load(str(path)).mass_kg == 1.5
+    assert airframe.load(str(path)).name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "named"),
+    [
+        ("mass_kg", -1.0, "mass_kg"),
+        ("mass_kg", float("nan"), "mass_kg"),
+        ("mass_kg", "heavy", "mass_kg"),
+        ("mass_kg", 50.0, "thrust_coefficient"),
+        ("inertia_frd", [1.0, 2.0], "inertia_frd"),
+        ("wings", 2, "wings"),
+        ("rotors", [], "rotors"),
+        ("curve", 3, "curve"),
+        ("contact_points_frd", [[0, 0, 0]], "contact_points_frd"),
+        ("mav_type", 2.5, "mav_type"),
+    ],
+)
+def test_a_malformed_field_is_named(field: str, value: object, named: str) -> None:
+    table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
+    table[field] = value
+    with pytest.raises(UsageError, match=named):
+        airframe.parse(table, "broken")
+
+
+def test_a_missing_field_is_named() -> None:
+    table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
+    del table["curve"]["radius_m"]
+    with pytest.raises(UsageError, match=r"curve\.radius_m"):
+        airframe.parse(table, "broken")
+
+
+_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-3, 3) | st.floats() | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_any_replaced_value_is_loaded_or_refused_never_worse(data: st.DataObject) -> None:
+    table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
+    place = data.draw(st.sampled_from([table, table["curve"], table["battery"], table["rotors"][0]]))
+    place[data.draw(st.sampled_from(sorted(place)))] = data.draw(_VALUES)
+    try:
+        frame = airframe.parse(table, "odd")
+    except UsageError:
+        return
+    assert frame.thrust_max > frame.mass_kg * GRAVITY
