@@ -1,0 +1,104 @@
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, parse, parse_fleet
+
+
+@pytest.mark.parametrize(
+    ("reply", "action"),
+    [
+        ('{"action":"go","point":[612, 430],"depth_m":9}', Go(612, 430, 9)),
+        ('{"action":"rotate","angle_deg":-45.5}', Rotate(-45.5)),
+        ('{"action":"think"}', Think()),
+        ('{"action":"finished"}', Finished()),
+        ('```json\n{"action":"think"}\n```', Think()),
+        ('I see {a car}. {"action":"rotate","angle_deg":120}', Rotate(120)),
+        ('{"reason":"near","action":"finished"} {"action":"think"}', Finished()),
+    ],
+)
+def test_reads_the_four_actions(reply, action):
+    assert parse(reply) == action
+
+
+def test_axis_order_is_the_models():
+    assert parse('{"action":"go","point":[430, 612],"depth_m":9}', "yx") == Go(612, 430, 9)
+
+
+@pytest.mark.parametrize(
+    ("reply", "reason"),
+    [
+        ("", "no JSON object"),
+        ("the car is ahead", "no JSON object"),
+        ('{"action":"land"}', "unknown action"),
+        ('{"point":[1,2]}', "no \"action\""),
+        ('{"action":"go","point":[1],"depth_m":3}', "pair"),
+        ('{"action":"go","point":[1200,20],"depth_m":3}', "outside 0–1000"),
+        ('{"action":"go","point":[1,2]}', "missing"),
+        ('{"action":"go","point":[1,2],"depth_m":-1}', "outside"),
+        ('{"action":"go","point":[1,2],"depth_m":NaN}', "not finite"),
+        ('{"action":"go","point":[true,2],"depth_m":3}', "not a number"),
+        ('{"action":"rotate","angle_deg":"90"}', "not a number"),
+        ('{"action":"rotate","angle_deg":1e400}', "not finite"),
+        ('{"action":"go","point":[1,2],"depth_m":%s}' % ("9" * 400), "too large"),
+    ],
+)
+def test_says_what_is_wrong(reply, reason):
+    with pytest.raises(ActionError, match=reason):
+        parse(reply)
+
+
+@given(st.text(max_size=400))
+def test_never_raises_anything_else(text):
+    try:
+        parse(text)
+    except ActionError as error:
+        assert str(error)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["action", "point", "depth_m", "angle_deg", "x"]),
+        json_values | st.sampled_from(["go", "rotate", "think", "finished"]),
+    )
+)
+def test_any_object_is_an_action_in_range_or_an_error(value):
+    try:
+        action = parse(json.dumps(value))
+    except ActionError:
+        return
+    if isinstance(action, Go):
+        assert 0 <= action.x <= 1000
+        assert 0 <= action.y <= 1000
+        assert 0 <= action.depth_m <= 1e5
+
+
+@given(st.floats(0, 1000), st.floats(0, 1000), st.floats(0, 1000))
+def test_what_is_written_is_what_is_read(x, y, depth):
+    go = Go(x, y, depth)
+    assert parse(json.dumps(go.as_json())) == go
+
+
+def test_deep_nesting_is_an_error_not_a_crash():
+    with pytest.raises(ActionError):
+        parse("{" * 50_000)
+    with pytest.raises(ActionError):
+        parse('{"action":' + "[" * 90_000)
+
+
+def test_a_fleet_needs_one_action_per_drone():
+    reply = '[{"action":"think"},{"action":"rotate","angle_deg":9},{"action":"x"},{"action":"finished"}]'
+    think, rotate, bad, finished = parse_fleet(reply, 4)
+    assert (think, rotate, finished) == (Think(), Rotate(9), Finished())
+    assert isinstance(bad, ActionError)
+    assert all(isinstance(a, ActionError) for a in parse_fleet(reply, 3))
+    assert all(isinstance(a, ActionError) for a in parse_fleet('{"action":"think"}', 4))

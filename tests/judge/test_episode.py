@@ -1,0 +1,141 @@
+import json
+
+import pytest
+
+from dronecats.border.errors import UsageError
+from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
+from dronecats.judge.files import read
+
+
+def decision(step, frame, t, action="finished", drone=0):
+    return {"step": step, "drone": drone, "frame_id": frame, "t_frame": t - 0.5, "t_decided": t,
+            "reply": "", "action": {"action": action} if action else None, "error": None}  # fmt: skip
+
+
+def frame(frame_id, t, distance, visible=True, drone=0):
+    return {"kind": "frame", "frame_id": frame_id, "t": t, "drone": drone, "distance_m": distance, "visible": visible}
+
+
+def pose(t, distance, visible=True, drone=0):
+    return {"kind": "pose", "t": t, "drone": drone, "distance_m": distance, "visible": visible,
+            "position_ned": [t, 0.0, -2.0]}  # fmt: skip
+
+
+BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
+END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    def write(decisions, truth, name="e"):
+        path = tmp_path / name
+        path.mkdir(exist_ok=True)
+        (path / "decisions.jsonl").write_text("".join(json.dumps(d) + "\n" for d in decisions))
+        (path / "truth.jsonl").write_text("".join(json.dumps(t) + "\n" for t in truth))
+        return path
+
+    return write
+
+
+def test_measures_a_declaration_at_its_own_frame(folder):
+    path = folder(
+        [decision(0, 7, 10.0, "go"), decision(1, 8, 20.0)],
+        [BEGIN, pose(0, 16), frame(7, 9.5, 12.0), frame(8, 19.5, 4.4), pose(20, 9.0), END],
+    )
+    verdict = judge_folder(path)
+    assert verdict["outcome"] == "success"
+    assert verdict["ne_m"] == 4.4
+    assert verdict["steps"] == 2
+    assert verdict["declarations"] == 1
+    assert verdict["diagnostics"]["start_distance_m"] == 16
+
+
+def test_seven_declarations_of_a_shutdown_change_nothing(folder):
+    late = [decision(i, i, 502.0 + 5 * i) for i in range(1, 8)]
+    path = folder(
+        [decision(0, 0, 299.0, "go"), *late],
+        [BEGIN, frame(0, 298.0, 7.0), *(frame(i, 500.0, 2.0) for i in range(1, 8)), END],
+    )
+    verdict = judge_folder(path)
+    assert verdict["outcome"] == "failure"
+    assert verdict["ne_m"] == 7.0
+    assert verdict["declarations"] == 0
+    assert verdict["declarations_after_cap"] == 7
+
+
+def test_the_radius_changes_without_flying_again(folder):
+    path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 6.0), END])
+    assert judge_folder(path)["outcome"] == "failure"
+    assert judge_folder(path, 6.5)["outcome"] == "success"
+
+
+def test_what_broke_is_an_error_and_never_a_failure(folder):
+    decisions, truth = [decision(0, 0, 5.0, "go")], [BEGIN, frame(0, 4.5, 9.0)]
+    assert judge_folder(folder(decisions, truth))["outcome"] == "error"  # the logger was killed
+    broken = {**END, "reason": "error", "error": "the model endpoint broke off"}
+    verdict = judge_folder(folder(decisions, [*truth, broken]))
+    assert verdict["outcome"] == "error"
+    assert verdict["error"] == "the model endpoint broke off"
+    assert judge_folder(folder(decisions, [BEGIN, END]))["outcome"] == "error"  # a frame without truth
+    assert judge_folder(folder([], []))["outcome"] == "error"
+
+
+def test_a_success_stands_however_the_flight_ended(folder):
+    path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0)])
+    assert judge_folder(path)["outcome"] == "success"
+
+
+def test_pools_the_declarations_of_a_fleet(folder):
+    path = folder(
+        [decision(0, 0, 5.0, drone=0), decision(0, 1, 5.0, "go", drone=1), decision(1, 3, 9.0, drone=1)],
+        [BEGIN, frame(0, 4.5, 30.0, drone=0), frame(1, 4.5, 8.0, drone=1), frame(3, 8.5, 2.0, drone=1), END],
+    )
+    verdict = judge_folder(path)
+    assert verdict["success"]
+    assert verdict["deciding"]["drone"] == 1
+
+
+def test_is_readable_after_a_kill_at_any_byte(folder, tmp_path):
+    path = folder(
+        [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0)],
+        [BEGIN, frame(0, 4.5, 9.0), pose(5.0, 8.0), frame(1, 8.5, 3.0), END],
+    )
+    for name in ("decisions.jsonl", "truth.jsonl"):
+        whole = (path / name).read_bytes()
+        for cut in range(len(whole)):
+            (path / name).write_bytes(whole[:cut])
+            assert judge_folder(path)["outcome"] in ("success", "failure", "error")
+        (path / name).write_bytes(whole)
+
+
+def test_damage_in_the_middle_is_said(folder):
+    path = folder([decision(0, 0, 5.0)], [BEGIN, END])
+    (path / "truth.jsonl").write_text('{"kind":"begin"\n{"kind":"end"}\n')
+    with pytest.raises(UsageError, match="line 1"):
+        judge_folder(path)
+
+
+def test_stored_verdict_is_compared(folder):
+    path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END])
+    assert judge_folder(path)["stored_agrees"] is None
+    stored = write_verdict(path)
+    assert stored == outcome(read(path))
+    assert judge_folder(path)["stored_agrees"] is True
+    assert judge_folder(path, 4.0)["stored_agrees"] is None
+    (path / "verdict.json").write_text(json.dumps({**stored, "ne_m": 1.0}))
+    assert judge_folder(path)["stored_agrees"] is False
+
+
+def test_a_run_is_all_its_episodes(folder, tmp_path):
+    folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END], "a")
+    folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 9.0), END], "b")
+    assert {k: v["outcome"] for k, v in judge_run(tmp_path).items()} == {"a": "success", "b": "failure"}
+    with pytest.raises(UsageError, match="no folder"):
+        judge_run(tmp_path / "missing")
+    with pytest.raises(UsageError, match="no episode"):
+        judge_run(_empty(tmp_path))
+
+
+def _empty(tmp_path):
+    (tmp_path / "empty").mkdir()
+    return tmp_path / "empty"
