@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from vehicles.records import Record
+
 NOMINAL_CELL_V = 3.8  # the voltage at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge
 PERIOD_US = 10_000  # the pack is slow; ten steps share one update
 EFFICIENCY = 0.7  # electrical to shaft power, motor and speed controller together; usual for hobby power trains
@@ -14,7 +16,7 @@ COLLAPSE = -0.01  # charge at which the voltage of an over-discharged pack is go
 
 
 @njit(cache=True)
-def open_circuit(charge):
+def open_circuit(charge: float) -> float:
     """Return the volts of one cell at rest for a charge in [0, 1]; below 0 the cell collapses."""
     if charge <= 0.0:
         return max(_VOLTAGE[0] * (1.0 - charge / COLLAPSE), 0.0)
@@ -26,7 +28,7 @@ def open_circuit(charge):
 
 
 @njit(cache=True)
-def drain(params, state):
+def drain(params: Record, state: Record) -> None:
     """Take `PERIOD_US` worth of the present power out of the pack; writes charge, voltage and current."""
     rest = params.cells * open_circuit(state.charge_ah / params.capacity_ah)
     power = state.rotor_power / EFFICIENCY + params.avionics_w

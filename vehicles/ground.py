@@ -9,12 +9,11 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from dronecats.border.frames import GRAVITY
+from dronecats.border.frames import GRAVITY, Quat, Vec3
 from dronecats.border.terrain import HeightField
 from vehicles.compiled_frames import rotate, rotate_inverse
-from vehicles.records import STEP_S
+from vehicles.records import STEP_S, Grid, Record
 
 # rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
 # limit of RK4 at 1 kHz (2.8 rad per step) on every airframe, whose tips weigh about a tenth of the whole
@@ -29,7 +28,7 @@ CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 
 CRASH_BODY = 1.0  # m/s, the same for a propeller or the hull
 
 
-def peaks(terrain: HeightField, reach: float) -> NDArray[np.float64]:
+def peaks(terrain: HeightField, reach: float) -> Grid:
     """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell."""
     from scipy.ndimage import minimum_filter  # only terrains need it, and only once
 
@@ -37,7 +36,7 @@ def peaks(terrain: HeightField, reach: float) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def surface(params, down, north, east):
+def surface(params: Record, down: Grid, north: float, east: float) -> Vec3:
     """Return (NED z of the ground in m, its slope to the north, its slope to the east); as `HeightField.at`."""
     rows, columns = down.shape
     if rows * columns == 1:
@@ -54,7 +53,7 @@ def surface(params, down, north, east):
 
 
 @njit(cache=True)
-def in_reach(params, peak, position):
+def in_reach(params: Record, peak: Grid, position: Vec3) -> bool:
     """Return whether any contact point could touch the ground at this position (m, NED)."""
     rows, columns = peak.shape
     i = min(max((position[0] - params.ground_north) / params.ground_cell, 0.0), rows - 1.0)
@@ -63,7 +62,7 @@ def in_reach(params, peak, position):
 
 
 @njit(cache=True)
-def candidates(params, state, down, attitude):
+def candidates(params: Record, state: Record, down: Grid, attitude: Quat) -> int:
     """Return a bit mask of the contact points close enough to touch the ground within the coming step."""
     velocity, rates = state.velocity, state.rates
     spin = abs(rates[0]) + abs(rates[1]) + abs(rates[2])
@@ -81,7 +80,9 @@ def candidates(params, state, down, attitude):
 
 
 @njit(cache=True)
-def _touch(params, down, k, position, attitude, velocity, rates):
+def _touch(
+    params: Record, down: Grid, k: int, position: Vec3, attitude: Quat, velocity: Vec3, rates: Vec3
+) -> tuple[float, float, Vec3, Vec3, Vec3, Vec3]:
     """Return what contact point k does: (depth, closing speed, arm NED, normal NED, velocity NED, point NED)."""
     px, py, pz = params.contact_position[k, 0], params.contact_position[k, 1], params.contact_position[k, 2]
     arm = rotate(attitude, (px, py, pz))
@@ -100,7 +101,9 @@ def _touch(params, down, k, position, attitude, velocity, rates):
 
 
 @njit(cache=True)
-def support(params, state, down, mask, position, attitude, velocity, rates):
+def support(
+    params: Record, state: Record, down: Grid, mask: int, position: Vec3, attitude: Quat, velocity: Vec3, rates: Vec3
+) -> tuple[Vec3, Vec3]:
     """Return (force N NED, moment N·m NED about the body origin) of the ground on the contact points in `mask`."""
     fx = fy = fz = mx = my = mz = 0.0
     stiffness, damping = params.contact_stiffness, params.contact_damping
@@ -138,7 +141,7 @@ def support(params, state, down, mask, position, attitude, velocity, rates):
 
 
 @njit(cache=True)
-def at_rest(state, force, breeze):
+def at_rest(state: Record, force: Vec3, breeze: Vec3) -> bool:
     """Return whether the vehicle stands, with nothing left that could move it but the ground and its weight.
 
     `force` (N, FRD) is that of the rotors, `breeze` (m/s, NED) the wind. Friction has then stopped all but a creep
@@ -156,7 +159,7 @@ def at_rest(state, force, breeze):
 
 
 @njit(cache=True)
-def hold(state):
+def hold(state: Record) -> None:
     """Keep a vehicle that is at rest exactly where it is."""
     felt = rotate_inverse(
         (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3]), (0.0, 0.0, -GRAVITY)
@@ -168,7 +171,7 @@ def hold(state):
 
 
 @njit(cache=True)
-def settle(params, state, down, mask):
+def settle(params: Record, state: Record, down: Grid, mask: int) -> None:
     """After a step: move the anchors that slipped, note which points touch, and latch a crash."""
     position = (state.position[0], state.position[1], state.position[2])
     velocity = (state.velocity[0], state.velocity[1], state.velocity[2])

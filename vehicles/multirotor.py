@@ -1,6 +1,8 @@
 """A multirotor, composed once: actuators → rotors → forces → motion → sensors → truth, one millisecond at a time."""
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -10,29 +12,42 @@ from dronecats.border.errors import UsageError
 from dronecats.border.frames import GRAVITY, Vec3, quat_from_euler
 from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
 from dronecats.border.terrain import FLAT, HeightField
-from vehicles import battery, ground, noise, rotor, sensors, wind
+from vehicles import ground
+from vehicles.battery import PERIOD_US as BATTERY_PERIOD_US
+from vehicles.battery import drain, open_circuit
 from vehicles.compiled_frames import rotate_inverse
-from vehicles.records import AIR, PARAMS, STATE, STEP_S, STEP_US
+from vehicles.faults import Fault, script, strike_rotors
+from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
+from vehicles.noise import streams
+from vehicles.records import AIR, PARAMS, STATE, STEP_S, STEP_US, Grid, Record
 from vehicles.rigid_body import move
-from vehicles.sensors import Suite
-from vehicles.wind import CALM, Wind
-
-_gust = wind.gust
-_surface, _in_reach, _candidates = ground.surface, ground.in_reach, ground.candidates
-_at_rest, _hold, _settle = ground.at_rest, ground.hold, ground.settle
-_ground_gain, _push, _drain, _sample = rotor.ground_gain, rotor.push, battery.drain, sensors.sample
-_BATTERY_PERIOD_US, _WIND_PERIOD_US = battery.PERIOD_US, wind.PERIOD_US
+from vehicles.rotor import ground_gain, push
+from vehicles.sensors import Suite, fresh_memory, sample, suite_record
+from vehicles.wind import CALM, Wind, gust
+from vehicles.wind import PERIOD_US as WIND_PERIOD_US
 
 
 @njit(cache=True)
-def step(params, state, air, suite, memory, down, peak, actuators, sensors, truth):
-    """Advance one vehicle by exactly STEP_US: reads `actuators`, writes all but `params`, `suite`, `down` and `peak`.
+def step(
+    params: Record,
+    state: Record,
+    air: Record,
+    suite: Record,
+    memory: Record,
+    faults: Record,
+    down: Grid,
+    peak: Grid,
+    actuators: Record,
+    sensors: Record,
+    truth: Record,
+) -> None:
+    """Advance one vehicle by exactly STEP_US: reads `actuators`, writes `state`, `air`, `memory`, `sensors`, `truth`.
 
     The arguments are a Multirotor's `kernel_args`. Callable from any compiled loop.
     """
     if air.w20 > 0.0 and state.time_us >= air.next_us:
-        air.next_us += _WIND_PERIOD_US
-        _gust(air, state.velocity, state.height)
+        air.next_us += WIND_PERIOD_US
+        gust(air, state.velocity, state.height)
     breeze = (air.mean[0] + air.gust[0], air.mean[1] + air.gust[1], air.mean[2] + air.gust[2])
 
     position = (state.position[0], state.position[1], state.position[2])
@@ -40,31 +55,33 @@ def step(params, state, air, suite, memory, down, peak, actuators, sensors, trut
     through_air = rotate_inverse(
         attitude, (state.velocity[0] - breeze[0], state.velocity[1] - breeze[1], state.velocity[2] - breeze[2])
     )
-    below, _, _ = _surface(params, down, position[0], position[1])
+    below, _, _ = surface(params, down, position[0], position[1])
     state.height = below - position[2]
     upright = 1.0 - 2.0 * (attitude[1] ** 2 + attitude[2] ** 2)  # cosine of the tilt
-    near_ground = _ground_gain(state.height + params.rotor_height, params.rotor_radius) if upright > 0.5 else 1.0
-    mask = _candidates(params, state, down, attitude) if _in_reach(params, peak, position) else 0
+    near_ground = ground_gain(state.height + params.rotor_height, params.rotor_radius) if upright > 0.5 else 1.0
+    mask = candidates(params, state, down, attitude) if in_reach(params, peak, position) else 0
 
     rates = (state.rates[0], state.rates[1], state.rates[2])
-    load = _push(params, state, actuators, through_air, rates, near_ground)
-    if state.time_us % _BATTERY_PERIOD_US == 0:
-        _drain(params, state)
+    if faults.count > 0:
+        strike_rotors(faults, state, params.rotors)
+    load = push(params, state, actuators, through_air, rates, near_ground)
+    if state.time_us % BATTERY_PERIOD_US == 0:
+        drain(params, state)
 
-    if mask != 0 and _at_rest(state, load[0], breeze):
-        _hold(state)
+    if mask != 0 and at_rest(state, load[0], breeze):
+        hold(state)
     else:
         move(params, state, down, load, breeze, mask)
-        _settle(params, state, down, mask)
+        settle(params, state, down, mask)
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 
-    _sample(params, suite, memory, state, down, sensors)
+    sample(params, suite, memory, faults, state, down, sensors)
     _tell(state, truth)
 
 
 @njit(cache=True)
-def _tell(state, truth):
+def _tell(state: Record, truth: Record) -> None:
     truth.time_us = state.time_us
     for i in range(3):
         truth.position_ned[i] = state.position[i]
@@ -76,17 +93,30 @@ def _tell(state, truth):
 
 
 @njit(cache=True)
-def run(steps, params, state, air, suite, memory, down, peak, actuators, sensors, truth):
+def run(
+    steps: int,
+    params: Record,
+    state: Record,
+    air: Record,
+    suite: Record,
+    memory: Record,
+    faults: Record,
+    down: Grid,
+    peak: Grid,
+    actuators: Record,
+    sensors: Record,
+    truth: Record,
+) -> None:
     """Advance one vehicle by `steps` steps with the actuators as they are."""
     for _ in range(steps):
-        step(params, state, air, suite, memory, down, peak, actuators, sensors, truth)
+        step(params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth)
 
 
 class Multirotor:
     """One vehicle: its records, and the time it has lived.
 
-    `params`, `state`, `air`, `suite` and `memory` are records of `vehicles.records` and `vehicles.sensors`; `sensors`,
-    `actuators` and `truth` are the border's. `kernel_args` holds them all in the order that `step` takes.
+    `params`, `state`, `air`, `suite`, `memory` and `faults` are records of `vehicles.records` and `vehicles.sensors`;
+    `sensors`, `actuators` and `truth` are the border's. `kernel_args` holds them all in the order that `step` takes.
     """
 
     def __init__(
@@ -100,33 +130,35 @@ class Multirotor:
         yaw: float = 0.0,
         wind: Wind | None = None,
         suite: Suite | None = None,
+        faults: Iterable[Fault] = (),
     ) -> None:
         """Put a vehicle at `position_ned` (m), level, heading `yaw` (rad), standing on the ground if not above it.
 
-        Raises UsageError for a pose that is not finite.
+        Raises UsageError for a pose that is not finite or a fault that cannot be.
         """
         if not all(math.isfinite(x) for x in (*position_ned, yaw, *origin)):
             raise UsageError(f"vehicle pose {position_ned}, yaw {yaw}, origin {origin} must be finite numbers")
         wind, suite = wind or CALM, suite or Suite()
-        streams = noise.streams(seed, 2)
+        gusts, errors = streams(seed, 2)
         self.airframe = airframe
         self.params = parameters(airframe, terrain)
         self.state = np.zeros(1, STATE)[0]
         self.air = np.zeros(1, AIR)[0]
         self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
-        self.air["rng"][0] = streams[0]
-        self.suite = sensors.suite_record(suite, origin)
-        self.memory = sensors.fresh_memory(suite, int(streams[1]))
+        self.air["rng"][0] = gusts
+        self.suite = suite_record(suite, origin)
+        self.memory = fresh_memory(suite, int(errors))
+        self.faults = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_latency_us)
         self.sensors = np.zeros(1, SENSORS)[0]
         self.sensors["range_m"] = math.nan
         self.actuators = np.zeros(1, ACTUATORS)[0]
         self.truth = np.zeros(1, TRUTH)[0]
         self._down = np.ascontiguousarray(terrain.down, dtype=np.float64)
-        self._peak = ground.peaks(terrain, float(self.params["reach"]))
+        self._peak = peaks(terrain, float(self.params["reach"]))
         self._place(terrain, position_ned, yaw)
 
     @property
-    def kernel_args(self) -> tuple:
+    def kernel_args(self) -> tuple[Any, ...]:
         """The arguments of `step`."""
         return (
             self.params,
@@ -134,6 +166,7 @@ class Multirotor:
             self.air,
             self.suite,
             self.memory,
+            self.faults,
             self._down,
             self._peak,
             self.actuators,
@@ -150,15 +183,15 @@ class Multirotor:
         lowest = max(point[2] for point in self.airframe.contact_points_frd)
         feet = sum(1 for point in self.airframe.contact_points_frd if point[2] > lowest - 1e-9)
         sag = self.airframe.mass_kg * GRAVITY / (feet * float(self.params["contact_stiffness"]))
-        surface = terrain.at(north, east)
-        down = min(down, surface - lowest + sag)
+        below = terrain.at(north, east)
+        down = min(down, below - lowest + sag)
         state = self.state
         state["position"] = (north, east, down)
         state["attitude"] = quat_from_euler(0.0, 0.0, yaw)
         state["rotor_health"] = 1.0
-        state["height"] = surface - down
+        state["height"] = below - down
         state["charge_ah"] = self.airframe.battery.capacity_ah
-        state["voltage"] = self.airframe.battery.cells * battery.open_circuit(1.0)
+        state["voltage"] = self.airframe.battery.cells * open_circuit(1.0)
         _tell(state, self.truth)
 
 

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from vehicles.records import Grid, Stream
 
 _TAIL = 3.442619855899  # where the tail begins, 128 layers
 _AREA = 9.91256303526217e-3  # of each layer
@@ -20,7 +21,7 @@ _SHIFT_30, _SHIFT_27, _SHIFT_31, _SHIFT_11 = np.uint64(30), np.uint64(27), np.ui
 _LAYER_MASK = np.uint64(127)
 
 
-def _layers() -> NDArray[np.float64]:
+def _layers() -> Grid:
     """Return the right edges of the 128 layers and a closing zero."""
     x = np.zeros(129)
     x[0], x[1] = _AREA / math.exp(-0.5 * _TAIL**2), _TAIL
@@ -33,13 +34,13 @@ _EDGE = _layers()
 _INNER = _EDGE[1:] / _EDGE[:-1]  # share of each layer that lies under the curve for certain
 
 
-def streams(seed: int, count: int) -> NDArray[np.uint64]:
+def streams(seed: int, count: int) -> Stream:
     """Return `count` independent stream states, shape (count,), that depend on `seed` alone."""
     return np.random.SeedSequence(seed).generate_state(count, np.uint64)
 
 
 @njit(cache=True)
-def _word(rng):
+def _word(rng: Stream) -> np.uint64:
     rng[0] += _GOLDEN
     z = rng[0]
     z = (z ^ (z >> _SHIFT_30)) * _MIX_1
@@ -48,13 +49,13 @@ def _word(rng):
 
 
 @njit(cache=True)
-def uniform(rng: NDArray[np.uint64]) -> float:
+def uniform(rng: Stream) -> float:
     """Return a number uniform in [0, 1) and advance the stream."""
     return float(_word(rng) >> _SHIFT_11) * 1.1102230246251565e-16  # 2⁻⁵³
 
 
 @njit(cache=True)
-def normal(rng: NDArray[np.uint64]) -> float:
+def normal(rng: Stream) -> float:
     """Return a standard normal number and advance the stream."""
     while True:
         word = _word(rng)

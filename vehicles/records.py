@@ -4,14 +4,24 @@ PARAMS never changes in flight; the rest is the complete state of one vehicle, s
 vehicle. Sensor, actuator and truth records are the border's.
 """
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.frames import Vec3
 from dronecats.border.sensors import MAX_ROTORS
 from vehicles.airframe import MAX_CONTACTS
+
+Record = Any  # in a kernel's signature: a numpy record of a dtype below or of the border, its fields as attributes
+Grid = NDArray[np.float64]
+Stream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
+Load = tuple[Vec3, Vec3, float]  # of the rotors: force N FRD, moment N·m FRD, angular momentum about z in N·m·s
 
 STEP_US = 1000  # µs, the plant's step
 STEP_S = 1e-3
 
+MAX_FAULTS = 16
 GPS_QUEUE = 16  # fixes that can be under way at once: bounds latency · rate
 
 PARAMS = np.dtype(
@@ -111,6 +121,18 @@ MEMORY = np.dtype(
         ("queue_due_us", "i8", (GPS_QUEUE,)),  # µs of delivery
         ("queue_position", "f8", (GPS_QUEUE, 3)),  # m, NED
         ("queue_velocity", "f8", (GPS_QUEUE, 3)),  # m/s, NED
+    ],
+    align=True,
+)
+
+FAULTS = np.dtype(
+    [
+        ("count", "i8"),
+        ("part", "i8", (MAX_FAULTS,)),  # numbers of `vehicles.faults`
+        ("kind", "i8", (MAX_FAULTS,)),
+        ("from_us", "i8", (MAX_FAULTS,)),
+        ("until_us", "i8", (MAX_FAULTS,)),
+        ("value", "f8", (MAX_FAULTS, 3)),
     ],
     align=True,
 )

@@ -7,24 +7,24 @@ evaluated at each of the four stages. Rotation is Euler's equation with the roto
 
 from numba import njit
 
-from dronecats.border.frames import GRAVITY
+from dronecats.border.frames import GRAVITY, Quat, Vec3
 from vehicles.compiled_frames import quat_normalized, rotate, rotate_inverse
 from vehicles.ground import support
-from vehicles.records import STEP_S
+from vehicles.records import STEP_S, Grid, Load, Record
 
 
 @njit(cache=True)
-def _moved(a, b, s):
+def _moved(a: Vec3, b: Vec3, s: float) -> Vec3:
     return (a[0] + b[0] * s, a[1] + b[1] * s, a[2] + b[2] * s)
 
 
 @njit(cache=True)
-def _turned(a, b, s):
+def _turned(a: Quat, b: Quat, s: float) -> Quat:
     return (a[0] + b[0] * s, a[1] + b[1] * s, a[2] + b[2] * s, a[3] + b[3] * s)
 
 
 @njit(cache=True)
-def _mean(a, b, c, d):
+def _mean(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Vec3:
     """Return the weighted mean of the four stages, per component."""
     return (
         (a[0] + 2.0 * (b[0] + c[0]) + d[0]) / 6.0,
@@ -34,7 +34,7 @@ def _mean(a, b, c, d):
 
 
 @njit(cache=True)
-def air_drag(params, air):
+def air_drag(params: Record, air: Vec3) -> Vec3:
     """Return the drag (N, FRD) of the frame at the velocity `air` (m/s, FRD) through the air."""
     return (
         -(params.drag_linear[0] + params.drag_quadratic[0] * abs(air[0])) * air[0],
@@ -44,7 +44,18 @@ def air_drag(params, air):
 
 
 @njit(cache=True)
-def derivative(params, state, down, load, wind, mask, position, velocity, attitude, rates):
+def derivative(
+    params: Record,
+    state: Record,
+    down: Grid,
+    load: Load,
+    wind: Vec3,
+    mask: int,
+    position: Vec3,
+    velocity: Vec3,
+    attitude: Quat,
+    rates: Vec3,
+) -> tuple[Vec3, Quat, Vec3]:
     """Return (acceleration m/s² NED, attitude rate 1/s, angular acceleration rad/s² FRD).
 
     `load` is (force N FRD, moment N·m FRD, rotor angular momentum about z); `wind` is m/s NED, `mask` the
@@ -83,7 +94,7 @@ def derivative(params, state, down, load, wind, mask, position, velocity, attitu
 
 
 @njit(cache=True)
-def move(params, state, down, load, wind, mask):
+def move(params: Record, state: Record, down: Grid, load: Load, wind: Vec3, mask: int) -> None:
     """Advance position, velocity, attitude and rates of `state` by one step (RK4) and note the specific force."""
     h = STEP_S
     half = 0.5 * h

@@ -8,8 +8,9 @@ import math
 
 from numba import njit
 
+from dronecats.border.frames import Vec3
 from vehicles.battery import NOMINAL_CELL_V
-from vehicles.records import STEP_S
+from vehicles.records import STEP_S, Load, Record
 
 # Advance ratio V / (n·D) at which a static-pitch propeller stops pulling. UIUC Propeller Data Site: 10x4.7 and 5x3
 # propellers reach C_T = 0 between 0.6 and 0.7, and C_T falls almost linearly towards it.
@@ -25,7 +26,7 @@ STANDSTILL = 0.1  # rad/s, speed below which a rotor that slows down stops
 
 
 @njit(cache=True)
-def commanded_speed(params, armed, command, voltage):
+def commanded_speed(params: Record, armed: int, command: float, voltage: float) -> float:
     """Return the speed (rad/s) that the speed controller asks of a rotor: a share of what the voltage allows."""
     if armed == 0:
         return 0.0
@@ -37,7 +38,7 @@ def commanded_speed(params, armed, command, voltage):
 
 
 @njit(cache=True)
-def inflow_gain(climb, speed, radius):
+def inflow_gain(climb: float, speed: float, radius: float) -> tuple[float, float]:
     """Return (thrust, torque) relative to still air for an axial climb speed (m/s) at a rotor speed (rad/s)."""
     if speed < 1.0:
         return 0.0, 0.0
@@ -47,7 +48,7 @@ def inflow_gain(climb, speed, radius):
 
 
 @njit(cache=True)
-def ground_gain(height, radius):
+def ground_gain(height: float, radius: float) -> float:
     """Return thrust near the ground relative to free air, `height` (m) being that of the rotor disc."""
     if height > GROUND_EFFECT_FARTHEST * radius:
         return 1.0
@@ -56,7 +57,7 @@ def ground_gain(height, radius):
 
 
 @njit(cache=True)
-def push(params, state, actuators, air, rates, near_ground):
+def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec3, near_ground: float) -> Load:
     """Advance the rotor speeds by one step and return what the rotors do to the body.
 
     `air` (m/s, FRD) is the body's velocity through the air, `near_ground` the factor of `ground_gain`.

@@ -10,10 +10,12 @@ import numpy as np
 from numba import njit
 
 from dronecats.border.errors import UsageError
+from dronecats.border.frames import Quat
 from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse
+from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
 from vehicles.noise import normal
-from vehicles.records import GPS_QUEUE, MEMORY, STEP_US
+from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, Grid, Record
 
 BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
 BATTERY_PERIOD_US = 100_000
@@ -122,28 +124,45 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
 
 
 @njit(cache=True)
-def pressure(altitude):
+def pressure(altitude: float) -> float:
     """Return the ISA pressure (hPa) at an altitude (m above mean sea level, below 11 km)."""
     return PRESSURE_0 * (1.0 - LAPSE / TEMPERATURE_0 * altitude) ** EXPONENT
 
 
 @njit(cache=True)
-def _inertial(suite, memory, state, sensors):
+def _corrupt(faults: Record, row: int, value: Grid) -> None:
+    """Add the bias of a fault to a vector."""
+    for i in range(3):
+        value[i] += faults.value[row, i]
+
+
+@njit(cache=True)
+def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
     """One inertial sample: white noise over the sample's period, bias, scale, saturation."""
     rng = memory.rng
+    accel_fault, accel_row = active(faults, ACCEL, state.time_us)
+    gyro_fault, gyro_row = active(faults, GYRO, state.time_us)
+    if accel_fault == FAIL or gyro_fault == FAIL:
+        return
     bandwidth = 1.0 / math.sqrt(suite.imu_period_us * 1e-6)
     accel_noise, gyro_noise = suite.accel_noise_density * bandwidth, suite.gyro_noise_density * bandwidth
     accel_range, gyro_range = suite.accel_range, suite.gyro_range
     for i in range(3):
         a = state.specific_force[i] * memory.accel_scale[i] + memory.accel_bias[i] + accel_noise * normal(rng)
         w = state.rates[i] * memory.gyro_scale[i] + memory.gyro_bias[i] + gyro_noise * normal(rng)
-        sensors.accel_frd[i] = min(max(a, -accel_range), accel_range)
-        sensors.gyro_frd[i] = min(max(w, -gyro_range), gyro_range)
-    sensors.imu_time_us = state.time_us
+        if accel_fault == BIAS:
+            a += faults.value[accel_row, i]
+        if gyro_fault == BIAS:
+            w += faults.value[gyro_row, i]
+        if accel_fault != FREEZE:
+            sensors.accel_frd[i] = min(max(a, -accel_range), accel_range)
+        if gyro_fault != FREEZE:
+            sensors.gyro_frd[i] = min(max(w, -gyro_range), gyro_range)
+    sensors.imu_time_us = sensors.time_us = state.time_us
 
 
 @njit(cache=True)
-def _wander(suite, memory):
+def _wander(suite: Record, memory: Record) -> None:
     """Let the inertial biases walk for one BIAS_PERIOD."""
     root = math.sqrt(BIAS_PERIOD_US * 1e-6)
     for i in range(3):
@@ -152,44 +171,70 @@ def _wander(suite, memory):
 
 
 @njit(cache=True)
-def _magnetic(suite, memory, state, attitude, sensors):
-    field = rotate_inverse(attitude, (suite.field_ned[0], suite.field_ned[1], suite.field_ned[2]))
-    for i in range(3):
-        sensors.mag_frd[i] = field[i] + memory.mag_bias[i] + suite.mag_noise * normal(memory.rng)
-    sensors.mag_time_us = state.time_us
+def _magnetic(suite: Record, memory: Record, faults: Record, state: Record, attitude: Quat, sensors: Record) -> None:
+    fault, row = active(faults, MAG, state.time_us)
+    if fault == FAIL:
+        return
+    if fault != FREEZE:
+        field = rotate_inverse(attitude, (suite.field_ned[0], suite.field_ned[1], suite.field_ned[2]))
+        for i in range(3):
+            sensors.mag_frd[i] = field[i] + memory.mag_bias[i] + suite.mag_noise * normal(memory.rng)
+        if fault == BIAS:
+            _corrupt(faults, row, sensors.mag_frd)
+    sensors.mag_time_us = sensors.time_us = state.time_us
 
 
 @njit(cache=True)
-def _barometric(suite, memory, state, sensors):
+def _barometric(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
     altitude = suite.origin_alt_m - state.position[2]
     keep = math.exp(-suite.baro_period_us * 1e-6 / suite.baro_drift_time_s)
     fresh = suite.baro_drift_hpa * math.sqrt(1.0 - keep * keep)
     memory.baro_drift = keep * memory.baro_drift + fresh * normal(memory.rng)
-    sensors.pressure_hpa = pressure(altitude) + memory.baro_drift + suite.baro_noise_hpa * normal(memory.rng)
-    sensors.temperature_c = TEMPERATURE_0 - KELVIN - LAPSE * altitude
-    sensors.baro_time_us = state.time_us
+    fault, row = active(faults, BARO, state.time_us)
+    if fault == FAIL:
+        return
+    if fault != FREEZE:
+        bias = faults.value[row, 0] if fault == BIAS else 0.0
+        noise = suite.baro_noise_hpa * normal(memory.rng)
+        sensors.pressure_hpa = pressure(altitude) + memory.baro_drift + noise + bias
+        sensors.temperature_c = TEMPERATURE_0 - KELVIN - LAPSE * altitude
+    sensors.baro_time_us = sensors.time_us = state.time_us
 
 
 @njit(cache=True)
-def _satellite_fix(suite, memory, state):
+def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record) -> None:
     """Take a fix that is valid now and put it on its way."""
     rng = memory.rng
     keep = math.exp(-suite.gps_period_us * 1e-6 / suite.gps_error_time_s)
     fresh = math.sqrt(1.0 - keep * keep)
-    slot = (memory.queue_head + memory.queue_count) % GPS_QUEUE
-    memory.queue_count += 1
-    memory.queue_time_us[slot] = state.time_us
-    memory.queue_due_us[slot] = state.time_us + suite.gps_latency_us
     for i in range(3):
         error = suite.gps_error_h if i < 2 else suite.gps_error_v
-        noise = suite.gps_velocity_noise_h if i < 2 else suite.gps_velocity_noise_v
         memory.gps_error[i] = keep * memory.gps_error[i] + fresh * error * normal(rng)
-        memory.queue_position[slot, i] = state.position[i] + memory.gps_error[i] + suite.gps_noise * normal(rng)
+    fault, row = active(faults, GPS, state.time_us)
+    if fault == FAIL:
+        return
+    slot = (memory.queue_head + memory.queue_count) % GPS_QUEUE
+    last = (slot + GPS_QUEUE - 1) % GPS_QUEUE
+    late = int(faults.value[row, 0] * 1e6 + 0.5) if fault == DELAY else 0
+    due = state.time_us + suite.gps_latency_us + late
+    if memory.queue_count > 0:
+        due = max(due, memory.queue_due_us[last])  # fixes keep their order when a delay ends
+    memory.queue_count += 1
+    memory.queue_time_us[slot] = state.time_us
+    memory.queue_due_us[slot] = due
+    for i in range(3):
+        if fault == FREEZE:
+            memory.queue_position[slot, i] = memory.queue_position[last, i]
+            memory.queue_velocity[slot, i] = memory.queue_velocity[last, i]
+            continue
+        noise = suite.gps_velocity_noise_h if i < 2 else suite.gps_velocity_noise_v
+        bias = faults.value[row, i] if fault == BIAS else 0.0
+        memory.queue_position[slot, i] = state.position[i] + memory.gps_error[i] + suite.gps_noise * normal(rng) + bias
         memory.queue_velocity[slot, i] = state.velocity[i] + noise * normal(rng)
 
 
 @njit(cache=True)
-def _satellite_delivery(suite, memory, sensors):
+def _satellite_delivery(suite: Record, memory: Record, now: int, sensors: Record) -> None:
     """Hand over the oldest fix under way."""
     slot = memory.queue_head
     memory.queue_head = (slot + 1) % GPS_QUEUE
@@ -210,49 +255,61 @@ def _satellite_delivery(suite, memory, sensors):
     sensors.gps_fix_type = 3
     sensors.gps_satellites = suite.gps_satellites
     sensors.gps_time_us = memory.queue_time_us[slot]
+    sensors.time_us = now
 
 
 @njit(cache=True)
-def _rangefinder(params, suite, memory, state, attitude, down, sensors):
+def _rangefinder(
+    params: Record,
+    suite: Record,
+    memory: Record,
+    faults: Record,
+    state: Record,
+    attitude: Quat,
+    down: Grid,
+    sensors: Record,
+) -> None:
     """Measure along the body's down axis, against the plane of the ground below the vehicle."""
+    fault, row = active(faults, RANGE, state.time_us)
+    if fault == FAIL:
+        return
+    sensors.range_time_us = sensors.time_us = state.time_us
+    if fault == FREEZE:
+        return
     z, _, _ = surface(params, down, state.position[0], state.position[1])
     tilt = 1.0 - 2.0 * (attitude[1] ** 2 + attitude[2] ** 2)  # cosine
     distance = (z - state.position[2]) / tilt if tilt > 0.1 else math.inf
-    noise = suite.range_noise_m * normal(memory.rng)
+    noise = suite.range_noise_m * normal(memory.rng) + (faults.value[row, 0] if fault == BIAS else 0.0)
     sensors.range_m = max(distance + noise, 0.0) if distance <= suite.range_max_m else math.nan
-    sensors.range_time_us = state.time_us
 
 
 @njit(cache=True)
-def sample(params, suite, memory, state, down, sensors):
+def sample(
+    params: Record, suite: Record, memory: Record, faults: Record, state: Record, down: Grid, sensors: Record
+) -> None:
     """Write every sample that is due at the vehicle's time into `sensors`."""
     now = state.time_us
     attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
     if now >= memory.imu_next_us:
         memory.imu_next_us += suite.imu_period_us
-        _inertial(suite, memory, state, sensors)
-        sensors.time_us = now
+        _inertial(suite, memory, faults, state, sensors)
     if now >= memory.bias_next_us:
         memory.bias_next_us += BIAS_PERIOD_US
         _wander(suite, memory)
     if now >= memory.mag_next_us:
         memory.mag_next_us += suite.mag_period_us
-        _magnetic(suite, memory, state, attitude, sensors)
-        sensors.time_us = now
+        _magnetic(suite, memory, faults, state, attitude, sensors)
     if now >= memory.baro_next_us:
         memory.baro_next_us += suite.baro_period_us
-        _barometric(suite, memory, state, sensors)
-        sensors.time_us = now
+        _barometric(suite, memory, faults, state, sensors)
     if now >= memory.gps_next_us:
         memory.gps_next_us += suite.gps_period_us
-        _satellite_fix(suite, memory, state)
+        _satellite_fix(suite, memory, faults, state)
     if memory.queue_count > 0 and now >= memory.queue_due_us[memory.queue_head]:
-        _satellite_delivery(suite, memory, sensors)
-        sensors.time_us = now
+        _satellite_delivery(suite, memory, now, sensors)
     if now >= memory.range_next_us and suite.range_max_m > 0.0:
         memory.range_next_us += suite.range_period_us
-        _rangefinder(params, suite, memory, state, attitude, down, sensors)
-        sensors.time_us = now
+        _rangefinder(params, suite, memory, faults, state, attitude, down, sensors)
     if now >= memory.battery_next_us:
         memory.battery_next_us += BATTERY_PERIOD_US
         sensors.battery_voltage = state.voltage

@@ -13,6 +13,7 @@ from numba import njit
 
 from dronecats.border.frames import Vec3
 from vehicles.noise import normal
+from vehicles.records import Grid, Record, Stream
 
 PERIOD_US = 10_000
 PERIOD_S = 0.01
@@ -34,7 +35,7 @@ CALM = Wind()
 
 
 @njit(cache=True)
-def scales(height, w20):
+def scales(height: float, w20: float) -> tuple[float, float, float, float]:
     """Return (sigma along and across, sigma vertical in m/s, length along and across, length vertical in m).
 
     MIL-F-8785C 3.7.3.4, for `height` (m) above ground held within the standard's 10 to 1000 ft.
@@ -46,7 +47,7 @@ def scales(height, w20):
 
 
 @njit(cache=True)
-def _across(states, sigma, tau, rng):
+def _across(states: Grid, sigma: float, tau: float, rng: Stream) -> float:
     """Advance one second-order filter by PERIOD_S and return the gust (m/s).
 
     H = √3·a + (1 - √3)·b with a = w / (1 + tau·s), b = a / (1 + tau·s); the covariance of the two is the integral of
@@ -66,7 +67,7 @@ def _across(states, sigma, tau, rng):
 
 
 @njit(cache=True)
-def gust(air, velocity, height):
+def gust(air: Record, velocity: Grid, height: float) -> None:
     """Advance the gusts of `air` by one period; `velocity` (m/s, NED) and `height` (m) are the vehicle's."""
     sigma_h, sigma_v, length_h, length_v = scales(height, air.w20)
     north, east, down = velocity[0] - air.mean[0], velocity[1] - air.mean[1], velocity[2] - air.mean[2]

@@ -1,0 +1,91 @@
+"""What breaks when: a script of faults that the kernel looks up as the vehicle's time passes.
+
+A part is a sensor or a rotor. What a fault of each kind does:
+    fail     the sensor falls silent; the rotor stops
+    freeze   new samples keep coming, with the value of the last sound one
+    bias     `value` is added, in the sensor's unit and axes; a fix moves by metres north, east, down
+    delay    fixes come `value[0]` seconds later than the receiver's own latency (gps only)
+    weaken   the rotor reaches only the share `value[0]` of the speed it is asked for
+A failed accelerometer or gyroscope silences the inertial unit as a whole.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from dronecats.border.errors import UsageError
+from dronecats.border.frames import Vec3
+from dronecats.border.sensors import MAX_ROTORS
+from vehicles.records import FAULTS, GPS_QUEUE, MAX_FAULTS, Record
+
+NONE, BIAS, DELAY, FREEZE, FAIL, WEAKEN = range(6)
+KINDS = {"fail": FAIL, "freeze": FREEZE, "bias": BIAS, "delay": DELAY, "weaken": WEAKEN}
+
+ACCEL, GYRO, MAG, BARO, GPS, RANGE, ROTOR_1 = range(7)
+PARTS = {"accel": ACCEL, "gyro": GYRO, "mag": MAG, "baro": BARO, "gps": GPS, "range": RANGE} | {
+    f"rotor{i + 1}": ROTOR_1 + i for i in range(MAX_ROTORS)
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One part misbehaves for a while."""
+
+    part: str  # a key of PARTS; rotors count from 1 in the airframe's order
+    kind: str  # a key of KINDS
+    from_us: int = 0  # µs since boot
+    until_us: int = 2**62  # µs since boot
+    value: Vec3 = (0.0, 0.0, 0.0)  # a scalar sensor reads the first component
+
+
+def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:
+    """Return the FAULTS record of a script; of faults that overlap on one part the first one listed holds.
+
+    Raises UsageError for a part, kind or combination that does not exist.
+    """
+    record = np.zeros(1, FAULTS)[0]
+    for i, fault in enumerate(faults):
+        where = f"fault {fault.kind} of {fault.part}"
+        if i >= MAX_FAULTS:
+            raise UsageError(f"fault script: more than {MAX_FAULTS} faults; leave some out")
+        if fault.part not in PARTS or PARTS[fault.part] >= ROTOR_1 + rotors:
+            known = [name for name, number in PARTS.items() if number < ROTOR_1 + rotors]
+            raise UsageError(f"{where}: this vehicle has no such part; choose one of {', '.join(known)}")
+        is_rotor = PARTS[fault.part] >= ROTOR_1
+        kinds = ["fail", "weaken"] if is_rotor else ["fail", "freeze", "bias"] + ["delay"] * (fault.part == "gps")
+        if fault.kind not in kinds:
+            raise UsageError(f"{where}: this part can only {', '.join(kinds)}")
+        if fault.until_us <= fault.from_us:
+            raise UsageError(f"{where}: it must end after it begins, not at {fault.until_us} µs")
+        if fault.kind == "delay":
+            longest = (gps_period_us * (GPS_QUEUE - 1) - gps_latency_us) * 1e-6
+            if not 0.0 <= fault.value[0] <= longest:
+                raise UsageError(f"{where}: the delay must be 0 to {longest:g} s, not {fault.value[0]:g} s")
+        if fault.kind == "weaken" and not 0.0 <= fault.value[0] <= 1.0:
+            raise UsageError(f"{where}: the share of speed must be 0 to 1, not {fault.value[0]:g}")
+        record["part"][i], record["kind"][i] = PARTS[fault.part], KINDS[fault.kind]
+        record["from_us"][i], record["until_us"][i] = fault.from_us, fault.until_us
+        record["value"][i] = fault.value
+        record["count"] = i + 1
+    return record
+
+
+@njit(cache=True)
+def active(faults: Record, part: int, now: int) -> tuple[int, int]:
+    """Return (kind, row of the table) of what ails `part` at `now` (µs); (NONE, 0) when nothing does."""
+    for i in range(faults.count):
+        if faults.part[i] == part and faults.from_us[i] <= now < faults.until_us[i]:
+            return faults.kind[i], i
+    return NONE, 0
+
+
+@njit(cache=True)
+def strike_rotors(faults: Record, state: Record, rotors: int) -> None:
+    """Write the health of each rotor that the script names."""
+    for i in range(faults.count):
+        rotor = faults.part[i] - ROTOR_1
+        if 0 <= rotor < rotors:
+            kind, row = active(faults, faults.part[i], state.time_us)
+            state.rotor_health[rotor] = 1.0 if kind == NONE else faults.value[row, 0] if kind == WEAKEN else 0.0
