@@ -6,9 +6,6 @@ succeed. It shows what arrives by chance and keeps the whole chain busy without 
 
 from dronecats.pilots import briefing, reply
 
-NAME = "blind"
-OWNED_BY = "dronecats (does not look, not a model)"
-
 _STRIDE_M = 6.0  # a `go` of 5 m or more is flown as a full 3 m step
 _TURN_DEG = 60.0
 

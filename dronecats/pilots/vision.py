@@ -15,9 +15,6 @@ from dronecats.border.errors import UsageError
 from dronecats.pilots import briefing, paint, ranging, referent, reply, sighting
 from dronecats.pilots.briefing import PastAction
 
-NAME = "vision"
-OWNED_BY = "dronecats (classical vision, not a model)"
-
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 
 # Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.

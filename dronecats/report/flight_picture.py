@@ -175,7 +175,7 @@ def _scale_bar(axes: Axes) -> None:
     pad = 0.01 * (east - west)
     axes.add_patch(
         Rectangle(
-            (right - length - pad, low - 3 * tall), length + 2 * pad, 9 * tall, color="white", alpha=0.8, zorder=9
+            (right - length - pad, low - 2.2 * tall), length + 2 * pad, 7.5 * tall, color="white", alpha=0.8, zorder=9
         )
     )
     for half, color in ((0, "black"), (1, "#bbbbbb")):
@@ -252,17 +252,24 @@ def _when(decision: dict[str, Any]) -> str:
 
 
 def _spread(logs: Logs) -> list[dict[str, Any]]:
-    """Return up to FRAMES decisions over the whole flight: the first, the last, the decisive one, evenly between."""
-    decisions = list(logs.decisions)
-    if len(decisions) <= FRAMES:
-        return decisions
-    places = [round(i * (len(decisions) - 1) / (FRAMES - 1)) for i in range(FRAMES)]
-    decisive = next((i for i, d in enumerate(decisions) if qualifies(d, logs)), None)
+    """Return up to FRAMES decisions over the whole flight: the first step, the last, the decisive one, evenly between.
+
+    A fleet's steps are kept whole as far as they fit, so that its views can be compared.
+    """
+    steps: dict[int, list[dict[str, Any]]] = {}
+    for decision in logs.decisions:
+        steps.setdefault(int(decision["step"]), []).append(decision)
+    order = sorted(steps)
+    wanted = max(1, FRAMES // max((len(drones) for drones in steps.values()), default=1))
+    if len(order) <= wanted or wanted == 1:
+        return [d for step in order[-wanted:] for d in steps[step]][:FRAMES]
+    places = [round(i * (len(order) - 1) / (wanted - 1)) for i in range(wanted)]
+    decisive = next((i for i, step in enumerate(order) if any(qualifies(d, logs) for d in steps[step])), None)
     if decisive is not None and decisive not in places:
-        # the nearest of the inner places gives way, so the first and the last stay
-        nearest = min(range(1, FRAMES - 1), key=lambda k: abs(places[k] - decisive))
+        # the nearest of the inner places gives way, so the first and the last stay; of two, the last gives way
+        nearest = min(range(1, max(2, wanted - 1)), key=lambda k: abs(places[k] - decisive))
         places[nearest] = decisive
-    return [decisions[i] for i in sorted(set(places))]
+    return [d for place in sorted(set(places)) for d in steps[order[place]]]
 
 
 def _frame_path(folder: Path, decision: dict[str, Any]) -> Path | None:

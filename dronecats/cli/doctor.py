@@ -1,0 +1,215 @@
+"""`dronecats doctor`: what works on this machine, what is missing, and how to get it."""
+
+import argparse
+import importlib
+import json
+import os
+import platform
+import shutil
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+
+OK, NOTE, MISSING = "ok", "note", "missing"
+_MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
+
+# distribution → the module it is imported as
+BASE = {
+    "mavsdk": "mavsdk",
+    "pymavlink": "pymavlink",
+    "numpy": "numpy",
+    "scipy": "scipy",
+    "control": "control",
+    "filterpy": "filterpy",
+    "opencv-python-headless": "cv2",
+    "httpx": "httpx",
+}
+SIM = {"numba": "numba", "embreex": "embreex", "matplotlib": "matplotlib"}
+INSTALL = {"base": 'pip install "dronecats"', "sim": 'pip install "dronecats[sim]"'}
+PYTHON = (3, 11)
+PORTS = {
+    14540: "offboard MAVLink, where an agent listens",
+    14550: "ground station MAVLink, where QGroundControl listens",
+}
+KEYS = {"OPENAI_API_KEY": "openai", "OPENROUTER_API_KEY": "openrouter", "GEMINI_API_KEY": "gemini"}
+DISK_WANTED_GB = 1.0  # a run keeps about 120 frames of 40 kB an episode; the rest is for compiled code
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at."""
+
+    name: str
+    state: str  # OK | NOTE (flying in simulation works without) | MISSING (it does not)
+    detail: str
+    remedy: str = ""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = subparsers.add_parser("doctor", help="say what works on this machine, what is missing and how to get it")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the findings; return 0 when flying in simulation is possible here, else 1."""
+    findings = examine()
+    able = all(f.state != MISSING for f in findings)
+    if args.json:
+        print(json.dumps({"can_simulate": able, "findings": [asdict(f) for f in findings]}))
+        return 0 if able else 1
+    wide = max(len(f.name) for f in findings)
+    for finding in findings:
+        print(f"{_MARKS[finding.state]} {finding.name:{wide}}  {finding.detail}")
+        if finding.remedy:
+            print(f"  {'':{wide}}  → {finding.remedy}")
+    print()
+    print("Flying in simulation is possible here." if able else "Flying in simulation is NOT possible here yet: see ✗.")
+    return 0 if able else 1
+
+
+def examine() -> list[Finding]:
+    """Return everything that was looked at, in reading order. Never raises: a check that breaks is a finding."""
+    checks: list[Callable[[], Finding]] = [_python]
+    checks += [lambda d=d, m=m: _package(d, m, "base") for d, m in BASE.items()]  # type: ignore[misc]
+    checks += [lambda d=d, m=m: _package(d, m, "sim") for d, m in SIM.items()]  # type: ignore[misc]
+    checks += [_jpeg, _compiler, _rays]
+    checks += [lambda p=p, w=w: port(p, w) for p, w in PORTS.items()]  # type: ignore[misc]
+    checks += [_disk, _cores, _keys]
+    findings = []
+    for check in checks:
+        try:
+            findings.append(check())
+        except Exception as error:  # a broken installation breaks in its own ways; each is worth one line
+            name = getattr(check, "__name__", "check").strip("_")
+            findings.append(Finding(name, MISSING, f"{type(error).__name__}: {error}", INSTALL["sim"]))
+    return findings
+
+
+def _python() -> Finding:
+    detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    if sys.version_info < PYTHON:
+        return Finding("python", MISSING, detail, f"Python {PYTHON[0]}.{PYTHON[1]} or newer is needed")
+    return Finding("python", OK, detail)
+
+
+def _package(distribution: str, module: str, extra: str) -> Finding:
+    try:
+        version = metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        version = ""
+    try:
+        importlib.import_module(module)
+    except Exception as error:  # an ImportError, or whatever a half-installed binary raises
+        detail = f"{version} does not import: {error}" if version else "not installed"
+        return Finding(distribution, MISSING, detail, INSTALL[extra])
+    return Finding(distribution, OK, version or "installed without metadata")
+
+
+def _jpeg() -> Finding:
+    import cv2
+    import numpy as np
+
+    picture = np.zeros((16, 16, 3), np.uint8)
+    done, data = cv2.imencode(".jpg", picture)
+    if not done or cv2.imdecode(data, cv2.IMREAD_COLOR).shape != picture.shape:
+        return Finding(
+            "JPEG", MISSING, "OpenCV cannot write and read JPEG", "pip install --force-reinstall opencv-python-headless"
+        )
+    return Finding("JPEG", OK, "OpenCV writes and reads it")
+
+
+def _compiler() -> Finding:
+    """Compile one function, and see whether the result may be kept beside the code for the next start."""
+    import numba
+
+    started = time.perf_counter()
+    if numba.njit(lambda x: 2.0 * x + 1.0)(3.0) != 7.0:
+        return Finding("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
+    detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
+    place = os.environ.get("NUMBA_CACHE_DIR") or str(Path(__file__).resolve().parents[1])
+    if os.access(place, os.W_OK):
+        return Finding("compiler", OK, f"{detail} and keeps its work")
+    kept = "numba keeps its work in the user's cache folder, as the installation is read-only"
+    return Finding(
+        "compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder you may write to if starts stay slow"
+    )
+
+
+def _rays() -> Finding:
+    """Hit one triangle with one ray."""
+    import numpy as np
+    from embreex import rtcore_scene
+    from embreex.mesh_construction import TriangleMesh
+
+    scene = rtcore_scene.EmbreeScene()
+    TriangleMesh(scene, np.array([[[-1, -1, 1], [1, -1, 1], [0, 1, 1]]], np.float32))
+    hit = scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
+    if list(hit) != [0]:
+        return Finding(
+            "rays", MISSING, "Embree misses a triangle in front of it", "pip install --force-reinstall embreex"
+        )
+    return Finding("rays", OK, "Embree hits what is in front of it")
+
+
+def port(number: int, purpose: str) -> Finding:
+    """Return whether a UDP port of the loopback is free, and who has it when it is not.
+
+    A taken port is no obstacle to a simulated flight, which takes whatever port the system gives it.
+    """
+    name = f"UDP {number}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", number))
+        except OSError:
+            return Finding(
+                name, NOTE, f"taken by {_owner(number)} ({purpose})", "stop that program, or give another port"
+            )
+    return Finding(name, OK, f"free ({purpose})")
+
+
+def _owner(number: int) -> str:
+    try:
+        import psutil
+
+        for connection in psutil.net_connections("udp"):
+            if connection.laddr and connection.laddr.port == number and connection.pid:
+                return f"{psutil.Process(connection.pid).name()} (process {connection.pid})"
+    except Exception:  # without psutil or without the right to ask, nobody is named
+        return "another program"
+    return "another program"
+
+
+def _disk() -> Finding:
+    here = Path.cwd()
+    free = shutil.disk_usage(here).free / 1e9
+    detail = f"{free:.1f} GB free for runs"
+    if not os.access(here, os.W_OK):
+        return Finding(
+            "disk", NOTE, "this folder cannot be written to", f"fly with --out below {tempfile.gettempdir()}"
+        )
+    if free < DISK_WANTED_GB:
+        return Finding("disk", NOTE, detail, f"make room for {DISK_WANTED_GB:g} GB, or fly with --out on another disk")
+    return Finding("disk", OK, detail)
+
+
+def _cores() -> Finding:
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if count < 2:
+        return Finding("cores", NOTE, f"{count}", "real time wants two; lockstep flights only take longer")
+    return Finding("cores", OK, f"{count}")
+
+
+def _keys() -> Finding:
+    """Return which model keys are set; their values are never read into the finding."""
+    present = [f"{name} ({provider})" for name, provider in KEYS.items() if os.environ.get(name)]
+    if present:
+        return Finding("model keys", OK, "set: " + ", ".join(present))
+    wanted = "set " + ", ".join(KEYS) + " to fly hosted models; local models and the built-in pilots need none"
+    return Finding("model keys", NOTE, "none set", wanted)

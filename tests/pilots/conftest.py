@@ -1,0 +1,84 @@
+"""A flight without dynamics: the agent's own rules, executed exactly, with real frames or the bare truth."""
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from dronecats.agent.action import Finished, parse
+from dronecats.agent.controller import plan
+from dronecats.agent.history import History
+from dronecats.agent.picture import encode
+from dronecats.agent.prompt import Prompt
+from dronecats.border.camera import CameraModel
+from dronecats.border.frames import quat_from_euler, wrap_pi
+from dronecats.border.setpoints import Turn, Velocity
+
+HALF = CameraModel(640, 360)  # what a 1280 × 720 frame is resized to before a pilot gets it
+
+
+@dataclass
+class Flown:
+    """What became of a flight."""
+
+    declared: list = field(default_factory=list)  # (time s, distance m, visible) of each declaration
+    distances: list = field(default_factory=list)  # m, body to target centre at each frame
+    clearances: list = field(default_factory=list)  # m, to the nearest solid or the target's box, at each frame
+    actions: list = field(default_factory=list)
+
+    @property
+    def success(self):
+        return any(d <= 5.0 and visible for _, d, visible in self.declared)
+
+
+def fly(world, decide, cap_s=300.0, latency_s=0.3, start=None, stop_at_success=True):
+    """Fly `decide(prompt, position, yaw, t)` → reply text in a world until it succeeds or time is over."""
+    start = start or world.record.starts[0]
+    position, yaw, t = list(start.position_ned), math.radians(start.yaw_deg), 0.0
+    history, flown, prompt = History(CameraModel()), Flown(), Prompt.load()
+    while t < cap_s:
+        truth = world.measure(t, tuple(position), quat_from_euler(0, 0, yaw), CameraModel())
+        flown.distances.append(truth.distance_m)
+        flown.clearances.append(min(world.clearance_m(tuple(position)), truth.distance_box_m))
+        text = prompt.render(world.record.instruction, history.render(), history.length)
+        action = parse(decide(text, tuple(position), yaw, t))
+        t += latency_s
+        history.append(action)
+        flown.actions.append(action)
+        if isinstance(action, Finished):
+            flown.declared.append((t, truth.distance_m, truth.visible))
+            if flown.success and stop_at_success:
+                break
+        for segment in plan(action, CameraModel()):
+            t += segment.duration_s
+            match segment.setpoint:
+                case Turn():
+                    yaw = wrap_pi(yaw + segment.setpoint.yaw_rate * segment.duration_s)
+                case Velocity():
+                    position[0] += segment.setpoint.forward * segment.duration_s * math.cos(yaw)
+                    position[1] += segment.setpoint.forward * segment.duration_s * math.sin(yaw)
+                    position[2] -= (segment.setpoint.up or 0.0) * segment.duration_s
+    return flown
+
+
+@pytest.fixture(scope="session")
+def fly_kinematic():
+    return fly
+
+
+@pytest.fixture(scope="session")
+def eye():
+    """Return a function (world) → function (position, yaw, t) → JPEG, with one renderer per world."""
+    from episodes.render.pose import camera_pose
+    from episodes.render.renderer import Renderer
+
+    def open_eye(world):
+        renderer = Renderer(world.scene, HALF)
+
+        def see(position, yaw, t):
+            pose = camera_pose(position, quat_from_euler(0, 0, yaw), HALF)
+            return encode(renderer.render(pose, world.moved(t)).rgb)
+
+        return see
+
+    return open_eye
