@@ -3,9 +3,17 @@
 from typing import Any
 
 from fleet import HIGH, vehicle
+from numba import njit
 
-from vehicles.multirotor import Multirotor
+from vehicles.multirotor import Multirotor, step
 from vehicles.wind import Wind
+
+
+@njit
+def _fused(steps, actuators, args):
+    for _ in range(steps):
+        actuators.command[0] = 0.70  # where an autopilot would write
+        step(*args)
 
 
 def flown(seed: int, chunks: list[int]) -> Multirotor:
@@ -57,3 +65,9 @@ def test_time_counts_from_boot_in_microseconds() -> None:
     assert craft.state["time_us"] == 0
     craft.advance(1234)
     assert craft.state["time_us"] == craft.truth["time_us"] == 1_234_000
+
+
+def test_a_compiled_loop_may_carry_the_step() -> None:
+    alone, carried = flown(7, [1000]), flown(7, [])
+    _fused(1000, carried.actuators, carried.kernel_args)
+    assert bytes_of(alone) == bytes_of(carried)
