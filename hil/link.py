@@ -56,16 +56,15 @@ class Link:
 
         Raises LinkError when no autopilot is heard within `timeout_s` wall seconds.
         """
-        waited_s, patience_s = 0.0, 0.5
+        waited_s, patience_s, asked_s = 0.0, 0.5, -math.inf
         while not self.system or self.state.position_ned is None or self.state.euler is None:
-            self._send_heartbeat()
-            if self.system and self.state.position_ned is None:
-                self._request_streams()
-            before = self.clock.time_us
-            if not self._receive(patience_s):
-                waited_s += patience_s
-            elif self.clock.time_us == before:
-                waited_s += 0.01  # bytes come, but not what is waited for
+            if waited_s >= asked_s + 1.0:  # not more often: each request starts the interval anew
+                asked_s = waited_s
+                self._send_heartbeat()
+                if self.system:
+                    self._request_streams()
+            # bytes that are not what is waited for come at the autopilot's rate, about a hundred times a second
+            waited_s += 0.01 if self._receive(patience_s) else patience_s
             self.on_wait()
             if waited_s >= timeout_s:
                 what = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"

@@ -58,7 +58,12 @@ class SimulatedVehicle:
         )
         self.core = FlightCore(airframe)
         self.autopilot = Autopilot(
-            airframe, self.core, self.plant.sensors, system_id=index + 1, parameter_file=parameter_file
+            airframe,
+            self.core,
+            self.plant.sensors,
+            system_id=index + 1,
+            parameter_file=parameter_file,
+            actuators=self.plant.actuators,
         )
         self._core_args = self.core.kernel_args(self.plant.sensors, self.plant.actuators)
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
