@@ -18,25 +18,24 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
     """
     height, width = depth.shape
     e = np.zeros(9)
+    per_px = 1.0 / eye.focal
     for y in range(thread, height, threads):
         j = 2.0 * y + 1.0
-        ry = (y + 0.5 - eye.center_y) / eye.focal
+        ry = (y + 0.5 - eye.center_y) * per_px
         last = -2
         volume = 0.0
         for x in range(width):
             i = 2.0 * x + 1.0
-            rx = (x + 0.5 - eye.center_x) / eye.focal
+            rx = (x + 0.5 - eye.center_x) * per_px
             dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
             de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
             dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
             length = math.sqrt(1.0 + rx * rx + ry * ry)
-            per = 1.0 / length
             t = samples[2 * y + 1, 2 * x + 1]
             if t < 0:
+                per = 1.0 / length
                 r, g, b = sky_color(day, dn * per, de * per, dd * per)
-                color[y, x, 0] = displayed(r)
-                color[y, x, 1] = displayed(g)
-                color[y, x, 2] = displayed(b)
+                color[y, x, 0], color[y, x, 1], color[y, x, 2] = displayed(r, g, b)
                 depth[y, x] = np.inf
                 ids[y, x] = 0
                 continue
@@ -114,13 +113,15 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
 
             gloss = float(surfaces.specular[m])
             if gloss > 0.0:
+                per = 1.0 / length
                 lr, lg, lb = _polish(day, gloss, direct, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb)
 
             air = z * length / HAZE_LENGTH_M
             clear = 1.0 / (1.0 + air + 0.5 * air * air)
-            color[y, x, 0] = displayed(day.horizon[0] + (lr - day.horizon[0]) * clear)
-            color[y, x, 1] = displayed(day.horizon[1] + (lg - day.horizon[1]) * clear)
-            color[y, x, 2] = displayed(day.horizon[2] + (lb - day.horizon[2]) * clear)
+            lr = day.horizon[0] + (lr - day.horizon[0]) * clear
+            lg = day.horizon[1] + (lg - day.horizon[1]) * clear
+            lb = day.horizon[2] + (lb - day.horizon[2]) * clear
+            color[y, x, 0], color[y, x, 1], color[y, x, 2] = displayed(lr, lg, lb)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -33,6 +33,7 @@ class SunMap(NamedTuple):
     low_across: float  # m
     low_up: float  # m
     cell: float  # m
+    per_cell: float  # 1/m
 
 
 def sun_map(layout: Layout, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
@@ -60,6 +61,7 @@ def sun_map(layout: Layout, sun: Sun, ground_ids: frozenset[int], cells: int = C
         low_across=float(low[0]),
         low_up=float(low[1]),
         cell=cell,
+        per_cell=1.0 / cell,
     )
     draw_heights(result, triangles.position, 0, layout.static_count)
     return result
@@ -127,7 +129,7 @@ def draw_heights(sun, position, first, stop):
                     sun.height[j, i] = h
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, inline="always")
 def sunlight(sun, px, py, pz, nx, ny, nz):
     """Return the share (0 … 1) of the sun's disc that reaches a point (NED, m) on a plane with unit normal n.
 
@@ -137,8 +139,8 @@ def sunlight(sun, px, py, pz, nx, ny, nz):
     lit = sun.toward[0] * nx + sun.toward[1] * ny + sun.toward[2] * nz
     if lit <= 0.0:
         return 0.0
-    x = (sun.across[0] * px + sun.across[1] * py + sun.across[2] * pz - sun.low_across) / sun.cell
-    y = (sun.up[0] * px + sun.up[1] * py + sun.up[2] * pz - sun.low_up) / sun.cell
+    x = (sun.across[0] * px + sun.across[1] * py + sun.across[2] * pz - sun.low_across) * sun.per_cell
+    y = (sun.up[0] * px + sun.up[1] * py + sun.up[2] * pz - sun.low_up) * sun.per_cell
     cells = sun.height.shape[0]
     if not (1.0 <= x < cells - 3.0 and 1.0 <= y < cells - 3.0):
         return 1.0
@@ -146,8 +148,9 @@ def sunlight(sun, px, py, pz, nx, ny, nz):
     j = int(y)
     fx = x - i
     fy = y - j
-    slope_x = -(sun.across[0] * nx + sun.across[1] * ny + sun.across[2] * nz) / lit
-    slope_y = -(sun.up[0] * nx + sun.up[1] * ny + sun.up[2] * nz) / lit
+    k = -1.0 / lit
+    slope_x = k * (sun.across[0] * nx + sun.across[1] * ny + sun.across[2] * nz)
+    slope_y = k * (sun.up[0] * nx + sun.up[1] * ny + sun.up[2] * nz)
     slope_x = min(max(slope_x, -SLOPE_LIMIT), SLOPE_LIMIT) * sun.cell
     slope_y = min(max(slope_y, -SLOPE_LIMIT), SLOPE_LIMIT) * sun.cell
     z = sun.toward[0] * px + sun.toward[1] * py + sun.toward[2] * pz

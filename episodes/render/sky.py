@@ -9,6 +9,8 @@ from dronecats.border.frames import Vec3
 from episodes.scene import Sun
 
 EXPOSURE = 0.62
+SHOULDER = 0.55
+WHITENING = 0.11
 HAZE_LENGTH_M = 1400.0  # distance after which about two thirds of a thing's colour is lost in the air
 DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
 GLOW_COSINE = math.cos(math.radians(0.9))
@@ -71,11 +73,19 @@ def sky_color(day, n, e, d):
 
 
 @numba.njit(cache=True, nogil=True)
-def displayed(light):
-    """Return the linear display value (0 … 1) of a linear light: straight in the dark, bending towards white.
+def displayed(r, g, b):
+    """Return the linear display values (0 … 1) of a linear light: straight in the dark, bending towards white.
 
-    Reinhard's extended curve, x (1 + x / w²) / (1 + x), with white at w = 3, after the exposure.
+    Reinhard's extended curve x (1 + x / w²) / (1 + x / s) after the exposure.
     """
-    x = EXPOSURE * light
-    x = x * (1.0 + x * (1.0 / 9.0)) / (1.0 + 0.55 * x)
-    return min(max(x, 0.0), 1.0)
+    r *= EXPOSURE
+    g *= EXPOSURE
+    b *= EXPOSURE
+    under_r = 1.0 + SHOULDER * r
+    under_g = 1.0 + SHOULDER * g
+    under_b = 1.0 + SHOULDER * b
+    k = 1.0 / (under_r * under_g * under_b)  # one division for the three
+    r *= (1.0 + WHITENING * r) * under_g * under_b * k
+    g *= (1.0 + WHITENING * g) * under_r * under_b * k
+    b *= (1.0 + WHITENING * b) * under_r * under_g * k
+    return min(max(r, 0.0), 1.0), min(max(g, 0.0), 1.0), min(max(b, 0.0), 1.0)

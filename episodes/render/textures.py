@@ -17,19 +17,23 @@ from numpy.typing import NDArray
 from dronecats.border.errors import UsageError
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
-MOST_TAPS = 8  # along the longer axis of a pixel's footprint
+MOST_DOUBLINGS = 3  # of the reads along the longer axis of a pixel's footprint: at most eight
+WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
+ONE_BITS = 0x3F800000  # the float 1.0
 SHARPEN = -0.35  # levels; a little under the strict limit keeps lettering readable and is hidden by later smoothing
+
+LOW_10, MIDDLE_10, HIGH_10 = np.uint64(0x3FF), np.uint64(0xFFC00), np.uint64(0x3FF00000)
+SHIFT_1, SHIFT_2 = np.uint64(11), np.uint64(22)
+LANE_1, LANE_2, LANE_MASK = np.uint64(21), np.uint64(42), np.uint64((1 << 21) - 1)
 
 
 class Atlas(NamedTuple):
     """Texels of every level of every texture. A level's rows lie one after the other from its offset."""
 
     texels: NDArray[np.uint32]  # (N,) r << 20 | g << 10 | b
-    offset: NDArray[np.int64]  # (L,) first texel of the level
-    width: NDArray[np.int32]  # (L,)
-    height: NDArray[np.int32]  # (L,)
+    levels: NDArray[np.int64]  # (L, 3) first texel, width and height of each level
     first_level: NDArray[np.int32]  # (K,) the full-size level of each texture
-    levels: NDArray[np.int32]  # (K,) how many it has
+    depth: NDArray[np.int32]  # (K,) how many levels it has
 
 
 def srgb_to_linear(value: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -42,30 +46,27 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]]) -> Atlas:
     """Return the atlas of (H, W, 3) sRGB pictures, texture k being `pictures[k]`. Raises UsageError otherwise."""
     curve = srgb_to_linear(np.arange(256, dtype=np.float32) / 255.0)
     texels: list[NDArray[np.uint32]] = []
-    offset, width, height, first_level, levels = [], [], [], [], []
+    levels: list[tuple[int, int, int]] = []
+    first_level, depth = [], []
     filled = 0
     for k, picture in enumerate(pictures):
         if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8 or 0 in picture.shape:
             raise UsageError(
                 f"texture {k} has shape {picture.shape} and type {picture.dtype}: give (H, W, 3) uint8 sRGB."
             )
-        first_level.append(len(offset))
         pyramid = _pyramid(curve[picture])
-        levels.append(len(pyramid))
+        first_level.append(len(levels))
+        depth.append(len(pyramid))
         for level in pyramid:
-            offset.append(filled)
-            height.append(level.shape[0])
-            width.append(level.shape[1])
+            levels.append((filled, level.shape[1], level.shape[0]))
             code = np.rint(np.sqrt(np.clip(level, 0.0, 1.0)) * 1023.0).astype(np.uint32)
             texels.append(((code[..., 0] << 20) | (code[..., 1] << 10) | code[..., 2]).ravel())
             filled += texels[-1].size
     return Atlas(
         texels=np.concatenate(texels) if texels else np.zeros(1, np.uint32),
-        offset=np.array(offset, np.int64),
-        width=np.array(width, np.int32),
-        height=np.array(height, np.int32),
+        levels=np.array(levels, np.int64).reshape(-1, 3),
         first_level=np.array(first_level, np.int32),
-        levels=np.array(levels, np.int32),
+        depth=np.array(depth, np.int32),
     )
 
 
@@ -84,100 +85,105 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     return pyramid
 
 
-@numba.njit(cache=True, nogil=True, inline="never")
-def _add_bilinear(atlas, level, u, v, weight, r, g, b):
-    """Return (r, g, b) plus `weight` times the square-root-coded colour of one level at (u, v)."""
-    w = atlas.width[level]
-    h = atlas.height[level]
-    x = (u - math.floor(u)) * w - 0.5
-    y = (v - math.floor(v)) * h - 0.5
-    fx = math.floor(x)
-    fy = math.floor(y)
-    x0 = int(fx)
-    y0 = int(fy)
-    fx = x - fx
-    fy = y - fy
-    x1 = x0 + 1
-    y1 = y0 + 1
-    if x0 < 0:
-        x0 += w
-    if x1 >= w:
-        x1 -= w
-    if y0 < 0:
-        y0 += h
-    if y1 >= h:
-        y1 -= h
-    base = atlas.offset[level]
-    upper = base + y0 * w
-    lower = base + y1 * w
-    t = atlas.texels[np.uint64(upper + x0)]
-    k = weight * (1.0 - fx) * (1.0 - fy)
-    r += k * np.int32(t >> 20)
-    g += k * np.int32((t >> 10) & 1023)
-    b += k * np.int32(t & 1023)
-    t = atlas.texels[np.uint64(upper + x1)]
-    k = weight * fx * (1.0 - fy)
-    r += k * np.int32(t >> 20)
-    g += k * np.int32((t >> 10) & 1023)
-    b += k * np.int32(t & 1023)
-    t = atlas.texels[np.uint64(lower + x0)]
-    k = weight * (1.0 - fx) * fy
-    r += k * np.int32(t >> 20)
-    g += k * np.int32((t >> 10) & 1023)
-    b += k * np.int32(t & 1023)
-    t = atlas.texels[np.uint64(lower + x1)]
-    k = weight * fx * fy
-    r += k * np.int32(t >> 20)
-    g += k * np.int32((t >> 10) & 1023)
-    b += k * np.int32(t & 1023)
-    return r, g, b
-
-
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, inline="always")
 def texture_color(atlas, texture, u, v, ux, vx, uy, vy):
     """Return the linear (r, g, b) of a texture over the footprint of one pixel.
 
     (ux, vx) and (uy, vy) are the changes of (u, v) over one pixel to the right and down. The level is chosen by the
-    footprint's shorter axis and up to MOST_TAPS reads follow the longer one, so that a road seen at a grazing angle
-    stays sharp across without shimmering along; between two levels the colour is interpolated.
+    footprint's shorter axis and up to 2^MOST_DOUBLINGS reads follow the longer one, so that a road seen at a grazing
+    angle stays sharp across without shimmering along. The two nearest levels are mixed: both are read where one read
+    is enough, in turn where there are several.
     """
     first = atlas.first_level[texture]
-    w = atlas.width[first]
-    h = atlas.height[first]
-    long2 = ux * ux * w * w + vx * vx * h * h
-    short2 = uy * uy * w * w + vy * vy * h * h
+    w = float(atlas.levels[first, 1])
+    h = float(atlas.levels[first, 2])
+    long2 = ux * ux * (w * w) + vx * vx * (h * h)
+    short2 = uy * uy * (w * w) + vy * vy * (h * h)
     along_u, along_v = ux, vx
     if short2 > long2:
         long2, short2 = short2, long2
         along_u, along_v = uy, vy
-    taps = 1
-    if long2 > 1.0:
-        long = math.sqrt(long2)
-        taps = math.ceil(long / math.sqrt(max(short2, 1.0)) - 0.25)
-        taps = min(max(taps, 1), MOST_TAPS)
-        level = math.log2(long / taps) + SHARPEN
-    else:
-        level = 0.0
-    last = atlas.levels[texture] - 1
-    level = min(max(level, 0.0), float(last))
+    if long2 <= 1.0:
+        return _decoded(_bilinear(atlas.texels, atlas.levels, first, u, v, WEIGHT))
+    log_long = 0.5 * _log2(long2)
+    doublings = min(int(log_long - 0.5 * _log2(max(short2, 1.0)) + 0.6), MOST_DOUBLINGS)
+    level = min(max(log_long - doublings + SHARPEN, 0.0), atlas.depth[texture] - 1.0)
     lower = int(level)
-    blend = level - lower
-    r, g, b = 0.0, 0.0, 0.0
-    share = 1.0 / taps
-    for tap in range(taps):
-        s = (tap + 0.5) * share - 0.5
-        tu = u + s * along_u
-        tv = v + s * along_v
-        if blend < 0.98:
-            r, g, b = _add_bilinear(atlas, first + lower, tu, tv, share * (1.0 - blend), r, g, b)
-        if blend > 0.02:
-            r, g, b = _add_bilinear(atlas, first + min(lower + 1, last), tu, tv, share * blend, r, g, b)
-    k = 1.0 / 1023.0
-    if blend >= 0.98:
-        k /= blend
-    elif blend <= 0.02:
-        k /= 1.0 - blend
-    r *= k
-    g *= k
-    b *= k
+    mix = int((level - lower) * WEIGHT)
+    lower += first
+    if doublings == 0:
+        lanes = _bilinear(atlas.texels, atlas.levels, lower, u, v, WEIGHT - mix)
+        if mix > 0:
+            lanes += _bilinear(atlas.texels, atlas.levels, lower + 1, u, v, mix)
+        return _decoded(lanes)
+    pairs = 1 << (doublings - 1)
+    mix >>= doublings - 1
+    each = WEIGHT >> (doublings - 1)
+    upper = lower + 1 if mix > 0 else lower
+    step = 0.5 if doublings == 1 else (0.25 if doublings == 2 else 0.125)
+    step_u = along_u * step
+    step_v = along_v * step
+    tu = u - (pairs - 0.5) * step_u
+    tv = v - (pairs - 0.5) * step_v
+    lanes = np.uint64(0)
+    for _ in range(pairs):
+        lanes += _bilinear(atlas.texels, atlas.levels, lower, tu, tv, each - mix)
+        lanes += _bilinear(atlas.texels, atlas.levels, upper, tu + step_u, tv + step_v, mix)
+        tu += 2.0 * step_u
+        tv += 2.0 * step_v
+    return _decoded(lanes)
+
+
+@numba.njit(cache=True, nogil=True)
+def _bilinear(texels, levels, level, u, v, weight):
+    """Return one level's code at (u, v) times `weight`, the three channels side by side in one integer.
+
+    Positions have eight binary places and weights are whole numbers, so that multiplying and adding the integer serves
+    all channels at once. A channel has 21 bits: room for 1023 · WEIGHT.
+    """
+    offset = levels[level, 0]
+    w = levels[level, 1]
+    h = levels[level, 2]
+    x = np.int64((u - math.floor(u)) * (w * 256.0)) - 128
+    y = np.int64((v - math.floor(v)) * (h * 256.0)) - 128
+    x = x + (w << 8) if x < 0 else x
+    y = y + (h << 8) if y < 0 else y
+    x0 = x >> 8
+    y0 = y >> 8
+    right = x & 255
+    lower = (y & 255) * weight
+    w11 = (lower * right) >> 16
+    w10 = (lower >> 8) - w11
+    w01 = (weight * right >> 8) - w11
+    w00 = weight - w11 - w10 - w01
+    x1 = x0 + 1 if x0 + 1 < w else 0
+    row0 = offset + y0 * w
+    row1 = row0 + w if y0 + 1 < h else offset
+    lanes = _lanes(texels[np.uint64(row0 + x0)]) * np.uint64(w00)
+    lanes += _lanes(texels[np.uint64(row0 + x1)]) * np.uint64(w01)
+    lanes += _lanes(texels[np.uint64(row1 + x0)]) * np.uint64(w10)
+    lanes += _lanes(texels[np.uint64(row1 + x1)]) * np.uint64(w11)
+    return lanes
+
+
+@numba.njit(cache=True, nogil=True)
+def _lanes(texel):
+    """Return the three ten-bit channels of a texel moved 21 bits apart."""
+    t = np.uint64(texel)
+    return (t & LOW_10) | ((t & MIDDLE_10) << SHIFT_1) | ((t & HIGH_10) << SHIFT_2)
+
+
+@numba.njit(cache=True, nogil=True)
+def _decoded(lanes):
+    """Return the linear (r, g, b) of channels that carry WEIGHT."""
+    k = 1.0 / (1023.0 * WEIGHT)
+    r = k * np.int64(lanes >> LANE_2)
+    g = k * np.int64((lanes >> LANE_1) & LANE_MASK)
+    b = k * np.int64(lanes & LANE_MASK)
     return r * r, g * g, b * b
+
+
+@numba.njit(cache=True, nogil=True)
+def _log2(x):
+    """Return log₂ x within 0.05, from the bits of a float: its exponent, and its mantissa taken as straight."""
+    return (np.float32(x).view(np.int32) - ONE_BITS) * (1.0 / (1 << 23)) + 0.043
