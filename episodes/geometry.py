@@ -28,9 +28,19 @@ class Part:
     material: Material
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross products of two arrays (N, 3); `numpy.cross` spends most of its time on generality."""
+    out = np.empty(np.broadcast(a, b).shape)
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
+
+
 def face_normals(corners: Array) -> Array:
     """Return (T, 3) normals of triangles (T, 3, 3), length twice the area."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return cross(a, b)
 
 
 def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
@@ -66,7 +76,7 @@ def slope_uv(corners: Array, tile_m: float) -> Array:
     level = np.linalg.norm(along, axis=1) < 0.05
     along[level] = (1.0, 0.0, 0.0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    up = np.cross(unit, along)
+    up = cross(unit, along)
     return np.stack([np.einsum("tck,tk->tc", corners, along), -np.einsum("tck,tk->tc", corners, up)], axis=2) / tile_m
 
 
@@ -109,11 +119,37 @@ def hull(bottom: ArrayLike, top: ArrayLike, material: Material, tile_m: float = 
     return soup(np.concatenate([sides, high[fan], low[fan[:, ::-1]]]), material, crease_deg, tile_m)
 
 
+# the unit cube's triangles, their normals, and the rows that turn a corner into `slope_uv`'s coordinates on each face
+_CUBE = np.array(
+    [
+        [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
+        [(0, 1, 0), (0, 0, 0), (0, 0, 1)], [(0, 1, 0), (0, 0, 1), (0, 1, 1)],
+        [(1, 1, 0), (0, 1, 0), (0, 1, 1)], [(1, 1, 0), (0, 1, 1), (1, 1, 1)],
+        [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 0, 0), (1, 0, 1), (0, 0, 1)],
+        [(0, 0, 1), (1, 0, 1), (1, 1, 1)], [(0, 0, 1), (1, 1, 1), (0, 1, 1)],
+        [(0, 1, 0), (1, 1, 0), (1, 0, 0)], [(0, 1, 0), (1, 0, 0), (0, 0, 0)],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+_CUBE_NORMAL = np.repeat(face_normals(_CUBE)[:, None, :], 3, axis=1)
+_CUBE_UV = np.repeat(
+    np.array(
+        [
+            [(0, 1, 0), (0, 0, -1)], [(0, -1, 0), (0, 0, -1)], [(-1, 0, 0), (0, 0, -1)],
+            [(1, 0, 0), (0, 0, -1)], [(1, 0, 0), (0, -1, 0)], [(1, 0, 0), (0, 1, 0)],
+        ],
+        dtype=np.float64,
+    ),
+    2,
+    axis=0,
+)  # fmt: skip
+
+
 def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0) -> Part:
-    """Return the axis-aligned box between two opposite corners."""
-    (x0, y0, z0), (x1, y1, z1) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    ring = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-    return prism(ring, z0, z1, material, tile_m)
+    """Return the axis-aligned box between two opposite corners, the first the lower one on every axis."""
+    a, b = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    corners = a + _CUBE * (b - a)
+    return Part(corners, _CUBE_NORMAL, np.matmul(corners, _CUBE_UV.transpose(0, 2, 1)) / tile_m, material)
 
 
 def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: float = 1.0) -> Part:
@@ -154,9 +190,9 @@ def rod(start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: 
     """Return a cylinder or cone with closed ends from `start` to `end`, radius at each."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     axis = (b - a) / np.linalg.norm(b - a)
-    side = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
+    side = cross(axis, np.array((0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0)))
     side /= np.linalg.norm(side)
-    third = np.cross(axis, side)
+    third = cross(axis, side)
     turn = 2.0 * np.pi * np.arange(segments) / segments
     ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), third)
     return hull(a + radii[0] * ring, b + radii[1] * ring, material, crease_deg=50.0)
@@ -211,19 +247,11 @@ def mirrored(part: Part) -> Part:
     return Part((part.corners * flip)[:, ::-1], (part.normals * flip)[:, ::-1], part.uv[:, ::-1], part.material)
 
 
-def bumped(parts: Sequence[Part]) -> tuple[Array, Array]:
-    """Return the (low, high) corners of the axis-aligned box around all parts, FLU."""
-    every = np.concatenate([p.corners.reshape(-1, 3) for p in parts])
-    return every.min(axis=0), every.max(axis=0)
-
-
 def assemble(parts: Sequence[Part]) -> Mesh:
     """Return the parts as one mesh in FRD axes, equal corners shared."""
-    materials: list[Material] = []
-    for part in parts:
-        if not any(part.material is m for m in materials):
-            materials.append(part.material)
-    which = [next(k for k, m in enumerate(materials) if m is part.material) for part in parts]
+    place: dict[int, int] = {}
+    which = [place.setdefault(id(part.material), len(place)) for part in parts]
+    materials = list({id(part.material): part.material for part in parts}.values())
     material = np.repeat(np.array(which, dtype=np.int32), [len(p.corners) for p in parts])
     table = np.concatenate(
         [np.concatenate([p.corners, p.normals, p.uv], axis=2).reshape(-1, 8) for p in parts]

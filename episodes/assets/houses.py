@@ -67,8 +67,10 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
         ring = [(middle, ridge), (middle, ridge + thick), (end, eave - drop + thick), (end, eave - drop)]
         parts.append(g.profile(ring, y0 - overhang, y1 + overhang, roof, 1.6))
         # fascia board under the eave
-        near, far = sorted((end, end - np.sign(end - middle) * 0.05))
-        parts.append(g.box((near, y0 - overhang, eave - drop - 0.08), (far, y1 + overhang, eave - drop + 0.1), colors.WHITE_WOOD))
+        near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
+        parts.append(
+            g.box((near, y0 - overhang + 0.02, eave - drop - 0.10), (far, y1 + overhang - 0.02, eave - drop + 0.12), colors.WHITE_WOOD)
+        )
     return parts
 
 
@@ -129,7 +131,7 @@ def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> lis
     side = float(plan.garage)
     y0, y1 = sorted((side * plan.width / 2, side * (plan.width / 2 + plan.garage_width)))
     x0, x1, eave = plan.depth / 2 - 6.3, plan.depth / 2 + 0.5, 2.55
-    parts = [g.box((x0, y0, 0.0), (x1, y1, eave), wall, tile)]
+    parts = [g.box((x0, y0, -0.3), (x1, y1, eave), wall, tile)]
     parts += gable((x0, y0), (x1, y1), eave, 0.5, False, wall, tile, roof)
     half, middle = plan.garage_width / 2 - 0.6, (y0 + y1) / 2
     door = Material("garage-door", (1.0, 1.0, 1.0), garage_door(), specular=0.05)
@@ -140,13 +142,13 @@ def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> lis
     return parts
 
 
-def _windows(plan: HousePlan, door_y: float) -> list[Part]:
+def _windows(plan: HousePlan, door: float) -> list[Part]:
     """Return the windows of every free wall."""
     front, half, parts = plan.depth / 2, plan.width / 2, []
     for storey in range(plan.storeys):
         sill = FOUNDATION_M + storey * STOREY_M + 0.85
         for y in np.linspace(-half + 1.6, half - 1.6, 3 if plan.width < 11.5 else 4):
-            if storey > 0 or abs(y - door_y) > 1.75:
+            if storey > 0 or abs(y - door) > 1.75:
                 parts += window((front, y), sill, 1.5 if storey == 0 else 1.15, 1.35, "+x")
             parts += window((-front, y), sill, 1.2, 1.3, "-x")
         for side, face in ((1, "+y"), (-1, "-y")):
@@ -163,14 +165,14 @@ def house(plan: HousePlan) -> Mesh:
     roof = surface("shingles", colors.linear(ROOFS[plan.roof]))
     front, half = plan.depth / 2, plan.width / 2
     eave = FOUNDATION_M + plan.storeys * STOREY_M
-    door_y = -plan.garage * half * 0.35
+    door = door_y(plan)
     stone = surface("concrete")
     parts: list[Part] = [
         g.box((-front - 0.03, -half - 0.03, -0.3), (front + 0.03, half + 0.03, FOUNDATION_M), stone, 1.5),
         g.box((-front, -half, FOUNDATION_M), (front, half, eave), wall, tile),
         *gable((-front, -half), (front, half), eave, plan.pitch, not plan.gable_front, wall, tile, roof),
-        *_door(front, door_y, FOUNDATION_M, colors.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),
-        *_windows(plan, door_y),
+        *_door(front, door, FOUNDATION_M, colors.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),
+        *_windows(plan, door),
     ]
     if not plan.brick:
         for x in (-front, front):
@@ -181,9 +183,9 @@ def house(plan: HousePlan) -> Mesh:
     if plan.garage:
         parts += _garage(plan, wall, tile, roof)
     if plan.porch > 0.0:
-        parts += _porch(plan, front, door_y, roof)
+        parts += _porch(plan, front, door, roof)
     else:
-        parts.append(g.box((front, door_y - 0.8, 0.0), (front + 1.0, door_y + 0.8, FOUNDATION_M), stone, 1.5))
+        parts.append(g.box((front, door - 0.8, 0.0), (front + 1.0, door + 0.8, FOUNDATION_M), stone, 1.5))
     if plan.chimney:
         ridge = eave + plan.pitch * (front if not plan.gable_front else half)
         x, y = (-0.9, -plan.garage * half * 0.6) if not plan.gable_front else (-front * 0.4, 0.9)
@@ -214,6 +216,11 @@ def plan_of(seed: int) -> HousePlan:
         porch=float(rng.choice([0.0, 3.4, 4.6])),
         chimney=bool(rng.random() < 0.7),
     )
+
+
+def door_y(plan: HousePlan) -> float:
+    """Return how far left of the middle (m) the front door stands: away from the garage."""
+    return -plan.garage * plan.width * 0.175
 
 
 def footprint(plan: HousePlan) -> Array:

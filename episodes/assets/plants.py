@@ -1,5 +1,7 @@
 """Trees, bushes and hedges: roughened clumps of foliage with single leaves breaking their outline."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from episodes import geometry as g
@@ -31,14 +33,15 @@ def _leaves(clump: Part, count: int, size: float, rng: np.random.Generator, mate
     return Part(both, normals, g.slope_uv(both, 1.2), material)
 
 
-def _clump(centre: Array, radii: Array, seed: int, material: Material, sprays: int) -> list[Part]:
+def _clump(centre: Array, radii: Array, seed: int, material: Material, sprays: int, level: int = 2) -> list[Part]:
     rng = np.random.default_rng(seed)
-    ball = g.ball(centre, radii, material, 2)
+    ball = g.ball(centre, radii, material, level)
     rough = g.roughened(ball, 0.13 * float(np.mean(radii)), seed, float(np.mean(radii)) * 0.8)
     rough = Part(rough.corners, rough.normals, g.slope_uv(ball.corners, 1.2), material)
-    return [rough, _leaves(rough, sprays, 0.16, rng, material)]
+    return [rough, _leaves(rough, sprays, 0.12 * min(1.0, float(np.mean(radii))), rng, material)]
 
 
+@lru_cache(maxsize=64)
 def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
     """Return a broad-leaved tree with a forked trunk and a crown of clumps."""
     rng, leaf, bark = np.random.default_rng(seed), _foliage(species), surface("bark")
@@ -46,7 +49,7 @@ def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
     thick = 0.022 * height + 0.04
     parts = [g.rod((0, 0, -0.2), (0, 0, fork), (thick * 1.25, thick * 0.85), bark, 10)]
     parts.append(g.rod((0, 0, -0.2), (0, 0, 0.35), (thick * 1.9, thick * 1.15), bark, 10))
-    count = 6
+    count = 5
     for k in range(count):
         turn = 2 * np.pi * (k + rng.uniform(-0.25, 0.25)) / count
         out = reach * rng.uniform(0.45, 0.75)
@@ -58,11 +61,12 @@ def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
     return g.assemble(parts)
 
 
+@lru_cache(maxsize=64)
 def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
     """Return a fir: tiers of ragged skirts about a straight trunk."""
     rng, leaf = np.random.default_rng(seed), _foliage("conifer")
     parts = [g.rod((0, 0, -0.2), (0, 0, 0.9 * height), (0.022 * height, 0.05), surface("bark"), 8)]
-    tiers, sides = 7, 18
+    tiers, sides = 6, 14
     for k in range(tiers):
         low = height * (0.12 + 0.80 * k / tiers)
         high = low + height * 0.30 * (1.0 - 0.45 * k / tiers)
@@ -78,12 +82,14 @@ def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
     return g.assemble(parts)
 
 
+@lru_cache(maxsize=64)
 def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
     """Return a garden shrub."""
     leaf = _foliage("hedge")
-    return g.assemble(_clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 50))
+    return g.assemble(_clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 40, 1))
 
 
+@lru_cache(maxsize=64)
 def hedge(length: float = 6.0, height: float = 1.2, thick: float = 0.8, seed: int = 1) -> Mesh:
     """Return a clipped hedge along the forward axis."""
     rng, leaf = np.random.default_rng(seed), _foliage("hedge")
@@ -99,3 +105,16 @@ def hedge(length: float = 6.0, height: float = 1.2, thick: float = 0.8, seed: in
         g.soup(lattice[-1][np.array([(0, k + 1, k) for k in range(1, len(ring) - 1)])], leaf, 0.0, 1.2),
     ]
     return g.assemble([skin, *ends, _leaves(skin, int(length * 14), 0.06, rng, leaf)])
+
+
+@lru_cache(maxsize=16)
+def wood(length: float = 60.0, height: float = 9.0, seed: int = 1) -> Mesh:
+    """Return the edge of a wood along the forward axis, to be seen from far away."""
+    rng, leaf = np.random.default_rng(seed), _foliage("oak")
+    count = int(length / 3.0)
+    x = np.linspace(-length / 2, length / 2, count)
+    crown = height * (0.78 + 0.22 * np.abs(np.sin(np.arange(count) * 0.9 + rng.uniform(0, 0.8, count))))
+    rings = []
+    for half, share in ((4.2, 0.0), (4.6, 0.35), (3.6, 0.75), (1.4, 1.0), (-1.4, 1.0), (-3.6, 0.75), (-4.6, 0.35), (-4.2, 0.0)):
+        rings.append(np.stack([x, half + 0.5 * rng.normal(size=count), share * crown], axis=1))
+    return g.assemble([g.grid(np.stack(rings, axis=0), leaf, 60.0, 5.0)])

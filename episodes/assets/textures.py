@@ -38,12 +38,12 @@ def asphalt() -> NDArray[np.uint8]:
 
 @cache
 def grass() -> NDArray[np.uint8]:
-    """Return (512, 512, 3): mown lawn, for a repeat of 4 m."""
+    """Return (512, 512, 3): mown lawn without large patches, which would show the repeat of 4 m from above."""
     blade = noise((512, 512), 0.5, 21)
     patch = noise((512, 512), 1.5, 22)
-    value = 1.0 + 0.16 * blade + 0.08 * patch
-    dry = np.clip(0.5 + 0.5 * noise((512, 512), 1.3, 23), 0, 1)[..., None]
-    color = (1 - 0.35 * dry) * np.array((74, 112, 44)) + 0.35 * dry * np.array((128, 132, 66))
+    value = 1.0 + 0.15 * blade + 0.03 * patch
+    dry = np.clip(0.5 + 0.35 * noise((512, 512), 0.7, 23), 0, 1)[..., None]
+    color = (1 - 0.4 * dry) * np.array((80, 110, 50)) + 0.4 * dry * np.array((128, 130, 72))
     return np.clip(value[..., None] * color, 0, 255).astype(np.uint8)
 
 

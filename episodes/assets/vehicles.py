@@ -1,5 +1,6 @@
 """Cars: a lofted body with real wheel arches, a glazed cabin, wheels, lamps, mirrors and licence plates."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,7 +71,7 @@ def _plan(shape: CarShape, x: Array) -> Array:
 def _body(shape: CarShape, material: Material) -> list[Part]:
     """Return the lower body: cross-sections lofted from tail to nose, the underside raised over the wheels."""
     half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
-    around = arch * np.cos(np.linspace(0.0, np.pi, 13))
+    around = arch * np.cos(np.linspace(0.0, np.pi, 11))
     x = np.unique(
         np.round(
             np.concatenate(
@@ -96,19 +97,23 @@ def _body(shape: CarShape, material: Material) -> list[Part]:
     section += [(0.84, 1.0), (0.42, 1.02), (0.0, 1.03)]
     ring = section + [(-a, b) for a, b in section[-2:0:-1]]
     points = np.stack([np.stack([x, wide * a, bottom + tall * b], axis=1) for a, b in [*ring, ring[0]]], axis=1)
-    skin = g.grid(points[::-1], material, crease_deg=42.0)
+    skin = [g.grid(points[::-1, 1:-1], material, crease_deg=42.0)]
+    # the underside, which is also the roof of the wheel housings, is never painted
+    skin += [g.grid(points[::-1, pair], colors.SHADOW) for pair in (slice(0, 2), slice(-2, None))]
     ends = []
     for row, turn in ((points[0], -1), (points[-1], 1)):
         loop = row[:-1]
         fan = np.array([(0, k, k + 1)[::turn] for k in range(1, len(loop) - 1)])
         ends.append(g.soup(loop[fan], material, 0.0))
-    return [skin, *ends]
+    return [*skin, *ends]
 
 
-def _cabin_side(shape: CarShape, z: float) -> float:
-    """Return the half width of the cabin at height z: it leans in towards the roof."""
+def _cabin_side(shape: CarShape, x: float, z: float) -> float:
+    """Return the half width of the cabin: it leans in towards the roof and narrows with the body towards the tail."""
     up = (z - shape.belt) / (shape.roof - shape.belt)
-    return shape.width / 2 * (0.945 - 0.145 * up)
+    ends = _plan(shape, np.array(shape.cabin_low)) / (shape.width / 2)
+    taper = float(np.interp(x, shape.cabin_low, ends))
+    return shape.width / 2 * taper * (0.945 - 0.145 * up)
 
 
 def _edge(shape: CarShape, end: int, z: float) -> float:
@@ -119,18 +124,16 @@ def _edge(shape: CarShape, end: int, z: float) -> float:
 
 def _cabin(shape: CarShape, material: Material) -> list[Part]:
     """Return the greenhouse: painted shell and crowned roof, with glass set a finger's breadth proud of it."""
-    levels = (shape.belt - 0.06, shape.roof - 0.09, shape.roof - 0.03, shape.roof)
+    levels = (shape.belt - 0.11, shape.roof - 0.09, shape.roof - 0.03, shape.roof)
     inset = (0.0, 0.0, 0.045, 0.16)
 
     def ring(z: float, inward: float) -> Array:
-        rear, front, side = _edge(shape, 0, z) + inward, _edge(shape, 1, z) - inward, _cabin_side(shape, z) - inward
+        rear, front = _edge(shape, 0, z) + inward, _edge(shape, 1, z) - inward
+        behind, ahead = _cabin_side(shape, rear, z) - inward, _cabin_side(shape, front, z) - inward
         cut = 0.10 + 0.3 * inward
-        return np.array(
-            [
-                (rear + 0.02, -side + cut, z), (rear + cut, -side, z), (front - cut, -side, z), (front, -side + cut, z),
-                (front, side - cut, z), (front - cut, side, z), (rear + cut, side, z), (rear + 0.02, side - cut, z),
-            ]
-        )  # fmt: skip
+        right = [(rear + 0.02, -behind + cut, z), (rear + cut, -behind, z), (front - cut, -ahead, z)]
+        right.append((front, -ahead + cut, z))
+        return np.array(right + [(x, -y, z) for x, y, z in right[::-1]])
 
     rings = [ring(z, i) for z, i in zip(levels, inset, strict=True)]
     parts = [g.hull(a, b, material, crease_deg=40.0) for a, b in zip(rings, rings[1:], strict=False)]
@@ -140,10 +143,11 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
     for end, sign in ((1, 1.0), (0, -1.0)):
         if end == 0 and shape.bed is None and shape.side_glass[0] > shape.cabin_low[0] + 1.0:
             continue  # blind rear of a panel van
-        y0, y1 = _cabin_side(shape, low) - 0.13, _cabin_side(shape, high) - 0.13
-        x0, x1 = _edge(shape, end, low) + sign * proud, _edge(shape, end, high) + sign * proud
-        pane = [(x0, -sign * -y0, low), (x0, -sign * y0, low), (x1, -sign * y1, high), (x1, -sign * -y1, high)]
-        parts.append(g.quad(pane[::-1] if end == 9 else _facing(pane, (sign, 0.0, 0.3)), colors.GLASS))
+        x0, x1 = _edge(shape, end, low), _edge(shape, end, high)
+        y0, y1 = _cabin_side(shape, x0, low) - 0.13, _cabin_side(shape, x1, high) - 0.13
+        x0, x1 = x0 + sign * proud, x1 + sign * proud
+        pane = [(x0, -y0, low), (x0, y0, low), (x1, y1, high), (x1, -y1, high)]
+        parts.append(g.quad(_facing(pane, (sign, 0.0, 0.3)), colors.GLASS))
     # side windows
     rear, front = shape.side_glass
     cuts = sorted([rear, *[p for p in shape.pillars if rear < p < front], front])
@@ -152,16 +156,17 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
         top_b = min(b - 0.035, _edge(shape, 1, high) - 0.15) if b == front else b - 0.035
         if top_b - top_a < 0.1:
             continue
+        rim = [(a + 0.035, low), (b - 0.035, low), (top_b, high), (top_a, high)]
         for side in (1.0, -1.0):
-            y0, y1 = side * (_cabin_side(shape, low) + proud), side * (_cabin_side(shape, high) + proud)
-            pane = [(a + 0.035, y0, low), (b - 0.035, y0, low), (top_b, y1, high), (top_a, y1, high)]
+            pane = [(x, side * (_cabin_side(shape, x, z) + proud), z) for x, z in rim]
             parts.append(g.quad(_facing(pane, (0.0, side, 0.2)), colors.GLASS))
     if shape.rails:
         for side in (-1.0, 1.0):
-            y, z = side * (_cabin_side(shape, shape.roof) - 0.09), shape.roof + 0.02
-            x0, x1 = shape.cabin_high[0] + 0.2, shape.cabin_high[1] - 0.2
-            parts.append(g.box((x0, y - 0.025, z), (x1, y + 0.025, z + 0.04), colors.TRIM))
-            parts += [g.box((x - 0.05, y - 0.02, z - 0.05), (x + 0.05, y + 0.02, z + 0.01), colors.TRIM) for x in (x0 + 0.06, x1 - 0.06)]
+            x0, x1 = shape.cabin_high[0] + 0.25, shape.cabin_high[1] - 0.25
+            y, z = side * (_cabin_side(shape, x0, shape.roof) - 0.12), shape.roof + 0.03
+            parts.append(g.box((x0, y - 0.018, z), (x1, y + 0.018, z + 0.028), colors.TRIM))
+            for x in (x0 + 0.06, (x0 + x1) / 2, x1 - 0.06):
+                parts.append(g.box((x - 0.04, y - 0.015, z - 0.06), (x + 0.04, y + 0.015, z + 0.01), colors.TRIM))
     return parts
 
 
@@ -175,10 +180,9 @@ def _facing(points: list[tuple[float, float, float]], outward: tuple[float, floa
 def wheel(radius: float, width: float) -> list[Part]:
     """Return a wheel about the y axis through the origin, its rim on the +y side."""
     half = width / 2
-    outline = [(0.62 * radius, -half), (0.93 * radius, -half), (radius, -0.6 * half), (radius, 0.6 * half)]
-    outline += [(0.93 * radius, half), (0.70 * radius, half)]
+    outline = [(0.93 * radius, -half), (radius, -0.6 * half), (radius, 0.6 * half), (0.93 * radius, half), (0.70 * radius, half)]
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
-    parts = [g.lathe(outline, colors.RUBBER, 24), g.lathe(dish[:2], colors.RIM, 24), g.lathe(dish[1:], colors.TRIM, 24)]
+    parts = [g.lathe(outline, colors.RUBBER, 18), g.lathe(dish[:2], colors.RIM, 18), g.lathe(dish[1:], colors.TRIM, 18)]
     spoke = g.hull(
         [(0.04, -0.045, 0.45 * half), (0.67 * radius, -0.032, 0.45 * half), (0.67 * radius, 0.032, 0.45 * half), (0.04, 0.045, 0.45 * half)],
         [(0.04, -0.038, 0.90 * half), (0.67 * radius, -0.026, 0.80 * half), (0.67 * radius, 0.026, 0.80 * half), (0.04, 0.038, 0.90 * half)],
@@ -208,73 +212,80 @@ def _wheels(shape: CarShape) -> list[Part]:
     return parts
 
 
-def _details(shape: CarShape, material: Material, plate: str) -> list[Part]:
-    """Return lamps, bumpers, grille, doors, mirrors and plates."""
-    half, deck = shape.length / 2, np.array(shape.deck)
-    nose, tail = float(deck[-1, 1]), float(deck[0, 1])
-    mid = shape.clearance + 0.42 * (nose - shape.clearance)
-    side = shape.width / 2
-    end = float(_plan(shape, np.array([half]))[0])
-    parts = []
-    # nose: grille, lower intake, lamps; tail: bumper, lamps
-    parts.append(g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), colors.TRIM))
+def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) -> list[Part]:
+    """Return grille, bumpers and lamps; `end` is the half width at nose and tail."""
+    half, mid = shape.length / 2, shape.clearance + 0.42 * (nose - shape.clearance)
+    parts = [
+        g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), colors.TRIM),
+        g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), colors.TRIM),
+        g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), colors.TRIM),
+    ]
     for z in np.linspace(mid + 0.06, nose - 0.11, 3):
         parts.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), colors.CHROME))
-    low = shape.clearance + 0.08
-    parts.append(g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), colors.TRIM))
-    parts.append(g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), colors.TRIM))
-    for y in (-1.0, 1.0):
-        y0, y1 = sorted((y * 0.50 * end, y * 0.985 * end))
-        parts.append(g.box((half - 0.10, y0, nose - 0.15), (half + 0.022, y1, nose - 0.03), colors.HEADLAMP))
-        parts.append(g.box((half - 0.16, *sorted((y * 0.97 * end,))[:1], nose - 0.15), (half - 0.1, y * 0.99 * end + 0.001, nose - 0.05), colors.INDICATOR) if False else g.box((half - 0.05, min(y * 0.70 * end, y * 0.86 * end), low + 0.02), (half + 0.028, max(y * 0.70 * end, y * 0.86 * end), low + 0.08), colors.HEADLAMP))
-        upright = tail - 0.12 - (shape.clearance + 0.38)
-        t0, t1 = sorted((y * (0.62 if upright < 0.36 else 0.76) * end, y * 0.99 * end))
-        parts.append(g.box((-half - 0.022, t0, tail - min(0.36, upright)), (-half + 0.12, t1, tail - 0.05), colors.TAIL_LAMP))
-    # doors: gaps, handles, mirrors
+    tall = min(0.36, tail - 0.12 - (shape.clearance + 0.38))
+    inner = 0.62 if tall < 0.36 else 0.76
+    pair = [
+        g.box((half - 0.10, 0.50 * end, nose - 0.15), (half + 0.022, 0.985 * end, nose - 0.03), colors.HEADLAMP),
+        g.box((half - 0.05, 0.70 * end, low + 0.02), (half + 0.028, 0.86 * end, low + 0.08), colors.HEADLAMP),
+        g.box((-half - 0.022, inner * end, tail - tall), (-half + 0.12, 0.99 * end, tail - 0.05), colors.TAIL_LAMP),
+        g.box((-half - 0.026, inner * end, tail - tall), (-half, 0.99 * end, tail - tall + 0.05), colors.INDICATOR),
+    ]
+    return parts + pair + [g.mirrored(p) for p in pair]
+
+
+def _flank(shape: CarShape, material: Material) -> list[Part]:
+    """Return the left side's door gaps, handles, mirror and cladding."""
+    side, axle, arch = shape.width / 2, shape.wheelbase / 2, shape.wheel_radius * 1.22
     sill, belt = shape.clearance + 0.16, shape.belt - 0.05
-    cuts = [shape.side_glass[0] + 0.02 if shape.bed is None else shape.cabin_low[0] + 0.05, *shape.pillars, shape.side_glass[1] + 0.06]
-    axle, arch = shape.wheelbase / 2, shape.wheel_radius * 1.22
-    for x in cuts:
-        under = max([sill] + [shape.wheel_radius + np.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle)])
-        for y in (-side, side):
-            parts.append(g.box((x - 0.006, y - 0.004, under), (x + 0.006, y + 0.004, belt - 0.1), colors.SHADOW))
-    for x in [c + 0.12 for c in cuts[:-1]][-2:]:
-        for y in (-side, side):
-            parts.append(g.box((x, y - 0.022, belt - 0.17), (x + 0.19, y + 0.022, belt - 0.135), material))
-    for y in (-1.0, 1.0):
-        x = shape.side_glass[1] - 0.08
-        base = _cabin_side(shape, shape.belt + 0.1)
-        y0, y1 = sorted((y * (base + 0.05), y * (base + 0.25)))
-        parts.append(g.box((x - 0.06, y0, shape.belt + 0.03), (x + 0.06, y1, shape.belt + 0.18), material))
-        parts.append(g.box((x - 0.02, *sorted((y * (base - 0.02), y * (base + 0.08)))[:1], shape.belt + 0.03), (x + 0.02, max(y * (base - 0.02), y * (base + 0.08)), shape.belt + 0.07), colors.TRIM))
+    parts = []
+    doors = sorted({*shape.pillars, shape.side_glass[1] + 0.06, *((shape.cabin_low[0] + 0.08,) if shape.bed else ())})
+    for x in doors:
+        over = [shape.wheel_radius + math.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle) if abs(x - c) < arch]
+        parts.append(g.box((x - 0.006, side - 0.03, max([sill, *over])), (x + 0.006, side + 0.003, belt - 0.1), colors.SHADOW))
+    parts.append(g.box((doors[0], side - 0.03, belt - 0.105), (doors[-1], side + 0.002, belt - 0.098), colors.SHADOW))
+    for x in doors[:-1]:
+        parts.append(g.box((x + 0.10, side - 0.02, belt - 0.20), (x + 0.28, side + 0.022, belt - 0.165), material))
+    x, z = shape.side_glass[1] - 0.08, shape.belt
+    base = _cabin_side(shape, x, z + 0.1)
+    parts.append(g.box((x - 0.06, base + 0.05, z + 0.03), (x + 0.06, base + 0.24, z + 0.18), material))
+    parts.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), colors.GLASS))
+    parts.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), colors.TRIM))
     if shape.cladding:
-        for y in (-side, side):
-            x0, x1 = -axle + arch, axle - arch
-            parts.append(g.box((x0, y - 0.012, shape.clearance), (x1, y + 0.012, shape.clearance + 0.14), colors.TRIM))
+        parts.append(g.box((arch - axle, side - 0.03, shape.clearance), (axle - arch, side + 0.012, shape.clearance + 0.14), colors.TRIM))
+        turn = np.linspace(0.02, np.pi - 0.02, 13)
         for c in (-axle, axle):
-            turn = np.linspace(0.02, np.pi - 0.02, 13)
-            for y in (-1.0, 1.0):
-                inner, outer = arch * 0.985, arch * 1.12
-                rim = np.stack([np.stack([c + r * np.cos(turn), np.full(13, y * (side + 0.014)), shape.wheel_radius + r * np.sin(turn)], axis=1) for r in (inner, outer)], axis=0)
-                parts.append(g.grid(rim if y < 0 else rim[::-1], colors.TRIM, 0.0))
-    if shape.bed is not None:
-        x0, x1 = shape.bed
-        z = float(np.interp(x0, deck[:, 0], deck[:, 1])) + 0.036
-        parts.append(g.box((x0, -side + 0.16, z - 0.02), (x1, side - 0.16, z), colors.TRIM))
-        for y in (-1.0, 1.0):
-            y0, y1 = sorted((y * (side - 0.16), y * (side - 0.05)))
-            parts.append(g.box((x0 - 0.06, y0, z - 0.15), (x1 + 0.1, y1, z + 0.09), material))
-        parts.append(g.box((x0 - 0.10, -side + 0.06, z - 0.15), (x0, side - 0.06, z + 0.09), material))
-    sign = Material(f"plate-{plate}", (1.0, 1.0, 1.0), lettering(plate), emission=0.05)
-    # 0.165 m plate: its digits are 0.10 m high (paper, appendix "Maps and Episodes")
-    ratio = sign.texture.shape[1] / sign.texture.shape[0]
-    w, h = 0.165 * ratio / 2, 0.165
-    z = max(tail - 0.52, low + 0.20)
-    back, front = -half - 0.026, half + 0.026
-    parts.append(g.quad([(back, w, z), (back, -w, z), (back, -w, z + h), (back, w, z + h)], sign))
-    z = low - 0.01
-    parts.append(g.quad([(front, -w, z), (front, w, z), (front, w, z + h), (front, -w, z + h)], sign))
+            arcs = [
+                np.stack([c + r * np.cos(turn), np.full(13, side + 0.014), shape.wheel_radius + r * np.sin(turn)], axis=1)
+                for r in (arch * 1.12, arch * 0.985)
+            ]
+            parts.append(g.grid(arcs, colors.TRIM, 0.0))
     return parts
+
+
+def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> list[Part]:
+    """Return a pickup's load bed: a dark floor between raised sides."""
+    (x0, x1), side = reach, shape.width / 2
+    z = float(np.interp(x0, *np.array(shape.deck).T)) + 0.036
+    wall = g.box((x0 - 0.06, side - 0.16, z - 0.15), (x1 + 0.1, side - 0.05, z + 0.09), material)
+    return [
+        g.box((x0, -side + 0.16, z - 0.02), (x1, side - 0.16, z), colors.TRIM),
+        g.box((x0 - 0.10, -side + 0.06, z - 0.15), (x0, side - 0.06, z + 0.09), material),
+        wall,
+        g.mirrored(wall),
+    ]
+
+
+def _plates(shape: CarShape, text: str, tail: float, low: float) -> list[Part]:
+    """Return both number plates."""
+    picture = lettering(text)
+    sign = Material(f"plate-{text}", (1.0, 1.0, 1.0), picture, emission=0.05)
+    # 0.165 m high: its digits are 0.10 m (paper, appendix "Maps and Episodes")
+    h, half = 0.165, shape.length / 2 + 0.027
+    w = h * picture.shape[1] / picture.shape[0] / 2
+    z = max(tail - 0.52, low + 0.20)
+    back = g.quad([(-half, w, z), (-half, -w, z), (-half, -w, z + h), (-half, w, z + h)], sign)
+    z = low - 0.01
+    return [back, g.quad([(half, -w, z), (half, w, z), (half, w, z + h), (half, -w, z + h)], sign)]
 
 
 def car(kind: str, paint: str, plate: str) -> Mesh:
@@ -283,5 +294,11 @@ def car(kind: str, paint: str, plate: str) -> Mesh:
     Raises UsageError for an unknown paint.
     """
     shape, material = SHAPES[kind], colors.paint(paint)
-    parts = [*_body(shape, material), *_cabin(shape, material), *_wheels(shape), *_details(shape, material, plate)]
+    nose, tail, low = shape.deck[-1][1], shape.deck[0][1], shape.clearance + 0.08
+    end = float(_plan(shape, np.array([shape.length / 2]))[0])
+    flank = _flank(shape, material)
+    parts = [*_body(shape, material), *_cabin(shape, material), *_wheels(shape), *flank, *map(g.mirrored, flank)]
+    parts += _lamps(shape, end, nose, tail, low) + _plates(shape, plate, tail, low)
+    if shape.bed is not None:
+        parts += _bed(shape, shape.bed, material)
     return g.assemble(parts)

@@ -31,7 +31,7 @@ PROFILE_DRIVE = ((0.0, 0.05), (4.0, 0.05), (5.5, -0.09), (7.0, -0.12), (9.5, -0.
 
 # kind, paint, north, east, yaw: parked along the kerb as right-hand traffic leaves them, or nose-in on a drive
 PARKED = (
-    ("sedan", "grey", -40.0, 2.9, 0.0),
+    ("sedan", "grey", -20.0, 2.9, 0.0),
     ("hatchback", "white", 24.0, 2.9, 0.0),
     ("sedan", "black", -17.0, -2.9, np.pi),
     ("van", "white", 42.0, -2.9, np.pi),
@@ -89,7 +89,7 @@ def _ground(drives: dict[tuple[int, int], float]) -> list[tuple[str, Mesh]]:
     half = np.array([0.0, 4.0, 4.25, 5.5, 7.0, 8.25, 9.5, 13.6, 20.0, 28.0, 36.0, 45.0, 70.0, 120.0, 220.0, 420.0])
     east = np.concatenate([-half[:0:-1], half])
     flanks = [m + s * (DRIVE_HALF + d) for m in drives.values() for s in (-1, 1) for d in (0.0, 0.25)]
-    far = [-420.0, -220.0, -120.0, 120.0, 220.0, 420.0]
+    far = [-420.0, -220.0, -120.0, -60.0, 60.0, 120.0, 220.0, 420.0]
     north = np.unique(np.round(np.concatenate([np.arange(-70.0, 70.1, 5.0), flanks, far]), 3))
     z = _height(north[:, None], east[None, :], drives)
     n, e = np.broadcast_arrays(north[:, None], east[None, :])
@@ -109,9 +109,18 @@ def _ground(drives: dict[tuple[int, int], float]) -> list[tuple[str, Mesh]]:
         ("kerb", kerb, surface("concrete", (0.92, 0.92, 0.92)), 1.5, 0.0),
         ("pavement", walk, surface("concrete"), 1.5, 5.5),
         ("drive", drive & ~walk, surface("concrete", (0.82, 0.80, 0.77)), 2.3, 0.0),
-        ("lawn", ~(road | kerb | walk | drive), surface("grass"), 4.0, 0.0),
+        *_lawns(~(road | kerb | walk | drive), mid_n, mid_e),
     )
     return [(name, g.assemble([_cells(lattice, mask, look, tile, shift)])) for name, mask, look, tile, shift in uses]
+
+
+def _lawns(green: NDArray[np.bool_], north: Array, east: Array) -> list[tuple[str, NDArray[np.bool_], Material, float, float]]:
+    """Return the green cells in three tints, one per plot, and the fields beyond."""
+    near = (np.abs(north) < 60.0)[:, None] & (np.abs(east) < 36.0)[None, :]
+    shade = (np.floor((north + 60.0) / 20.0)[:, None] * 2 + (east > 0)[None, :] * 3) % 3
+    tints = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))
+    found = [(f"lawn-{k}", green & near & (shade == k), surface("grass", tint), 4.0, 0.0) for k, tint in enumerate(tints)]
+    return [*found, ("field", green & ~near, surface("grass", (1.0, 0.97, 0.95)), 11.0, 0.0)]
 
 
 def _cells(lattice: Array, mask: NDArray[np.bool_], look: Material, tile: float, shift: float) -> Part:
@@ -136,17 +145,17 @@ def _markings(terrain: HeightField) -> Mesh:
     return g.assemble(parts)
 
 
-def _garden(lot: int, side: int, drive: float, seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
+def _garden(lot: int, side: int, drive: float, plan: houses.HousePlan, house: float, seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
     """Yield (kind, mesh, north, east, yaw) of what grows and stands on one plot."""
     rng = np.random.default_rng((seed, lot, side + 1))
     middle = LOTS[lot]
     free = middle + 5.0 * np.sign(middle - drive)  # the half of the front lawn without the drive
     species = ("oak", "maple", "birch")[int(rng.integers(3))]
     if rng.random() < 0.62:
-        height = float(rng.uniform(6.0, 8.0))
-        yield "tree", plants.tree(species, height, 1 + int(rng.integers(3))), free + rng.uniform(-1, 1), side * rng.uniform(9.8, 10.6), float(rng.uniform(0, 6))
+        height = (6.4, 7.2, 8.0)[int(rng.integers(3))]
+        yield "tree", plants.tree(species, height, 1 + int(rng.integers(2))), free + rng.uniform(-1, 1), side * rng.uniform(9.8, 10.6), float(rng.uniform(0, 6))
     back = float(rng.uniform(-6, 6)) + middle
-    yield "conifer", plants.conifer(float(rng.uniform(7, 11)), 1 + int(rng.integers(3))), back, side * rng.uniform(27, 30), float(rng.uniform(0, 6))
+    yield "conifer", plants.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + int(rng.integers(2))), back, side * rng.uniform(27, 30), float(rng.uniform(0, 6))
     edge = middle + 9.7
     if lot < len(LOTS) - 1:
         yield "fence", street.board_fence(14.0), edge, side * 25.0, np.pi / 2
@@ -156,8 +165,10 @@ def _garden(lot: int, side: int, drive: float, seed: int) -> Iterator[tuple[str,
     if (lot + side) % 3 == 0:
         near, far = sorted((middle + 9.0 * np.sign(middle - drive), drive + (DRIVE_HALF + 0.4) * np.sign(middle - drive)))
         yield "fence", street.picket_fence(far - near), (near + far) / 2, side * 7.35, 0.0
-    for k in range(3):
-        yield "bush", plants.bush(float(rng.uniform(0.4, 0.6)), k + 1), free + (k - 1) * 1.7, side * (FRONT - 0.75), float(rng.uniform(0, 6))
+    door, wide = house - side * houses.door_y(plan), max(plan.porch, 1.6) / 2 + 0.8
+    for k, n in enumerate(np.linspace(house - plan.width / 2 + 0.9, house + plan.width / 2 - 0.9, 6)):
+        if abs(n - door) > wide:
+            yield "bush", plants.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1), n, side * (FRONT - 0.75), float(rng.uniform(0, 6))
     toward = -side * np.pi / 2
     away = np.sign(middle - drive)
     yield "mailbox", street.mailbox(), drive + away * (DRIVE_HALF + 0.7), side * 4.75, toward
@@ -166,19 +177,24 @@ def _garden(lot: int, side: int, drive: float, seed: int) -> Iterator[tuple[str,
 
 
 def _backdrop(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
-    """Yield trees and houses beyond the plots, so that the street does not end in a bare horizon."""
+    """Yield trees, houses and woods beyond the plots, so that no view ends in a bare horizon."""
     rng = np.random.default_rng((seed, 77))
-    firs = [plants.conifer(h, k) for k, h in enumerate((9.0, 12.0, 10.5), 1)]
+    firs = [plants.conifer(h, 1) for h in (9.0, 11.0, 7.0)]
+    rows = [houses.house(replace(houses.plan_of(seed * 77 + k), porch=0.0)) for k in range(3)]
     for side in (-1, 1):
-        for n in np.arange(-84.0, 85.0, 14.0):
-            yield "conifer", firs[int(rng.integers(3))], n + rng.uniform(-3, 3), side * rng.uniform(38, 44), float(rng.uniform(0, 6))
-        for k, n in enumerate((-45.0, -12.0, 24.0, 55.0)):
-            yield "house", houses.house(houses.plan_of(seed * 77 + k)), n, side * 56.0, -side * np.pi / 2
-        for n in (-78.0, 78.0):
-            yield "house", houses.house(replace(houses.plan_of(seed * 99 + side), storeys=2)), n, side * 17.0, -side * np.pi / 2
+        for n in np.arange(-84.0, 85.0, 21.0):
+            yield "conifer", firs[int(rng.integers(3))], n + rng.uniform(-4, 4), side * rng.uniform(38, 44), float(rng.uniform(0, 6))
+        for k, n in enumerate((-42.0, -4.0, 36.0)):
+            yield "house", rows[(k + (side > 0)) % 3], n, side * 56.0, -side * np.pi / 2
+        for k, n in enumerate((-78.0, 78.0)):
+            yield "house", rows[k], n, side * 17.0, -side * np.pi / 2
+        for k, n in enumerate((-150.0, -90.0, -30.0, 30.0, 90.0, 150.0)):
+            yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), n, side * 88.0, 0.0
     for end in (-1, 1):
-        for e in (-34.0, -27.0, -11.0, -8.0, 9.5, 12.0, 28.0, 35.0):
-            yield "conifer", firs[int(rng.integers(3))], end * rng.uniform(92, 125), e + rng.uniform(-2, 2), float(rng.uniform(0, 6))
+        for e in (-11.0, 9.5, 28.0, -30.0):
+            yield "conifer", firs[int(rng.integers(3))], end * rng.uniform(92, 112), e + rng.uniform(-1, 1), float(rng.uniform(0, 6))
+        for k, e in enumerate((-64.0, 0.0, 64.0)):
+            yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), end * 176.0, e, np.pi / 2
 
 
 def build(seed: int = 1) -> Scene:
@@ -202,7 +218,7 @@ def build(seed: int = 1) -> Scene:
         place = (float(north), float(east), terrain.at(drives[lot, side], east))
         number = len(instances) + 1
         instances.append(Instance(number, f"house-{number}", "house", houses.house(plan), place, -side * np.pi / 2))
-        for item in _garden(lot, side, drives[lot, side], seed):
+        for item in _garden(lot, side, drives[lot, side], plan, north, seed):
             add(*item)
     for k, n in enumerate(np.arange(-55.0, 56.0, 22.0)):
         side = -1 if k % 2 else 1
