@@ -155,13 +155,14 @@ def publish(params, state, P, estimate):  # type: ignore[no-untyped-def]
 def update(params, state, P, history, sensors, estimate, landed):  # type: ignore[no-untyped-def]
     """Take in the SENSORS record; return whether it held a new inertial sample (then `estimate` is fresh too).
 
-    params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (15, 15); history (HISTORY, 7); landed: the vehicle is known to
+    params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (15, 15); history (HISTORY, 7); landed: the vehicle is taken to
     stand on the ground.
     """
     time_us = sensors.imu_time_us
     if time_us == state.time_us:
         if sensors.time_us - state.time_us > 100_000:
             estimate.attitude_valid = 0  # the inertial sensor is silent
+            estimate.time_us = sensors.time_us
         return False
     a, g = sensors.accel_frd, sensors.gyro_frd
     if not math.isfinite(a[0] + a[1] + a[2] + g[0] + g[1] + g[2]):

@@ -24,7 +24,7 @@ def update(  # type: ignore[no-untyped-def]
     params, state, filter_params, filter_state, covariance, history, setpoint, estimate, sensors, actuators
 ):
     """Run the estimator and, on a new inertial sample, the cascade. Arguments: `FlightCore.kernel_args`."""
-    on_ground = state.landed != 0 and setpoint.armed == 0
+    on_ground = setpoint.armed == 0  # a vehicle whose rotors are stopped stands, unless a receiver says otherwise
     if estimate_motion(filter_params, filter_state, covariance, history, sensors, estimate, on_ground):
         control(params, state, setpoint, estimate, actuators)
 
@@ -43,8 +43,8 @@ def empty_setpoint() -> np.void:
 class FlightCore:
     """Estimator and cascade of one vehicle with the records through which the commander talks to them.
 
-    setpoint: SETPOINT, written by the commander. estimate: ESTIMATE, read by it. state["landed"]: written by it, 1
-    while the vehicle is known to stand. params, filter_params: gains, limits and noise figures.
+    setpoint: SETPOINT, written by the commander. estimate: ESTIMATE, read by it. state["landed"]: may be written by it, 1
+    while the vehicle is known to stand with armed rotors: the integrals then rest. params, filter_params: gains, limits and noise figures.
     """
 
     def __init__(

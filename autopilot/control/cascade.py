@@ -21,6 +21,7 @@ OUTER_PERIOD_US = 10_000
 ATTITUDE_PERIOD_US = 2_000
 SHORTEST_S, LONGEST_S = 1e-4, 0.02  # s, bounds on a step so that a gap in the samples cannot make a spike
 ACCELERATION_CUTOFF = 2.0 * math.pi * 10.0  # rad/s, for the velocity loop's derivative
+LIGHT = 0.3  # fraction of the hover thrust below which a vehicle stands or falls: its rate errors teach nothing
 ROTOR_LAG_S = 0.02  # s, how late thrust follows its command, for the hover estimate
 
 
@@ -121,7 +122,7 @@ def stop(params, state, setpoint, actuators):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def drive(params, state, estimate, actuators, dt):  # type: ignore[no-untyped-def]
     """Rates setpoint and thrust → rotor commands, which are fractions of full speed: thrust goes with their square."""
-    roll, pitch, yaw = torque(params, state, dt, state.landed != 0)
+    roll, pitch, yaw = torque(params, state, dt, state.landed != 0 or state.thrust_setpoint < LIGHT * state.hover_thrust)
     thrust = state.thrust_setpoint
     if not math.isfinite(roll + pitch + yaw + thrust):
         fallback(params, state, estimate)

@@ -46,7 +46,7 @@ CONTROL_PARAMS = np.dtype(
 
 CONTROL_STATE = np.dtype(
     [
-        ("landed", "i8"),  # input, set by the commander: integrators rest, the estimator may assume stillness
+        ("landed", "i8"),  # input: 1 lets the integrals rest while armed rotors stand on the ground
         ("time_us", "i8"),  # inertial sample last acted on
         ("outer_time_us", "i8"),  # when the position and velocity loops last ran
         ("attitude_time_us", "i8"),

@@ -59,6 +59,8 @@ def track_hover(params, state, estimate, dt):  # type: ignore[no-untyped-def]
     if lift < 0.4 * GRAVITY:
         return
     sample = state.thrust_filtered * GRAVITY / lift
+    if not 0.6 * state.hover_thrust < sample < 1.6 * state.hover_thrust:
+        return  # the ground carries a part of the weight, or something hit
     low, high = 0.5 * params.hover_thrust, min(2.0 * params.hover_thrust, 0.95)
     step = dt / HOVER_TIME_S * (sample - state.hover_thrust)
     state.hover_thrust = min(max(state.hover_thrust + step, low), high)
