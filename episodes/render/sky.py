@@ -8,9 +8,9 @@ import numba
 from dronecats.border.frames import Vec3
 from episodes.scene import Sun
 
-EXPOSURE = 0.62
-SHOULDER = 0.55
-WHITENING = 0.11
+EXPOSURE = 0.72
+SHOULDER = 0.48
+WHITENING = 0.09
 HAZE_LENGTH_M = 1400.0  # distance after which about two thirds of a thing's colour is lost in the air
 DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
 GLOW_COSINE = math.cos(math.radians(0.9))
@@ -36,10 +36,12 @@ def daylight(sun: Sun) -> Daylight:
     light = tuple(float(c) * strength for c in sun.color)
     sky = tuple(float(c) for c in sun.sky)
     high = max(-toward[2], 0.0)
-    bounce = tuple(0.20 * (s + light_c * high) * g for s, light_c, g in zip(sky, light, (1.0, 0.95, 0.8), strict=True))
-    zenith = tuple(0.80 * c**1.35 for c in sky)
-    horizon = tuple(0.32 * c + 0.74 * w for c, w in zip(sky, (0.80, 0.89, 1.0), strict=True))
-    return Daylight(toward, _vec3(light), _vec3(sky), _vec3(bounce), _vec3(zenith), _vec3(horizon))
+    grey = sum(sky) / 3.0
+    ambient = tuple(1.15 * (c + 0.3 * (grey - c)) for c in sky)  # walls and clouds wash out the blue
+    bounce = tuple(0.20 * (a + c * high) * g for a, c, g in zip(ambient, light, (1.0, 0.95, 0.8), strict=True))
+    zenith = tuple(2.1 * c**2.2 for c in sky)  # deeper than the mean that `sky` stands for
+    horizon = tuple(1.2 * c + w for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
+    return Daylight(toward, _vec3(light), _vec3(ambient), _vec3(bounce), _vec3(zenith), _vec3(horizon))
 
 
 def _vec3(v: tuple[float, ...]) -> Vec3:
