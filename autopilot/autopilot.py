@@ -1,0 +1,88 @@
+"""The flight controller above its compiled inner loop: commander, modes, failsafes, parameters and MAVLink ports."""
+
+from pathlib import Path
+from typing import Any, Protocol
+
+from autopilot.commander import Commander
+from autopilot.mavlink.makers import Vehicle
+from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
+from autopilot.modes.setpoint import SetpointWriter
+from autopilot.parameters import Parameters
+from autopilot.vehicle_state import VehicleState
+from dronecats.border.airframe import Airframe
+
+
+class Core(Protocol):
+    """What the commander needs of the inner loop (`autopilot.flight_core.FlightCore`)."""
+
+    estimate: Any  # ESTIMATE record, read
+    state: Any  # its field `landed` is written: 1 while the vehicle stands
+    setpoint: Any  # SETPOINT record, written
+
+    def set_parameter(self, name: str, value: float) -> float | None: ...
+
+    def parameter_defaults(self) -> dict[str, float]: ...
+
+
+class Autopilot:
+    """Flies one vehicle. Call `update` every 20 ms of vehicle time, after the inner loop has run.
+
+    Pure: no socket, no thread, no wall clock. Time is `core.estimate.time_us`, or the sensors' before the first
+    estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
+    Raises UsageError when `parameter_file` exists but cannot be read.
+    """
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        core: Core,
+        sensors: Any,
+        *,
+        system_id: int = 1,
+        parameter_file: Path | None = None,
+        actuators: Any | None = None,
+    ) -> None:
+        self._core = core
+        self._told_landed: bool | None = None
+        self.parameters = Parameters(core.parameter_defaults(), core.set_parameter, parameter_file)
+        self.parameters.set("MAV_SYS_ID", system_id)
+        self.parameters.set("MAV_TYPE", airframe.mav_type)
+        self.state = VehicleState(core.estimate, sensors)
+        self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._say)
+        self.node = Node(Vehicle(airframe, self.state, self.commander, self.parameters, actuators), system_id)
+
+    def update(self) -> None:
+        """Run the commander once and queue the telemetry that is due on every port."""
+        self.state.refresh()
+        self.commander.tick()
+        self._tell_core()
+        self.node.show_mode()
+        for port in self.node.ports:
+            port.tick()
+
+    def open_port(self, profile: str) -> Port:
+        """Return a new port with the stream rates of 'onboard' (PX4's 14540), 'gcs' (14550) or 'minimal'.
+
+        Raises UsageError for another profile.
+        """
+        port = Port(self.node, profile)
+        self.node.ports.append(port)
+        return port
+
+    def close_port(self, port: Port) -> None:
+        """Forget a port. Raises ValueError when it is not open here."""
+        self.node.ports.remove(port)
+
+    @property
+    def reboot_requested(self) -> bool:
+        """Whether a client has asked for a restart, which the owner of this object may grant by making a new one."""
+        return self.node.reboot_requested
+
+    def _tell_core(self) -> None:
+        landed = self.commander.landed
+        if landed != self._told_landed:
+            self._core.state["landed"] = self._told_landed = landed
+
+    def _say(self, severity: int, text: str) -> None:
+        self.node.say(severity, text)

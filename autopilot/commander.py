@@ -1,0 +1,415 @@
+"""The commander: armed or not, which mode was asked for, which one flies, and what goes to the inner loop.
+
+`intended` is the mode that was asked for; `mode` is the one shown in HEARTBEAT, which differs during a failsafe.
+Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer them.
+"""
+
+import math
+from collections.abc import Callable
+
+from autopilot.arming import NO_ARMING_MODES, STICK_MODES, mode_failures, preflight_failures
+from autopilot.failsafe import QUIET, Action, Conditions, Failsafe, evaluate, seconds_since
+from autopilot.land_detector import LandDetector
+from autopilot.modes.flight import Flight, Home, Mode
+from autopilot.modes.hold import Hold
+from autopilot.modes.land import Descend, Land
+from autopilot.modes.manual import AltitudeControl, PositionControl, Stabilized
+from autopilot.modes.offboard import Offboard
+from autopilot.modes.orbit import Orbit
+from autopilot.modes.return_home import ReturnHome
+from autopilot.modes.setpoint import IDLE, Setpoint, SetpointWriter
+from autopilot.modes.takeoff import Takeoff
+from autopilot.modes.takeoff_ramp import TakeoffRamp, wants_climb
+from autopilot.parameters import Parameters
+from autopilot.vehicle_state import VehicleState
+from dronecats.border.frames import Vec3
+from dronecats.border.mavlink import MODES, dialect
+
+ACCEPTED = dialect.MAV_RESULT_ACCEPTED
+REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
+DENIED = dialect.MAV_RESULT_DENIED
+
+Say = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
+# causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them
+UNDENIABLE = frozenset({"offboard signal lost", "position lost"})
+SUPERVISION_US = 100_000  # slow conditions (battery, links, fence) are looked at 10 times a second
+
+
+class _Terminated(Mode):
+    def setpoint(self, flight: Flight) -> Setpoint:
+        return IDLE
+
+
+class Commander:
+    """Runs the flight modes over the two records. `say` receives texts for the ground."""
+
+    def __init__(self, state: VehicleState, parameters: Parameters, writer: SetpointWriter, say: Say) -> None:
+        self.flight = Flight(state, parameters)
+        self.parameters = parameters
+        self.armed = False
+        self.intended = "HOLD"
+        self.mode = "HOLD"
+        self.failsafe: Failsafe = QUIET
+        self.mission_loaded = False
+        self.station_heard_us: int | None = None  # last heartbeat of a ground station
+        self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
+        self.demand: Setpoint = IDLE  # what the active mode asks
+        self.passed: Setpoint = IDLE  # what went to the inner loop
+        self.hold, self.takeoff, self.orbit, self.land = Hold(), Takeoff(), Orbit(), Land()
+        stabilized = Stabilized()
+        self._behaviours: dict[str, Mode] = {
+            "HOLD": self.hold, "TAKEOFF": self.takeoff, "LAND": self.land, "PRECLAND": self.land,
+            "RETURN": ReturnHome(), "OFFBOARD": Offboard(), "ORBIT": self.orbit, "MISSION": self.hold,
+            "FOLLOW": self.hold, "POSCTL": PositionControl(), "ALTCTL": AltitudeControl(), "STABILIZED": stabilized,
+            "MANUAL": stabilized, "ACRO": stabilized, "DESCEND": Descend(), "TERMINATION": _Terminated(),
+        }  # fmt: skip
+        self._active: Mode | None = None
+        self._writer = writer
+        self._say = say
+        self._detector = LandDetector(parameters)
+        self._ramp = TakeoffRamp(parameters)
+        self._armed_us = 0
+        self._landed_us = 0
+        self._flown = False
+        self._armed_with_sticks = False
+        self._battery_at_arming = 1.0
+        self._mode_chosen_disarmed = True
+        self._overridden: frozenset[str] = frozenset()
+        self._supervised_us = 0
+
+    # what others may ask
+
+    @property
+    def landed(self) -> bool:
+        return self._detector.landed
+
+    @property
+    def landed_state(self) -> int:
+        """MAV_LANDED_STATE."""
+        if self._detector.landed:
+            return int(dialect.MAV_LANDED_STATE_ON_GROUND)
+        if self.mode == "TAKEOFF":
+            return int(dialect.MAV_LANDED_STATE_TAKEOFF)
+        if self.mode == "LAND":
+            return int(dialect.MAV_LANDED_STATE_LANDING)
+        return int(dialect.MAV_LANDED_STATE_IN_AIR)
+
+    @property
+    def custom_mode(self) -> int:
+        """HEARTBEAT.custom_mode of the shown mode."""
+        return MODES[self.mode].custom_mode
+
+    @property
+    def in_failsafe(self) -> bool:
+        return self.failsafe.action > Action.WARN
+
+    def arming_failures(self) -> list[str]:
+        """Return why the vehicle would refuse to arm in its present mode; empty when it would arm."""
+        mode = self._mode_after_arming()
+        if mode in NO_ARMING_MODES:
+            return [f"mode {mode} cannot arm"]
+        return preflight_failures(self.flight.state, self.parameters) + self._mode_failures(mode)
+
+    # what others may order
+
+    def arm(self, force: bool = False) -> int:
+        """Start the rotors. Returns ACCEPTED (also when armed already), REJECTED or DENIED, and says why."""
+        if self.armed:
+            return ACCEPTED
+        mode = self._mode_after_arming()
+        if not force:
+            if mode in NO_ARMING_MODES:
+                self._say(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: mode {mode}")
+                return DENIED
+            reasons = self.arming_failures()
+            if reasons:
+                for reason in reasons[:3]:
+                    self._say(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: {reason}")
+                return REJECTED
+        now = self.flight.state.time_us
+        self.intended = mode
+        self.armed, self._armed_us, self._flown = True, now, False
+        self._overridden = frozenset()
+        self._armed_with_sticks = self._sticks_fresh()
+        self._battery_at_arming = self._battery()
+        self._active = None
+        self._ramp.arm(now)
+        self.set_home()
+        self._say(dialect.MAV_SEVERITY_INFO, "Armed")
+        self._supervise(now)
+        return ACCEPTED
+
+    def disarm(self, force: bool = False, why: str = "by command") -> int:
+        """Stop the rotors. Returns DENIED in the air unless forced."""
+        if not self.armed:
+            return ACCEPTED
+        if not (force or self.landed):
+            self._say(dialect.MAV_SEVERITY_CRITICAL, "Disarming denied: not landed")
+            return DENIED
+        self.armed, self.takeoff_us = False, 0
+        self.failsafe = QUIET
+        self._mode_chosen_disarmed = False
+        self.mode = self.intended
+        self._active = None
+        self._idle()
+        self._detector.update(self.flight.state, False, False, IDLE)
+        self.flight.landed = True
+        self._say(dialect.MAV_SEVERITY_INFO, f"Disarmed {why}")
+        return ACCEPTED
+
+    def set_mode(self, mode: str) -> int:
+        """Ask for a flight mode by name (see `dronecats.border.mavlink.MODES`)."""
+        if self.mode == "TERMINATION" and self.armed:
+            return REJECTED
+        if self.armed:
+            reasons = self._mode_failures(mode)
+            if reasons:
+                self._say(dialect.MAV_SEVERITY_CRITICAL, f"Mode {mode} refused: {reasons[0]}")
+                return REJECTED
+        if self.in_failsafe and self.failsafe.cause not in UNDENIABLE:
+            self._overridden |= {self.failsafe.cause}  # the pilot takes over
+        self._mode_chosen_disarmed = True
+        self.flight.cruise_speed = math.nan
+        if mode != self.intended or self.mode != mode:
+            self.intended = mode
+            self._active = None
+        if self.armed:
+            self._supervise(self.flight.state.time_us)
+        else:
+            self.mode = mode
+        return ACCEPTED
+
+    def take_off(self, z_ned: float) -> int:
+        """Go to TAKEOFF; nan = to MIS_TAKEOFF_ALT above the ground."""
+        self.takeoff.aim(z_ned)
+        if self.mode == "TAKEOFF" and self.armed and not self.landed:
+            return ACCEPTED  # the same command repeated: keep the first target
+        return self.set_mode("TAKEOFF")
+
+    def reposition(self, position_ned: Vec3, yaw: float, speed: float) -> int:
+        """Fly to a local position in HOLD; nan coordinates keep the present ones."""
+        result = self.set_mode("HOLD")
+        if result != ACCEPTED or not self.armed:
+            return result
+        here = self.flight.state.position_ned
+        n, e, z = (w if math.isfinite(w) else h for w, h in zip(position_ned, here, strict=True))
+        self.hold.go_to((n, e, z), yaw)
+        self.change_speed(speed)
+        return result
+
+    def circle(self, centre_ned: Vec3, radius: float, speed: float) -> int:
+        """Go to ORBIT; nan coordinates of the centre mean the present place."""
+        here = self.flight.state.position_ned
+        n, e, z = (w if math.isfinite(w) else h for w, h in zip(centre_ned, here, strict=True))
+        limit = float(self.parameters["MC_ORBIT_RAD_MAX"])
+        if self.armed and not 1.0 <= abs(radius) <= limit:
+            return DENIED
+        self.orbit.around((n, e, z), radius, speed)
+        if self.mode == "ORBIT" and self.armed:
+            return ACCEPTED
+        return self.set_mode("ORBIT")
+
+    def change_speed(self, speed: float) -> None:
+        """Fly at another horizontal speed (m/s) until the mode changes; not positive or nan = leave it."""
+        if math.isfinite(speed) and speed > 0.0:
+            self.flight.cruise_speed = min(speed, float(self.parameters["MPC_XY_VEL_MAX"]))
+
+    def terminate(self) -> int:
+        """End the flight at once: rotors idle until disarmed."""
+        if not self.armed:
+            return DENIED
+        self.intended = self.mode = "TERMINATION"
+        self._active = None
+        self._say(dialect.MAV_SEVERITY_EMERGENCY, "Flight terminated")
+        return ACCEPTED
+
+    def set_home(self, position_ned: Vec3 | None = None) -> bool:
+        """Set the home position, here by default. Returns whether there was a position to set."""
+        state = self.flight.state
+        if not state.global_valid:
+            return False
+        place = position_ned or state.position_ned
+        self.flight.home = Home(place, state.yaw, *state.geodetic(place))
+        return True
+
+    # the tick
+
+    def tick(self) -> None:
+        """Run one step on the newest snapshot."""
+        flight, state = self.flight, self.flight.state
+        now = state.time_us
+        if not self.armed:
+            self._follow_home_on_ground(now)
+            self._idle()
+            return
+        self._supervise(now)
+        if not self.armed:
+            return
+        if self._active is None:
+            self._activate()
+        active = self._active
+        assert active is not None
+        demand = active.setpoint(flight)
+        if active.next_mode is not None and active is self._behaviours[self.intended]:
+            self._finish(active.next_mode)
+        self.demand = demand
+        self.passed = self._ramp.gate(demand, state, flight.landed)
+        self._writer.write(self.passed, True)
+        self._follow_ground(now, demand)
+
+    def _finish(self, following: str) -> None:
+        target = self.takeoff.target
+        self.intended = self.mode = following
+        self._activate()
+        if following == "HOLD":
+            self.hold.go_to(target, math.nan)
+
+    def _follow_ground(self, now: int, demand: Setpoint) -> None:
+        state, was = self.flight.state, self.flight.landed
+        self._detector.update(state, True, wants_climb(demand, state), demand)
+        landed = self.flight.landed = self._detector.landed
+        if landed != was:
+            if landed:
+                self._landed_us = now
+                self._say(dialect.MAV_SEVERITY_INFO, "Landing detected")
+            else:
+                self._flown = True
+                self.takeoff_us = now
+                self._say(dialect.MAV_SEVERITY_INFO, "Take-off detected")
+        if not landed:
+            return
+        after_landing, before_flight = float(self.parameters["COM_DISARM_LAND"]), self.parameters["COM_DISARM_PRFLT"]
+        if self._flown and 0.0 < after_landing * 1e6 <= now - self._landed_us:
+            self.disarm(why="after landing")
+        elif not self._flown and 0.0 < before_flight * 1e6 <= now - self._armed_us and not wants_climb(demand, state):
+            self.disarm(why="without a take-off")
+
+    def _supervise(self, now: int) -> None:
+        """Choose the mode that flies: the intended one, or the failsafe's."""
+        if self.intended == "TERMINATION":
+            return
+        offboard_lost = self.intended == "OFFBOARD" and not self._offboard_usable()
+        urgent = offboard_lost or self.failsafe.cause == "offboard signal lost"
+        if urgent or now - self._supervised_us >= SUPERVISION_US:
+            self._supervised_us = now
+            found = evaluate(self._conditions(now), self.parameters, self._overridden)
+            if found != self.failsafe:
+                self._announce(found)
+                self.failsafe = found
+        shown, behaviour = self._reaction(self.failsafe)
+        if behaviour == "DISARM":
+            self.disarm(force=True, why=f"by failsafe: {self.failsafe.cause}")
+            return
+        if shown == "TERMINATION":
+            self.terminate()
+            return
+        if shown != self.mode or self._active is not self._behaviours[behaviour]:
+            self.mode = shown
+            self._active = self._behaviours[behaviour]
+            self._active.enter(self.flight)
+
+    def _reaction(self, failsafe: Failsafe) -> tuple[str, str]:
+        """Return (mode shown, behaviour flown)."""
+        action = failsafe.action
+        if action <= Action.WARN:
+            return self.intended, self._without_sticks(self.intended)
+        if action == Action.STICKS:
+            return failsafe.shown, self._without_sticks(failsafe.shown)
+        if action == Action.HOLD and self.flight.state.position_valid:
+            return "HOLD", "HOLD"
+        if action == Action.RETURN and self.flight.home is not None and self.flight.state.position_valid:
+            return "RETURN", "RETURN"
+        if action == Action.DISARM:
+            return self.mode, "DISARM"
+        if action == Action.TERMINATE:
+            return "TERMINATION", "TERMINATION"
+        return "LAND", "LAND" if self.flight.state.position_valid else "DESCEND"
+
+    def _without_sticks(self, mode: str) -> str:
+        if mode in STICK_MODES and not self._sticks_fresh():
+            return "DESCEND"  # measured on PX4: the mode is shown, and the vehicle sinks at MPC_LAND_SPEED
+        return mode
+
+    def _announce(self, found: Failsafe) -> None:
+        if found.action == Action.WARN:
+            self._say(dialect.MAV_SEVERITY_WARNING, f"Warning: {found.cause}")
+        elif found.action > Action.WARN:
+            self._say(dialect.MAV_SEVERITY_CRITICAL, f"Failsafe: {found.cause}")
+        elif self.in_failsafe:
+            self._say(dialect.MAV_SEVERITY_INFO, f"Failsafe over: {self.failsafe.cause}")
+        if found.action == Action.NONE:
+            self._overridden = frozenset()
+
+    def _activate(self) -> None:
+        self._active = self._behaviours[self._reaction(self.failsafe)[1]]
+        self._active.enter(self.flight)
+
+    def _idle(self) -> None:
+        self.demand = self.passed = IDLE
+        self._writer.write(IDLE, self.armed)
+
+    # what the vehicle has
+
+    def _conditions(self, now: int) -> Conditions:
+        flight, state = self.flight, self.flight.state
+        home = flight.home
+        n, e, z = state.position_ned
+        return Conditions(
+            mode=self.intended,
+            offboard_signal=self._offboard_usable(),
+            sticks_lost_s=seconds_since(now, flight.sticks.time_us) if self._armed_with_sticks else math.nan,
+            station_lost_s=seconds_since(now, self.station_heard_us),
+            battery=self._battery(),
+            battery_at_arming=self._battery_at_arming,
+            position_valid=bool(state.position_valid),
+            velocity_valid=bool(state.velocity_valid),
+            flight_time_s=seconds_since(now, self.takeoff_us or None),
+            home_distance_m=math.hypot(n - home.position_ned[0], e - home.position_ned[1]) if home else math.nan,
+            home_height_m=home.position_ned[2] - z if home else math.nan,
+        )
+
+    def _mode_failures(self, mode: str) -> list[str]:
+        return mode_failures(
+            mode,
+            self.flight.state,
+            self.parameters,
+            home=self.flight.home is not None,
+            sticks=self._sticks_fresh(),
+            offboard=self._offboard_usable(),
+            mission=self.mission_loaded,
+        )
+
+    def _mode_after_arming(self) -> str:
+        """Return the mode that arming would fly.
+
+        A vehicle that landed by itself stays in LAND or RETURN; unless somebody has chosen a mode since it disarmed, it
+        is armed again in HOLD rather than refused.
+        """
+        if self.intended in NO_ARMING_MODES and not self._mode_chosen_disarmed:
+            return "HOLD"
+        return self.intended
+
+    def _offboard_usable(self) -> bool:
+        offboard, state = self.flight.offboard, self.flight.state
+        return offboard.fresh(state.time_us, self.parameters["COM_OF_LOSS_T"]) and offboard.supported(state)
+
+    def _sticks_fresh(self) -> bool:
+        return self.flight.sticks.fresh(self.flight.state.time_us, self.parameters["COM_RC_LOSS_T"])
+
+    def _battery(self) -> float:
+        sensors = self.flight.state.sensors
+        return float(sensors["battery_remaining"]) if int(sensors["battery_time_us"]) else math.nan
+
+    def _follow_home_on_ground(self, now: int) -> None:
+        """Keep home where the vehicle stands, so that clients have one before arming."""
+        if now - self._supervised_us < 1_000_000:
+            return
+        self._supervised_us = now
+        state, home = self.flight.state, self.flight.home
+        if home is None:
+            self.set_home()
+            return
+        n, e, z = state.position_ned
+        moved = math.hypot(n - home.position_ned[0], e - home.position_ned[1])
+        if moved > 1.0 or abs(z - home.position_ned[2]) > 0.5:
+            self.set_home()

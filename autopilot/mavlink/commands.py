@@ -1,0 +1,245 @@
+"""COMMAND_LONG and COMMAND_INT: one table from command to handler, and the acknowledgement.
+
+Every handler is idempotent (clients repeat a command until they see its acknowledgement) and returns a MAV_RESULT, or
+None for no acknowledgement. Results as measured on PX4 1.15.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from autopilot.mavlink import requests
+from autopilot.mavlink.makers import Message
+from autopilot.mavlink.node import COMPONENT_ID, Node
+from autopilot.mavlink.streams import BY_NAME
+from dronecats.border.frames import Vec3, geodetic_to_ned
+from dronecats.border.mavlink import MODES, dialect
+
+if TYPE_CHECKING:
+    from autopilot.mavlink.port import Port
+
+ACCEPTED, DENIED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED
+REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
+UNSUPPORTED, FAILED = dialect.MAV_RESULT_UNSUPPORTED, dialect.MAV_RESULT_FAILED
+FORCE_MAGIC = 21196
+INT32_UNKNOWN = (1 << 31) - 1
+NAN = math.nan
+RELATIVE_FRAMES = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+LOCAL_FRAMES = frozenset({dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_LOCAL_OFFSET_NED})
+
+_SELECTABLE = {(mode.main, mode.sub): mode.name for mode in MODES.values() if mode.name not in ("READY", "TERMINATION")}
+_SELECTABLE |= {(4, 0): "MISSION", (3, 2): "POSCTL"}
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command in either wire form; `p[0]` is param1. Latitude and longitude in degrees; nan = not given."""
+
+    id: int
+    p: tuple[float, float, float, float, float, float, float]
+    frame: int
+
+    def number(self, i: int) -> int | None:
+        """Return param i (1 … 7) as an integer, None when it is not a number that fits one."""
+        value = self.p[i - 1]
+        return round(value) if abs(value) < 1e9 else None
+
+
+Handler = Callable[[Node, "Port", Command], int | None]
+
+
+def command_long(node: Node, port: "Port", message: Message) -> None:
+    """Act on COMMAND_LONG."""
+    m = message
+    p = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
+    _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL))
+
+
+def command_int(node: Node, port: "Port", message: Message) -> None:
+    """Act on COMMAND_INT: x and y carry 1e7 degrees (1e4 metres in local frames), INT32_MAX = not given."""
+    m = message
+    scale = 1e-4 if m.frame in LOCAL_FRAMES else 1e-7
+    x, y = (NAN if value == INT32_UNKNOWN else value * scale for value in (m.x, m.y))
+    _run(node, port, m, Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame))
+
+
+def _run(node: Node, port: "Port", message: Message, command: Command) -> None:
+    broadcast = message.target_system == 0
+    if broadcast and command.id not in requests.BROADCAST:
+        return  # measured: a command to everybody is not acknowledged; nobody should arm a fleet by accident
+    if (not broadcast and message.target_system != node.system_id) or message.target_component not in (0, COMPONENT_ID):
+        result: int | None = FAILED
+    else:
+        handler = HANDLERS.get(command.id)
+        result = handler(node, port, command) if handler is not None else UNSUPPORTED
+    if result is not None:
+        port.send(
+            dialect.MAVLink_command_ack_message(
+                command.id, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+            )
+        )
+
+
+def set_mode_message(node: Node, port: "Port", message: Message) -> None:
+    """The old SET_MODE message: as DO_SET_MODE, unacknowledged."""
+    main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
+    _select_mode(node, int(message.base_mode), main, sub)
+
+
+def _select_mode(node: Node, base: int, main: int, sub: int) -> int:
+    name = _SELECTABLE.get((main, sub))
+    if name is None and main == MODES["HOLD"].main:
+        return int(REJECTED)  # AUTO with a sub mode that does not exist here
+    if name is None or not base & 1:
+        return int(ACCEPTED)  # measured: changes nothing
+    return node.vehicle.commander.set_mode(name)
+
+
+def _arm_disarm(node: Node, port: "Port", c: Command) -> int | None:
+    wish = c.number(1)
+    if wish not in (0, 1):
+        return None
+    force = c.number(2) == FORCE_MAGIC
+    commander = node.vehicle.commander
+    return commander.arm(force) if wish else commander.disarm(force)
+
+
+def _do_set_mode(node: Node, port: "Port", c: Command) -> int:
+    base, main, sub = c.number(1), c.number(2), c.number(3)
+    return _select_mode(node, base or 0, main or 0, sub or 0)
+
+
+def _mode(name: str) -> Handler:
+    def handler(node: Node, port: "Port", c: Command) -> int:
+        return node.vehicle.commander.set_mode(name)
+
+    return handler
+
+
+def _takeoff(node: Node, port: "Port", c: Command) -> int:
+    state = node.vehicle.state
+    z = state.origin_alt_m - c.p[6] if state.origin_set and abs(c.p[6]) < 1e5 else NAN
+    return node.vehicle.commander.take_off(z)
+
+
+def _place(node: Node, c: Command, relative: bool) -> Vec3:
+    """Return the local position (m) in params 5 to 7, nan where not given. `relative`: altitude may be above home."""
+    state, home = node.vehicle.state, node.vehicle.commander.flight.home
+    _, _, _, _, lat, lon, alt = c.p
+    north = east = NAN
+    if abs(lat) <= 90.0 and abs(lon) <= 180.0:
+        north, east, _ = geodetic_to_ned(state.origin_lat_deg, state.origin_lon_deg, 0.0, lat, lon, 0.0)
+    if not abs(alt) < 1e5:
+        return (north, east, NAN)
+    if relative and c.frame in RELATIVE_FRAMES:
+        return (north, east, home.position_ned[2] - alt if home is not None else NAN)
+    return (north, east, state.origin_alt_m - alt)
+
+
+def _reposition(node: Node, port: "Port", c: Command) -> int:
+    if c.number(2) != 1:  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE and nothing else
+        return int(UNSUPPORTED)
+    return node.vehicle.commander.reposition(_place(node, c, relative=True), c.p[3], c.p[0])
+
+
+def _orbit(node: Node, port: "Port", c: Command) -> int:
+    radius = c.p[0] if abs(c.p[0]) < 1e5 and c.p[0] != 0.0 else 10.0
+    speed = c.p[1] if abs(c.p[1]) < 1e3 else 2.0
+    # MAVSDK leaves the frame at its default while the altitude is above sea level: so it always is
+    return node.vehicle.commander.circle(_place(node, c, relative=False), radius, speed)
+
+
+def _change_speed(node: Node, port: "Port", c: Command) -> int:
+    node.vehicle.commander.change_speed(c.p[1])
+    return int(ACCEPTED)
+
+
+def _set_home(node: Node, port: "Port", c: Command) -> int:
+    commander = node.vehicle.commander
+    if not node.vehicle.parameters["COM_HOME_EN"]:
+        return int(DENIED)
+    place = _place(node, c, relative=False)
+    given = c.number(1) != 1 and all(math.isfinite(x) for x in place)
+    if commander.set_home(place if given else None):
+        node.forget_telemetry()
+        for each in node.ports:
+            each.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
+    return int(ACCEPTED)
+
+
+def _get_home(node: Node, port: "Port", c: Command) -> int:
+    port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
+    return int(ACCEPTED)
+
+
+def _run_prearm_checks(node: Node, port: "Port", c: Command) -> int:
+    for reason in node.vehicle.commander.arming_failures():
+        node.say(dialect.MAV_SEVERITY_CRITICAL, f"Preflight Fail: {reason}")
+    return int(ACCEPTED)
+
+
+def _calibrate(node: Node, port: "Port", c: Command) -> int:
+    """Gyro and level need no motion and are done at once; mag and accel have to be turned about, and fail."""
+    if node.vehicle.commander.armed:
+        return int(REJECTED)
+    wanted = {1: "gyro"} if c.number(1) == 1 else {}
+    if c.number(5) == 2:
+        wanted = {1: "level"}
+    for name in wanted.values():
+        for text in (f"calibration started: 2 {name}", "progress <50>", "progress <100>", f"calibration done: {name}"):
+            node.say(dialect.MAV_SEVERITY_INFO, f"[cal] {text}")
+    for name, asked in (("mag", c.number(2) == 1), ("accel", c.number(5) == 1)):
+        if asked:
+            node.say(dialect.MAV_SEVERITY_INFO, f"[cal] calibration started: 2 {name}")
+            node.say(dialect.MAV_SEVERITY_CRITICAL, "[cal] calibration failed: vehicle cannot be turned")
+    return int(ACCEPTED)
+
+
+def _terminate(node: Node, port: "Port", c: Command) -> int:
+    return node.vehicle.commander.terminate() if c.number(1) == 1 else int(DENIED)
+
+
+def _mission_start(node: Node, port: "Port", c: Command) -> int:
+    commander = node.vehicle.commander
+    if not commander.mission_loaded:
+        return int(DENIED)
+    result = commander.set_mode("MISSION")
+    return result if result != ACCEPTED else commander.arm()
+
+
+def _reboot(node: Node, port: "Port", c: Command) -> int:
+    if node.vehicle.commander.armed:
+        return int(DENIED)
+    if c.number(1) in (1, 2, 3):
+        node.reboot_requested = True  # the composer owns the life of the process
+    return int(ACCEPTED)
+
+
+def _inject_failure(node: Node, port: "Port", c: Command) -> int:
+    return int(UNSUPPORTED if node.vehicle.parameters["SYS_FAILURE_EN"] else DENIED)
+
+
+HANDLERS: dict[int, Handler] = {
+    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode("RETURN"),
+    dialect.MAV_CMD_NAV_LAND: _mode("LAND"),
+    dialect.MAV_CMD_NAV_TAKEOFF: _takeoff,
+    dialect.MAV_CMD_DO_ORBIT: _orbit,
+    dialect.MAV_CMD_DO_SET_MODE: _do_set_mode,
+    dialect.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
+    dialect.MAV_CMD_DO_SET_HOME: _set_home,
+    dialect.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    dialect.MAV_CMD_DO_REPOSITION: _reposition,
+    dialect.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
+    dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
+    dialect.MAV_CMD_MISSION_START: _mission_start,
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
+    dialect.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,
+    dialect.MAV_CMD_GET_HOME_POSITION: _get_home,
+    dialect.MAV_CMD_INJECT_FAILURE: _inject_failure,
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: lambda node, port, c: requests.set_message_interval(port, c.p),
+    dialect.MAV_CMD_GET_MESSAGE_INTERVAL: lambda node, port, c: requests.get_message_interval(port, c.p),
+    dialect.MAV_CMD_REQUEST_MESSAGE: lambda node, port, c: requests.request_message(port, c.p),
+    dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda node, port, c: requests.send_one(port, "AUTOPILOT_VERSION"),
+    dialect.MAV_CMD_REQUEST_FLIGHT_INFORMATION: lambda node, port, c: requests.send_one(port, "FLIGHT_INFORMATION"),
+}

@@ -1,0 +1,45 @@
+"""The small services that keep a link alive: heartbeats of others, PING, TIMESYNC, and the old stream requests."""
+
+from typing import TYPE_CHECKING
+
+from autopilot.mavlink.makers import Message
+from autopilot.mavlink.node import Node
+from autopilot.mavlink.streams import BY_NAME, GROUPS
+from dronecats.border.mavlink import dialect
+
+if TYPE_CHECKING:
+    from autopilot.mavlink.port import Port
+
+
+def heartbeat(node: Node, port: "Port", message: Message) -> None:
+    """Remember when a ground station was last heard."""
+    if message.type == dialect.MAV_TYPE_GCS:
+        node.vehicle.commander.station_heard_us = node.time_us
+
+
+def ping(node: Node, port: "Port", message: Message) -> None:
+    """Answer a request (target 0/0) with its own time and number, addressed to the sender."""
+    if message.target_system == 0 and message.target_component == 0:
+        port.send(
+            dialect.MAVLink_ping_message(
+                message.time_usec, message.seq, message.get_srcSystem(), message.get_srcComponent()
+            )
+        )
+
+
+def timesync(node: Node, port: "Port", message: Message) -> None:
+    """Answer a request (tc1 = 0) with the vehicle's time in ns."""
+    if message.tc1 == 0:
+        port.send(dialect.MAVLink_timesync_message(node.time_us * 1000, message.ts1))
+
+
+def request_data_stream(node: Node, port: "Port", message: Message) -> None:
+    """Raise the rates of a group of streams, never below what the port already sends; stop = back to the default."""
+    for name in GROUPS.get(message.req_stream_id, ()):
+        message_id = BY_NAME[name].message_id
+        if not message.start_stop:
+            port.set_default_interval(message_id)
+        elif message.req_message_rate > 0:
+            wanted, present = 1_000_000 // message.req_message_rate, port.interval_us(message_id)
+            if present < 0 or wanted < present:
+                port.set_interval(message_id, wanted)

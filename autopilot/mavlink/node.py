@@ -1,0 +1,93 @@
+"""The autopilot as a MAVLink component: its ports, what they share, and the texts it sends to all of them."""
+
+from typing import TYPE_CHECKING
+
+from autopilot.mavlink.makers import Message, Vehicle
+from autopilot.mavlink.streams import BY_ID
+from dronecats.border.mavlink import dialect
+
+if TYPE_CHECKING:
+    from autopilot.mavlink.port import Port
+
+COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
+TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
+REPEAT_US = 1_000_000  # a complaint about a stream of bad setpoints is said once a second
+
+
+class Node:
+    """What every service may use."""
+
+    def __init__(self, vehicle: Vehicle, system_id: int) -> None:
+        self.vehicle = vehicle
+        self.system_id = system_id
+        self.ports: list[Port] = []
+        self.reboot_requested = False
+        self.handler_errors = 0
+        self._text_id = 0
+        self._shown = (vehicle.commander.mode, vehicle.commander.armed)
+        self._complained: dict[str, int] = {}
+        self._made_us = -1
+        self._made: dict[int, Message | None] = {}
+
+    @property
+    def time_us(self) -> int:
+        return self.vehicle.state.time_us
+
+    def telemetry(self, message_id: int) -> Message | None:
+        """Return the message of the present tick, made once for all ports; None when there is nothing to tell."""
+        if self._made_us != self.time_us:
+            self._made_us = self.time_us
+            self._made.clear()
+        try:
+            return self._made[message_id]
+        except KeyError:
+            message = self._made[message_id] = BY_ID[message_id].make(self.vehicle)
+            return message
+
+    def forget_telemetry(self) -> None:
+        """Make messages afresh: something has changed within the tick."""
+        self._made.clear()
+
+    def broadcast(self, message: Message) -> None:
+        """Send on every port."""
+        for port in self.ports:
+            port.send(message)
+
+    def show_mode(self) -> None:
+        """Send HEARTBEAT at once on every port if the mode or the armed state has changed since the last call."""
+        commander = self.vehicle.commander
+        shown = (commander.mode, commander.armed)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        self.forget_telemetry()
+        for port in self.ports:
+            port.send_heartbeat()
+
+    def say(self, severity: int, text: str) -> None:
+        """Send a STATUSTEXT on every port, in chunks when it is longer than one message holds."""
+        for message in self.texts(severity, text):
+            self.broadcast(message)
+
+    def complain(self, text: str) -> None:
+        """Say something about a client's traffic, the same text at most once a second of vehicle time."""
+        last = self._complained.get(text)
+        if last is None or self.time_us - last >= REPEAT_US:
+            if len(self._complained) > 64:
+                self._complained.clear()
+            self._complained[text] = self.time_us
+            self.say(dialect.MAV_SEVERITY_CRITICAL, text)
+
+    def texts(self, severity: int, text: str) -> list[Message]:
+        """Return the STATUSTEXT messages that carry `text`; id 0 marks one that is whole."""
+        data = text.encode("ascii", "replace")
+        chunks = [data[i : i + TEXT_CHUNK] for i in range(0, len(data), TEXT_CHUNK)] or [b""]
+        if len(chunks) == 1:
+            return [dialect.MAVLink_statustext_message(severity, chunks[0], 0, 0)]
+        self._text_id = self._text_id % 65535 + 1
+        if len(chunks[-1]) == TEXT_CHUNK:
+            chunks.append(b"")  # a receiver recognises the last chunk by its terminating zero
+        return [
+            dialect.MAVLink_statustext_message(severity, chunk, self._text_id, i)
+            for i, chunk in enumerate(chunks[:256])
+        ]

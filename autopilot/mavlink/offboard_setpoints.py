@@ -1,0 +1,154 @@
+"""External setpoints: type masks, frames, and what a PX4 rejects. Decoding is pure; acceptance refreshes the signal.
+
+Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+from autopilot.mavlink.makers import Message
+from autopilot.mavlink.node import Node
+from autopilot.modes.setpoint import FREE, NAN, Setpoint
+from autopilot.records import KIND_ATTITUDE, KIND_RATES
+from dronecats.border.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
+from dronecats.border.mavlink import dialect
+
+if TYPE_CHECKING:
+    from autopilot.mavlink.port import Port
+
+LOCAL_NED, BODY_NED = dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_BODY_NED
+GLOBAL_INT = dialect.MAV_FRAME_GLOBAL_INT
+GLOBAL_RELATIVE_INT = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+GLOBAL_TERRAIN_INT = dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT
+FORCE, YAW_IGNORE, YAW_RATE_IGNORE = 0x200, 0x400, 0x800
+LIMIT = 1e6  # m, m/s, m/s²: nothing that flies is asked for more; also keeps hostile numbers out of the cascade
+
+
+class RejectedError(ValueError):
+    """A setpoint that a PX4 would not take; the text names why."""
+
+
+def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
+    """Return the three components with ignored, infinite and absurd ones as nan."""
+    return (
+        x if not mask & 1 << first_bit and abs(x) < LIMIT else NAN,
+        y if not mask & 2 << first_bit and abs(y) < LIMIT else NAN,
+        z if not mask & 4 << first_bit and abs(z) < LIMIT else NAN,
+    )
+
+
+def _angle(mask: int, bit: int, value: float) -> float:
+    return value if not mask & bit and abs(value) < LIMIT else NAN
+
+
+def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, acceleration: Vec3, yaw: float, yaw_rate: float,
+               attitude: Quat, heading: float) -> Setpoint:  # fmt: skip
+    """Return the trajectory setpoint in the local frame of a message with raw fields in frame LOCAL_NED or BODY_NED.
+
+    `attitude` and `heading` (rad) are the vehicle's. BODY_NED: position is ignored, velocity is turned by the heading
+    only (z stays world down), a velocity with any ignored component is ignored, acceleration is turned by the attitude.
+    Raises RejectedError when the frame is neither, force is asked for, or nothing is controlled.
+    """
+    if mask & FORCE:
+        raise RejectedError("force not supported")
+    p = _group(mask, 0, *position)
+    v = _group(mask, 3, *velocity)
+    a = _group(mask, 6, *acceleration)
+    if frame == BODY_NED:
+        p = FREE
+        if mask & 0x38:
+            v = FREE
+        c, s = math.cos(heading), math.sin(heading)
+        v = (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+        a = rotate(attitude, a)
+    elif frame != LOCAL_NED:
+        raise RejectedError(f"coordinate frame {frame} unsupported")
+    if not any(math.isfinite(x) for x in (*p, *v, *a)):
+        raise RejectedError("invalid")
+    return Setpoint(
+        position_ned=p,
+        velocity_ned=v,
+        acceleration_ned=a,
+        yaw=_angle(mask, YAW_IGNORE, yaw),
+        yaw_rate=_angle(mask, YAW_RATE_IGNORE, yaw_rate),
+    )
+
+
+def _accept(node: Node, setpoint: Setpoint) -> None:
+    offboard = node.vehicle.commander.flight.offboard
+    offboard.setpoint, offboard.time_us = setpoint, node.time_us
+
+
+def local_ned(node: Node, port: "Port", message: Message) -> None:
+    """SET_POSITION_TARGET_LOCAL_NED."""
+    state = node.vehicle.state
+    m = message
+    try:
+        setpoint = trajectory(
+            m.type_mask, m.coordinate_frame, (m.x, m.y, m.z), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
+            m.yaw_rate, state.attitude, state.yaw,
+        )  # fmt: skip
+    except RejectedError as reason:
+        node.complain(f"SET_POSITION_TARGET_LOCAL_NED {reason}")
+        return
+    _accept(node, setpoint)
+
+
+def global_int(node: Node, port: "Port", message: Message) -> None:
+    """SET_POSITION_TARGET_GLOBAL_INT: silently dropped while the reference that its altitude needs is missing."""
+    state, m = node.vehicle.state, message
+    down = _altitude_to_down(node, m.coordinate_frame, m.alt)
+    if down is None:
+        return
+    north, east, _ = geodetic_to_ned(
+        state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m, m.lat_int * 1e-7, m.lon_int * 1e-7, 0.0
+    )
+    try:
+        setpoint = trajectory(
+            m.type_mask, LOCAL_NED, (north, east, down), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
+            m.yaw_rate, state.attitude, state.yaw,
+        )  # fmt: skip
+    except RejectedError as reason:
+        node.complain(f"SET_POSITION_TARGET_GLOBAL_INT {reason}")
+        return
+    _accept(node, setpoint)
+
+
+def _altitude_to_down(node: Node, frame: int, altitude: float) -> float | None:
+    """Return local z (m) of an altitude above sea level (5), home (6) or ground (11); None without the reference."""
+    state, home = node.vehicle.state, node.vehicle.commander.flight.home
+    if not state.origin_set:
+        return None
+    if frame == GLOBAL_INT:
+        return state.origin_alt_m - altitude
+    if frame == GLOBAL_RELATIVE_INT and home is not None:
+        return home.position_ned[2] - altitude
+    clearance = state.range_m()
+    if frame == GLOBAL_TERRAIN_INT and math.isfinite(clearance):
+        return state.position_ned[2] + clearance - altitude
+    return None
+
+
+def attitude_target(node: Node, port: "Port", message: Message) -> None:
+    """SET_ATTITUDE_TARGET: the attitude wins where bit 7 is clear, else the body rates where bits 0 and 1 are clear."""
+    m, mask = message, message.type_mask
+    yaw_rate = m.body_yaw_rate if not mask & 0x4 and abs(m.body_yaw_rate) < LIMIT else 0.0
+    if mask & 0x40 or not math.isfinite(m.thrust):
+        node.complain("SET_ATTITUDE_TARGET invalid: no thrust")
+        return
+    thrust = min(max(m.thrust, 0.0), 1.0)
+    if not mask & 0x80:
+        q = tuple(m.q)
+        norm = math.sqrt(sum(x * x for x in q)) if all(abs(x) < 10.0 for x in q) else NAN
+        if not norm > 0.5:  # zeros and nan are no attitude
+            node.complain("SET_ATTITUDE_TARGET invalid: attitude")
+            return
+        _accept(
+            node,
+            Setpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust),  # type: ignore[arg-type]
+        )
+    elif not mask & 0x3 and abs(m.body_roll_rate) < LIMIT and abs(m.body_pitch_rate) < LIMIT:
+        rates = (m.body_roll_rate, m.body_pitch_rate, yaw_rate)
+        _accept(node, Setpoint(kind=KIND_RATES, rates_frd=rates, thrust=thrust))
+    else:
+        node.complain("SET_ATTITUDE_TARGET invalid: nothing controlled")

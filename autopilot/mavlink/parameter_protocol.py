@@ -1,0 +1,97 @@
+"""The parameter protocol, with INT32 values byte-wise in the float field, as PX4 does."""
+
+import struct
+from typing import TYPE_CHECKING
+
+from autopilot.mavlink.makers import Message
+from autopilot.mavlink.node import Node
+from autopilot.parameters import Parameters
+from dronecats.border.mavlink import dialect
+
+if TYPE_CHECKING:
+    from autopilot.mavlink.port import Port
+
+INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
+_INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
+
+
+class _IntegerValue(dialect.MAVLink_param_value_message):  # type: ignore[misc]
+    """PARAM_VALUE of an INT32, packed as an integer: some bit patterns are signalling NaNs that floats do not carry."""
+
+    def __init__(self, name: bytes, value: int, count: int, index: int) -> None:
+        super().__init__(name, 0.0, INT32, count, index)
+        self._integer = value
+
+    def pack(self, mav: object, force_mavlink1: bool = False) -> bytes:
+        payload = _INTEGER_PAYLOAD.pack(
+            self._integer, self.param_count, self.param_index, self._param_id_raw, self.param_type
+        )
+        return bytes(self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1))
+
+
+def parameter_value(parameters: Parameters, name: str) -> Message:
+    """Return the PARAM_VALUE of one parameter. Raises KeyError for an unknown name."""
+    value, count, index = parameters[name], len(parameters), parameters.index(name)
+    if parameters.is_integer(name):
+        return _IntegerValue(name.encode(), int(value), count, index)
+    return dialect.MAVLink_param_value_message(name.encode(), value, REAL32, count, index)
+
+
+def value_bytes(message: Message) -> bytes:
+    """Return the 4 bytes of `param_value`, first on the wire, of a received PARAM_SET or PARAM_VALUE.
+
+    The decoded float has lost the bits of a signalling NaN, and pymavlink's get_payload is off by the longer header of
+    MAVLink 2.
+    """
+    frame = bytes(message.get_msgbuf())
+    start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
+    return frame[start : start + min(frame[1], 4)].ljust(4, b"\0")
+
+
+def request_list(node: Node, port: "Port", message: Message) -> None:
+    """Start to send the whole list on this port."""
+    port.list_parameters()
+
+
+def request_read(node: Node, port: "Port", message: Message) -> None:
+    """Answer with the value by index, or by name when the index is -1; PARAM_ERROR when there is no such parameter."""
+    parameters = node.vehicle.parameters
+    name, index = message.param_id, message.param_index
+    if 0 <= index < len(parameters):
+        name = parameters.names[index]
+    elif index != -1:
+        name = ""
+    if name in parameters:
+        port.send(parameter_value(parameters, name))
+    else:
+        _refuse(port, message, index, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+
+
+def set_value(node: Node, port: "Port", message: Message) -> None:
+    """Put a value in force and tell everybody. A value of the wrong type changes nothing: the old one is the answer."""
+    parameters, name = node.vehicle.parameters, message.param_id
+    if name not in parameters:
+        _refuse(port, message, -1, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+        return
+    if message.param_type != (INT32 if parameters.is_integer(name) else REAL32):
+        node.complain(f"Parameter {name}: wrong type, not set")
+        port.send(parameter_value(parameters, name))
+        return
+    value = struct.unpack("<i" if parameters.is_integer(name) else "<f", value_bytes(message))[0]
+    before = parameters[name]
+    try:
+        parameters.set(name, value)
+    except ValueError:
+        _refuse(port, message, parameters.index(name), dialect.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
+        return
+    if parameters[name] == before:
+        port.send(parameter_value(parameters, name))
+    else:
+        node.broadcast(parameter_value(parameters, name))
+
+
+def _refuse(port: "Port", message: Message, index: int, error: int) -> None:
+    name = message.param_id.encode("ascii", "replace")[:16]
+    port.send(
+        dialect.MAVLink_param_error_message(message.get_srcSystem(), message.get_srcComponent(), name, index, error)
+    )

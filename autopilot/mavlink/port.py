@@ -1,0 +1,126 @@
+"""One wire to the outside: its own stream rates, its own sequence numbers, its own queue of bytes to send."""
+
+import struct
+
+from autopilot.mavlink import dispatch
+from autopilot.mavlink.makers import Message
+from autopilot.mavlink.node import COMPONENT_ID, Node
+from autopilot.mavlink.streams import BY_ID, HEARTBEAT_ID, PROFILES, TABLE
+from dronecats.border.errors import UsageError
+from dronecats.border.mavlink import Packer, Parser
+
+PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
+FASTEST_US = 1_000
+QUEUE_LIMIT = 20_000  # messages: a port that nobody empties forgets the oldest
+
+
+class Port:
+    """Pure: `receive` what came from the wire, `take` what goes to it. Opened by `Autopilot.open_port`."""
+
+    def __init__(self, node: Node, profile: str) -> None:
+        if profile not in PROFILES:
+            raise UsageError(f"Port profile {profile!r} does not exist; choose one of {', '.join(PROFILES)}.")
+        self.profile = profile
+        self.received = 0  # messages understood
+        self.lost = 0  # messages that could not be encoded, or were dropped because nobody took them
+        self._node = node
+        self._parser = Parser()
+        self._packer = Packer(node.system_id, COMPONENT_ID)
+        self._out: list[bytes] = []
+        self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
+        self._parameter_cursor: int | None = None
+        for stream in TABLE:
+            self.set_default_interval(stream.message_id)
+
+    @property
+    def bad(self) -> int:
+        """Stretches of the byte stream that were no MAVLink message."""
+        return self._parser.bad
+
+    def receive(self, data: bytes) -> None:
+        """Act on bytes from the wire. Never raises on what they contain: garbage is counted."""
+        before = self._parser.bad
+        for message in self._parser.feed(data):
+            self.received += 1
+            dispatch.handle(self._node, self, message)
+            self._node.show_mode()
+        if before == 0 and self._parser.bad:
+            self._node.say(4, "Malformed MAVLink data received")
+
+    def take(self) -> bytes:
+        """Return everything queued since the last call."""
+        data = b"".join(self._out)
+        self._out.clear()
+        return data
+
+    def send(self, message: Message) -> None:
+        """Queue a message."""
+        try:
+            self._out.append(self._packer.pack(message))
+        except (struct.error, OverflowError, ValueError):  # a value that its field cannot hold
+            self.lost += 1
+        if len(self._out) > QUEUE_LIMIT:
+            self.lost += len(self._out) - QUEUE_LIMIT // 2
+            del self._out[: -QUEUE_LIMIT // 2]
+
+    def send_heartbeat(self) -> None:
+        """Queue a HEARTBEAT now; the next regular one follows a full interval later."""
+        message = self._node.telemetry(HEARTBEAT_ID)
+        if message is not None:
+            self.send(message)
+        self._streams[HEARTBEAT_ID][0] = self._node.time_us + self._streams[HEARTBEAT_ID][1]
+
+    def send_telemetry(self, message_id: int) -> None:
+        """Queue one telemetry message now, if there is something to tell."""
+        message = self._node.telemetry(message_id)
+        if message is not None:
+            self.send(message)
+
+    def set_interval(self, message_id: int, interval_us: int) -> None:
+        """Stream a message at another interval (µs), -1 stops it. HEARTBEAT keeps its rate."""
+        if message_id == HEARTBEAT_ID:
+            return
+        if interval_us < 0:
+            self._streams.pop(message_id, None)
+        else:
+            self._streams[message_id] = [self._node.time_us, max(interval_us, FASTEST_US)]
+
+    def set_default_interval(self, message_id: int) -> None:
+        """Stream a message as the port's profile has it."""
+        rate = BY_ID[message_id].rate(self.profile)
+        if rate > 0.0:
+            self._streams[message_id] = [self._node.time_us, round(1e6 / rate)]
+        else:
+            self._streams.pop(message_id, None)
+
+    def interval_us(self, message_id: int) -> int:
+        """Return the interval (µs) at which a message is streamed, -1 when it is not."""
+        stream = self._streams.get(message_id)
+        return stream[1] if stream is not None else -1
+
+    def list_parameters(self) -> None:
+        """Start to send every parameter, a few per tick."""
+        self._parameter_cursor = 0
+
+    def tick(self) -> None:
+        """Queue what is due."""
+        node = self._node
+        now = node.time_us
+        for message_id, stream in self._streams.items():
+            due = stream[0]
+            if now >= due:
+                interval = stream[1]
+                # late by more than one interval: start a new grid instead of sending a burst
+                stream[0] = due + interval if now - due < interval else now + interval
+                message = node.telemetry(message_id)
+                if message is not None:
+                    self.send(message)
+        if self._parameter_cursor is not None:
+            self._send_parameters(self._parameter_cursor)
+
+    def _send_parameters(self, start: int) -> None:
+        parameters = self._node.vehicle.parameters
+        end = min(start + PARAMETERS_PER_TICK, len(parameters))
+        for name in parameters.names[start:end]:
+            self.send(dispatch.parameter_value(parameters, name))
+        self._parameter_cursor = end if end < len(parameters) else None

@@ -1,0 +1,94 @@
+"""What a flight mode may know and the interface it offers to the commander."""
+
+import math
+from dataclasses import dataclass, field
+
+from autopilot.modes.setpoint import Setpoint
+from autopilot.parameters import Parameters
+from autopilot.vehicle_state import VehicleState
+from dronecats.border.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where the vehicle returns to."""
+
+    position_ned: Vec3  # m, local frame
+    yaw: float  # rad
+    lat_deg: float
+    lon_deg: float
+    alt_m: float  # m above mean sea level
+
+
+@dataclass(slots=True)
+class Sticks:
+    """The newest MANUAL_CONTROL."""
+
+    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
+    forward: float = 0.0  # -1 … 1
+    right: float = 0.0  # -1 … 1
+    throttle: float = 0.0  # 0 … 1, 0.5 = hold altitude in the assisted modes
+    yaw: float = 0.0  # -1 … 1, positive clockwise
+
+    def fresh(self, now_us: int, timeout_s: float) -> bool:
+        """Return whether the sticks were heard within the timeout."""
+        return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
+
+
+@dataclass(slots=True)
+class OffboardSignal:
+    """The newest valid offboard setpoint, kept whichever mode is active."""
+
+    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
+    setpoint: Setpoint = field(default_factory=Setpoint)
+
+    def fresh(self, now_us: int, timeout_s: float) -> bool:
+        """Return whether a setpoint was heard within COM_OF_LOSS_T."""
+        return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
+
+    def supported(self, state: VehicleState) -> bool:
+        """Return whether the estimate is good enough for this kind of setpoint (PX4 offboardCheck)."""
+        s = self.setpoint
+        if math.isfinite(s.position_ned[0]):
+            return bool(state.position_valid)
+        if math.isfinite(s.velocity_ned[0]):
+            return bool(state.velocity_valid)
+        return bool(state.attitude_valid)
+
+
+@dataclass(slots=True)
+class Flight:
+    """Everything the modes share. Owned by the commander."""
+
+    state: VehicleState
+    parameters: Parameters
+    home: Home | None = None
+    landed: bool = True
+    cruise_speed: float = math.nan  # m/s, set by DO_CHANGE_SPEED until the mode changes; nan = MPC_XY_CRUISE
+    sticks: Sticks = field(default_factory=Sticks)
+    offboard: OffboardSignal = field(default_factory=OffboardSignal)
+
+    def height_above_ground(self) -> float:
+        """Return the best guess (m): a fresh range, else the height above home, else the height above the origin."""
+        distance = self.state.range_m()
+        if math.isfinite(distance):
+            return distance
+        ground = self.home.position_ned[2] if self.home is not None else 0.0
+        return ground - self.state.position_ned[2]
+
+    def cruise(self) -> float:
+        """Return the horizontal speed (m/s) of automatic flight."""
+        return self.cruise_speed if math.isfinite(self.cruise_speed) else float(self.parameters["MPC_XY_CRUISE"])
+
+
+class Mode:
+    """A flight mode's behaviour. `enter` is called once when it becomes active, `setpoint` at every tick after that."""
+
+    next_mode: str | None = None  # set by a mode that has finished
+
+    def enter(self, flight: Flight) -> None:
+        """Take over from where the vehicle is."""
+
+    def setpoint(self, flight: Flight) -> Setpoint:
+        """Return the setpoint of this tick."""
+        raise NotImplementedError

@@ -1,0 +1,106 @@
+"""What the commander knows of its vehicle at one tick: the newest estimate and the raw sensor samples behind it."""
+
+import math
+import struct
+from typing import Any
+
+import numpy as np
+
+from autopilot.records import ESTIMATE
+from dronecats.border.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
+
+FARTHEST_M = 1e6  # a local position beyond this is no position
+RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster; three missed samples make it stale
+
+_LAYOUT = tuple((name, ESTIMATE[name].base.kind, math.prod(ESTIMATE[name].shape)) for name in ESTIMATE.names or ())
+_FORMAT = struct.Struct("=" + "".join(f"{count}{'q' if kind == 'i' else 'd'}" for _, kind, count in _LAYOUT))
+
+
+def _slices() -> list[tuple[str, int, int]]:
+    start, rows = 0, []
+    for name, _, count in _LAYOUT:
+        rows.append((name, start, count))
+        start += count
+    return rows
+
+
+_SCALARS = [(name, start) for name, start, count in _slices() if count == 1]
+_VECTORS = [(name, start, start + count) for name, start, count in _slices() if count > 1]
+
+
+class VehicleState:
+    """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames); `refresh` renews it.
+
+    Plain Python numbers are an order of magnitude faster to use than the fields of a numpy record.
+    """
+
+    time_us: int
+    attitude: Quat
+    rates_frd: Vec3
+    accel_frd: Vec3
+    velocity_ned: Vec3
+    position_ned: Vec3
+    origin_lat_deg: float
+    origin_lon_deg: float
+    origin_alt_m: float
+    origin_set: int
+    attitude_valid: int
+    velocity_valid: int
+    position_valid: int
+    altitude_valid: int
+    position_std_h: float
+    position_std_v: float
+    velocity_std_h: float
+    velocity_std_v: float
+    ratio_gps_position: float
+    ratio_gps_velocity: float
+    ratio_baro: float
+    ratio_mag: float
+    attitude_setpoint: Quat
+    rates_setpoint: Vec3
+    thrust_setpoint: float
+    hover_thrust: float
+
+    def __init__(self, estimate: Any, sensors: Any) -> None:
+        self.estimate = estimate
+        self.sensors = sensors
+        self.euler: Vec3 = (0.0, 0.0, 0.0)
+        self._buffer = np.frombuffer(estimate, dtype=np.uint8)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read the records again. Before the estimator has run once, time comes from the sensors."""
+        values = _FORMAT.unpack_from(self._buffer)
+        fields = self.__dict__
+        for name, i in _SCALARS:
+            fields[name] = values[i]
+        for name, i, j in _VECTORS:
+            fields[name] = values[i:j]
+        if not self.time_us:
+            self.time_us = int(self.sensors["time_us"])
+        self.euler = quat_to_euler(self.attitude)
+
+    @property
+    def yaw(self) -> float:
+        """rad, 0 = north."""
+        return self.euler[2]
+
+    @property
+    def global_valid(self) -> bool:
+        """Whether latitude, longitude and altitude may be believed."""
+        n, e, d = self.position_ned
+        believable = n * n + e * e + d * d < FARTHEST_M**2  # false for nan too
+        return bool(self.origin_set and self.position_valid and self.altitude_valid and believable)
+
+    def age_us(self, sensor: str) -> int:
+        """Return the age (µs) of the sample named `sensor` ('imu', 'mag', 'baro', 'gps', 'range', 'battery')."""
+        stamp = int(self.sensors[f"{sensor}_time_us"])
+        return self.time_us - stamp if stamp else 1 << 62
+
+    def range_m(self) -> float:
+        """Return the fresh downward range (m), nan when there is none."""
+        return float(self.sensors["range_m"]) if self.age_us("range") < RANGE_FRESH_US else math.nan
+
+    def geodetic(self, position_ned: Vec3) -> Vec3:
+        """Return (lat deg, lon deg, alt m above mean sea level) of a local position."""
+        return ned_to_geodetic(self.origin_lat_deg, self.origin_lon_deg, self.origin_alt_m, *position_ned)
