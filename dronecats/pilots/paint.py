@@ -42,6 +42,7 @@ BANDS: dict[str, Band] = {
 """The keys are the values of `referent.COLORS`."""
 
 _SKY_STEP = 3  # grey levels between neighbours that still count as one sky: the gradient of clear air is flatter
+_SKY_HUE, _SKY_SATURATION = (85, 125), 150  # car paint of the same hue is more colourful than clear air
 _SKY_VALUE = 110  # darker than this is no day sky
 
 
@@ -77,12 +78,18 @@ def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.
 
 
 def sky(picture: Picture) -> Mask:
-    """Return the sky: what is bright, not warm, and reachable from the upper edge without crossing an edge."""
+    """Return the sky: bright, blue or grey, and reachable from the upper edge without crossing an edge.
+
+    It ends a little under the middle of the picture at the latest, where a level camera has the horizon.
+    """
     height, width = picture.shape[:2]
     smooth = cv2.GaussianBlur(picture, (5, 5), 0)
+    hsv = cv2.cvtColor(smooth, cv2.COLOR_BGR2HSV)
+    hue, saturated, value = hsv[:, :, 0], hsv[:, :, 1], hsv[:, :, 2]
+    tinted = (saturated > 40) & ((hue < _SKY_HUE[0]) | (hue > _SKY_HUE[1]))
     blocked = np.zeros((height + 2, width + 2), np.uint8)
-    blue, red = smooth[:, :, 0].astype(np.int16), smooth[:, :, 2].astype(np.int16)
-    blocked[1:-1, 1:-1] = ((smooth.max(axis=2) < _SKY_VALUE) | (blue + 10 < red)).astype(np.uint8)
+    blocked[1:-1, 1:-1] = (value < _SKY_VALUE) | (saturated > _SKY_SATURATION) | tinted
+    blocked[1 + round(0.55 * height) :] = 1
     step = (_SKY_STEP,) * 3
     flags = 4 | cv2.FLOODFILL_MASK_ONLY | (2 << 8)
     for x in range(2, width, 16):

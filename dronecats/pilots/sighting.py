@@ -12,13 +12,12 @@ from dronecats.pilots.ranging import Box, Range
 from dronecats.pilots.referent import Referent, Size
 
 _SMALLEST_PX = 20  # of 640 × 360; a vehicle is that small at about 60 m
+_FARTHEST_M = 42.0  # beyond, specks of any colour have the size that is wanted
 _CANDIDATES = 12
-_SAME_TINT = math.cos(math.radians(14.0))  # directions in the colour plane: one paint in sun and shade, not grass beside it
+_SAME_TINT = math.cos(math.radians(14.0))  # in the colour plane: one paint in sun and shade, not the grass beside it
 _WEAKEST = 0.08  # score below which nothing is said to have been seen
-_LARGER = 0.3  # among plausible patches the larger is preferred with this power of its area: a speck is rarely the thing
-_HORIZON_SLACK = (
-    0.05  # fraction of the width: what stands on the ground does not end above the horizon, but a body pitches
-)
+_LARGER = 0.3  # power of the area by which larger patches are preferred: a speck is rarely the thing
+_HORIZON_SLACK = 0.05  # fraction of the width that a thing on the ground may end above the middle: a body pitches
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +122,8 @@ def _judge(
     if box.bottom < -_HORIZON_SLACK:
         return None
     rng = ranging.measure(box, named.size, height / width)
+    if rng.depth_m > _FARTHEST_M:
+        return None
     color = _vividness(saturation[where], named.color or "")
     solid = _solidity(where[top:bottom, left:right], named.size)
     score = rng.fit * color * solid

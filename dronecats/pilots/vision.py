@@ -18,10 +18,11 @@ from dronecats.pilots.briefing import PastAction
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 
 # Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
-_ARRIVED_M = 4.3
-_TARGET_M = 3.7  # where strides are meant to end
-_CLOSER_M = 3.3  # a claim that was made twice from farther than this is made again from closer
-_CLAIMS = 2
+_ARRIVED_M = 4.6
+_TARGET_M = 4.1  # where strides are meant to end
+_CAREFUL_M = 8.0  # within this, only short strides: the estimate may be off, and a target may come towards the drone
+_CLAIMS = 2  # so many claims in a row from the outer part of the radius, and it comes closer for the next
+_ROOM_M = 1.9  # between the drone and the nearest the thing's end can be, for coming closer
 
 # The rules by which a `go` is flown (paper, appendix "Executing go")
 _STRIDE_M = 3.0
@@ -69,9 +70,8 @@ def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAct
     seen = sighting.find(picture, named)
     if seen is None:
         return _search(picture, past)
-    claims = _trailing(past, "finished")
-    distance = seen.range.distance_m
-    if distance <= _ARRIVED_M and not (claims >= _CLAIMS and distance > _CLOSER_M):
+    doubted = _trailing(past, "finished") >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
+    if seen.range.distance_m <= _ARRIVED_M and not doubted:
         return reply.finished()
     return _approach(seen, picture.shape[0] / picture.shape[1])
 
@@ -89,7 +89,7 @@ def _approach(seen: sighting.Sighting, aspect: float) -> str:
 def _depth_for(there: ranging.Range) -> float:
     """Return the estimated depth, changed where the stride it causes would not end near _TARGET_M."""
     travel = there.distance_m - _TARGET_M
-    if travel >= _STRIDE_M:
+    if there.distance_m >= _CAREFUL_M:
         depth = max(there.depth_m, _NEAR_M)
         return depth if abs(depth - _WANDER_M) > 0.5 else _WANDER_M - 1.0
     longest_near = _NEAR_SCALE * _STRIDE_M
@@ -121,18 +121,23 @@ def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:
 
 
 def _way_out(picture: paint.Picture) -> tuple[float, float]:
-    """Return the direction (u, 0–1000) in which the sky reaches lowest, and how much of its column is sky, 0 … 1.
+    """Return the direction (u, 0–1000) in which the view is most open, and how much of its column is sky, 0 … 1.
 
-    Sky low over the horizon means that nothing tall stands there: along a street rather than into a house.
+    Sky low over the horizon means that nothing tall stands there: along a street rather than into a house. Upright
+    edges about the horizon mean posts, trunks and hedges at the drone's own height.
     """
     height, width = picture.shape[:2]
+    about = cv2.cvtColor(picture[int(0.38 * height) : int(0.75 * height)], cv2.COLOR_BGR2GRAY)
+    upright = (np.abs(cv2.Sobel(about, cv2.CV_32F, 1, 0)) > 90.0).mean(axis=0)
     upper = paint.sky(picture)[: height // 2]
     share = upper.mean(axis=0)
     window = max(3, width // 8)
-    padded = np.pad(share, window // 2, mode="edge")
-    smooth = np.convolve(padded, np.ones(window) / window, mode="valid")[:width]
+    smooth, obstructed = (
+        np.convolve(np.pad(row, window // 2, mode="edge"), np.ones(window) / window, mode="valid")[:width]
+        for row in (share, upright)
+    )
     # at equal openness straight ahead is preferred: no turn, and the view is centred
-    prefer = smooth - 0.05 * np.abs(np.linspace(-1.0, 1.0, width))
+    prefer = smooth - 2.0 * obstructed - 0.05 * np.abs(np.linspace(-1.0, 1.0, width))
     column = int(np.argmax(prefer))
     return 1000.0 * (column + 0.5) / width, float(smooth[column])
 
