@@ -5,25 +5,35 @@ import math
 import numba
 import numpy as np
 
-from episodes.render.shadow import sunlight
+from episodes.render.shadow import sun_slopes, sunlight
 from episodes.render.sky import HAZE_LENGTH_M, displayed, sky_color
-from episodes.render.textures import texture_color
+from episodes.render.textures import footprint, texture_color
+
+FRESH = 4  # px, a power of two
 
 
 @numba.njit(cache=True, nogil=True)
 def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day, samples, color, depth, ids):
     """Fill this thread's rows of `color` (H, W, 3 linear, displayable), `depth` (H, W, m) and `ids` (H, W).
 
-    Only the sample at the middle of each pixel is looked at.
+    Only the sample at the middle of each pixel is looked at. What belongs to the whole triangle is found when the row
+    enters it; how its texture is read is found every FRESH pixels.
     """
     height, width = depth.shape
-    e = np.zeros(9)
     per_px = 1.0 / eye.focal
+    e = np.zeros(9)
+    uv = np.zeros(6)
+    base = np.zeros(3)
+    volume = emission = gloss = facing_sun = slope_x = slope_y = bias = 0.0
+    fn = fe = fd = nn = ne = nd = 0.0
+    mix = doublings = m = 0
+    level = np.int64(0)
+    step_u = step_v = 0.0
+    texture, flat = -1, True
     for y in range(thread, height, threads):
         j = 2.0 * y + 1.0
         ry = (y + 0.5 - eye.center_y) * per_px
         last = -2
-        volume = 0.0
         for x in range(width):
             i = 2.0 * x + 1.0
             rx = (x + 0.5 - eye.center_x) * per_px
@@ -39,11 +49,32 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
                 depth[y, x] = np.inf
                 ids[y, x] = 0
                 continue
-            if t != last:
+
+            entered = t != last
+            if entered:
                 last = t
                 for k in range(9):
                     e[k] = drawn.edges[t, k]
                 volume = drawn.volume[t]
+                m = triangles.material[t]
+                for k in range(3):
+                    base[k] = surfaces.color[m, k]
+                    uv[2 * k] = triangles.uv[t, k, 0]
+                    uv[2 * k + 1] = triangles.uv[t, k, 1]
+                texture = surfaces.texture[m]
+                emission = float(surfaces.emission[m])
+                gloss = float(surfaces.specular[m])
+                # both normals on the side of the viewer, whatever the order of the corners
+                fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
+                if fn * dn + fe * de + fd * dd > 0.0:
+                    fn, fe, fd = -fn, -fe, -fd
+                facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
+                slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
+                flat = triangles.flat[t]
+                if flat:
+                    nn, ne, nd = _toward(
+                        triangles.normal[t, 0, 0], triangles.normal[t, 0, 1], triangles.normal[t, 0, 2], fn, fe, fd
+                    )
             w0 = e[0] * i + e[1] * j + e[2]
             w1 = e[3] * i + e[4] * j + e[5]
             w2 = e[6] * i + e[7] * j + e[8]
@@ -55,73 +86,63 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
             w1 *= share
             w2 *= share
 
-            m = triangles.material[t]
-            r = float(surfaces.color[m, 0])
-            g = float(surfaces.color[m, 1])
-            b = float(surfaces.color[m, 2])
-            texture = surfaces.texture[m]
+            r, g, b = base[0], base[1], base[2]
             if texture >= 0:
-                u0, v0 = float(triangles.uv[t, 0, 0]), float(triangles.uv[t, 0, 1])
-                u1, v1 = float(triangles.uv[t, 1, 0]), float(triangles.uv[t, 1, 1])
-                u2, v2 = float(triangles.uv[t, 2, 0]), float(triangles.uv[t, 2, 1])
-                u = w0 * u0 + w1 * u1 + w2 * u2
-                v = w0 * v0 + w1 * v1 + w2 * v2
-                k = 2.0 * share  # two samples per pixel
-                ux = k * (e[0] * (u0 - u) + e[3] * (u1 - u) + e[6] * (u2 - u))
-                vx = k * (e[0] * (v0 - v) + e[3] * (v1 - v) + e[6] * (v2 - v))
-                uy = k * (e[1] * (u0 - u) + e[4] * (u1 - u) + e[7] * (u2 - u))
-                vy = k * (e[1] * (v0 - v) + e[4] * (v1 - v) + e[7] * (v2 - v))
-                tr, tg, tb = texture_color(atlas, texture, u, v, ux, vx, uy, vy)
+                u = w0 * uv[0] + w1 * uv[2] + w2 * uv[4]
+                v = w0 * uv[1] + w1 * uv[3] + w2 * uv[5]
+                if entered or x & (FRESH - 1) == 0:
+                    k = 2.0 * share  # two samples per pixel
+                    ux = k * (e[0] * (uv[0] - u) + e[3] * (uv[2] - u) + e[6] * (uv[4] - u))
+                    vx = k * (e[0] * (uv[1] - v) + e[3] * (uv[3] - v) + e[6] * (uv[5] - v))
+                    uy = k * (e[1] * (uv[0] - u) + e[4] * (uv[2] - u) + e[7] * (uv[4] - u))
+                    vy = k * (e[1] * (uv[1] - v) + e[4] * (uv[3] - v) + e[7] * (uv[5] - v))
+                    level, mix, doublings, step_u, step_v = footprint(atlas, texture, ux, vx, uy, vy)
+                tr, tg, tb = texture_color(atlas, u, v, level, mix, doublings, step_u, step_v)
                 r *= tr
                 g *= tg
                 b *= tb
 
-            # both normals on the side of the viewer, whatever the order of the corners
-            fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
-            if fn * dn + fe * de + fd * dd > 0.0:
-                fn, fe, fd = -fn, -fe, -fd
-            nn = w0 * triangles.normal[t, 0, 0] + w1 * triangles.normal[t, 1, 0] + w2 * triangles.normal[t, 2, 0]
-            ne = w0 * triangles.normal[t, 0, 1] + w1 * triangles.normal[t, 1, 1] + w2 * triangles.normal[t, 2, 1]
-            nd = w0 * triangles.normal[t, 0, 2] + w1 * triangles.normal[t, 1, 2] + w2 * triangles.normal[t, 2, 2]
-            k = math.sqrt(nn * nn + ne * ne + nd * nd)
-            if k > 1e-6:
-                k = 1.0 / k
-                if nn * fn + ne * fe + nd * fd < 0.0:
-                    k = -k
-                nn, ne, nd = nn * k, ne * k, nd * k
-            else:
-                nn, ne, nd = fn, fe, fd
-
-            direct = day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd
-            if direct > 0.0:
-                direct *= sunlight(
-                    sun,
-                    eye.position[0] + z * dn,
-                    eye.position[1] + z * de,
-                    eye.position[2] + z * dd,
+            if not flat:
+                nn, ne, nd = _toward(
+                    w0 * triangles.normal[t, 0, 0] + w1 * triangles.normal[t, 1, 0] + w2 * triangles.normal[t, 2, 0],
+                    w0 * triangles.normal[t, 0, 1] + w1 * triangles.normal[t, 1, 1] + w2 * triangles.normal[t, 2, 1],
+                    w0 * triangles.normal[t, 0, 2] + w1 * triangles.normal[t, 1, 2] + w2 * triangles.normal[t, 2, 2],
                     fn,
                     fe,
                     fd,
                 )
-            else:
-                direct = 0.0
+            direct = 0.0
+            if facing_sun > 0.0:
+                direct = max(day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd, 0.0)
+                pn, pe, pd = eye.position[0] + z * dn, eye.position[1] + z * de, eye.position[2] + z * dd
+                direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
             above = 0.5 - 0.5 * nd
-            emission = float(surfaces.emission[m])
-            lr = r * (day.sun[0] * direct + day.ambient[0] * above + day.bounce[0] * (1.0 - above) + emission)
-            lg = g * (day.sun[1] * direct + day.ambient[1] * above + day.bounce[1] * (1.0 - above) + emission)
-            lb = b * (day.sun[2] * direct + day.ambient[2] * above + day.bounce[2] * (1.0 - above) + emission)
-
-            gloss = float(surfaces.specular[m])
+            below = 1.0 - above
+            lr = r * (day.sun[0] * direct + day.ambient[0] * above + day.bounce[0] * below + emission)
+            lg = g * (day.sun[1] * direct + day.ambient[1] * above + day.bounce[1] * below + emission)
+            lb = b * (day.sun[2] * direct + day.ambient[2] * above + day.bounce[2] * below + emission)
             if gloss > 0.0:
                 per = 1.0 / length
                 lr, lg, lb = _polish(day, gloss, direct, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb)
 
-            air = z * length / HAZE_LENGTH_M
+            air = z * length * (1.0 / HAZE_LENGTH_M)
             clear = 1.0 / (1.0 + air + 0.5 * air * air)
             lr = day.horizon[0] + (lr - day.horizon[0]) * clear
             lg = day.horizon[1] + (lg - day.horizon[1]) * clear
             lb = day.horizon[2] + (lb - day.horizon[2]) * clear
             color[y, x, 0], color[y, x, 1], color[y, x, 2] = displayed(lr, lg, lb)
+
+
+@numba.njit(cache=True, nogil=True)
+def _toward(n, e, d, fn, fe, fd):
+    """Return the vector (n, e, d) at unit length and on the side of the unit vector f; f itself if it has no length."""
+    square = n * n + e * e + d * d
+    if square < 1e-12:
+        return fn, fe, fd
+    k = 1.0 / math.sqrt(square)
+    if n * fn + e * fe + d * fd < 0.0:
+        k = -k
+    return n * k, e * k, d * k
 
 
 @numba.njit(cache=True, nogil=True)

@@ -129,50 +129,44 @@ def draw_heights(sun, position, first, stop):
                     sun.height[j, i] = h
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def sunlight(sun, px, py, pz, nx, ny, nz):
-    """Return the share (0 … 1) of the sun's disc that reaches a point (NED, m) on a plane with unit normal n.
+@numba.njit(cache=True, nogil=True)
+def sun_slopes(sun, nn, ne, nd):
+    """Return (slope_x, slope_y, bias) in m: how the height of a plane with unit normal n (NED) changes per cell, and
+    how far below the map's height a point of it still counts as lit.
+    """
+    lit = sun.toward[0] * nn + sun.toward[1] * ne + sun.toward[2] * nd
+    k = -sun.cell / max(lit, 1e-6)
+    limit = SLOPE_LIMIT * sun.cell
+    slope_x = min(max(k * (sun.across[0] * nn + sun.across[1] * ne + sun.across[2] * nd), -limit), limit)
+    slope_y = min(max(k * (sun.up[0] * nn + sun.up[1] * ne + sun.up[2] * nd), -limit), limit)
+    # what lies within the filter on a curved or folded surface may stand out by a fraction of the slope
+    return slope_x, slope_y, BIAS_M + 0.2 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
 
-    The mean of 3 × 3 bilinear comparisons; each cell is compared with the height of the receiving plane itself above
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def sunlight(sun, n, e, d, slope_x, slope_y, bias):
+    """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
+
+    The mean of 2 × 2 bilinear comparisons; each cell is compared with the height of the receiving plane itself above
     that cell, so a slanted plane does not shade itself and thin things need no gap beneath them.
     """
-    lit = sun.toward[0] * nx + sun.toward[1] * ny + sun.toward[2] * nz
-    if lit <= 0.0:
-        return 0.0
-    x = (sun.across[0] * px + sun.across[1] * py + sun.across[2] * pz - sun.low_across) * sun.per_cell
-    y = (sun.up[0] * px + sun.up[1] * py + sun.up[2] * pz - sun.low_up) * sun.per_cell
-    cells = sun.height.shape[0]
-    if not (1.0 <= x < cells - 3.0 and 1.0 <= y < cells - 3.0):
-        return 1.0
-    i = int(x)
-    j = int(y)
-    fx = x - i
-    fy = y - j
-    k = -1.0 / lit
-    slope_x = k * (sun.across[0] * nx + sun.across[1] * ny + sun.across[2] * nz)
-    slope_y = k * (sun.up[0] * nx + sun.up[1] * ny + sun.up[2] * nz)
-    slope_x = min(max(slope_x, -SLOPE_LIMIT), SLOPE_LIMIT) * sun.cell
-    slope_y = min(max(slope_y, -SLOPE_LIMIT), SLOPE_LIMIT) * sun.cell
-    z = sun.toward[0] * px + sun.toward[1] * py + sun.toward[2] * pz
-    # what lies within the filter on a curved or folded surface may stand out by a fraction of the slope
-    z += BIAS_M + 0.25 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
-    z -= fx * slope_x + fy * slope_y
-    total = 0.0
-    for dj in range(-1, 3):
-        row = sun.height[j + dj]
-        zr = z + dj * slope_y
-        part = 0.0
-        if row[i - 1] <= zr - slope_x:
-            part += 1.0 - fx
-        if row[i] <= zr:
-            part += 1.0
-        if row[i + 1] <= zr + slope_x:
-            part += 1.0
-        if row[i + 2] <= zr + 2.0 * slope_x:
-            part += fx
-        if dj == -1:
-            part *= 1.0 - fy
-        elif dj == 2:
-            part *= fy
-        total += part
-    return total * (1.0 / 9.0)
+    x = (sun.across[0] * n + sun.across[1] * e + sun.across[2] * d - sun.low_across) * sun.per_cell - 0.5
+    y = (sun.up[0] * n + sun.up[1] * e + sun.up[2] * d - sun.low_up) * sun.per_cell - 0.5
+    share = 1.0
+    if 0.0 <= x < sun.height.shape[1] - 3.0 and 0.0 <= y < sun.height.shape[0] - 3.0:
+        i = int(x)
+        j = int(y)
+        fx = x - i
+        fy = y - j
+        z = sun.toward[0] * n + sun.toward[1] * e + sun.toward[2] * d + bias
+        z -= (fx + 0.5) * slope_x + (fy + 0.5) * slope_y
+        share = 0.0
+        for dj in range(3):
+            row = sun.height[j + dj, i : i + 3]
+            part = (1.0 - fx) if row[0] <= z else 0.0
+            part += 1.0 if row[1] <= z + slope_x else 0.0
+            part += fx if row[2] <= z + 2.0 * slope_x else 0.0
+            share += part * (1.0 - fy if dj == 0 else (1.0 if dj == 1 else fy))
+            z += slope_y
+        share *= 0.25
+    return share

@@ -86,13 +86,12 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def texture_color(atlas, texture, u, v, ux, vx, uy, vy):
-    """Return the linear (r, g, b) of a texture over the footprint of one pixel.
+def footprint(atlas, texture, ux, vx, uy, vy):
+    """Return (level, mix, doublings, step_u, step_v): how `texture_color` reads a pixel.
 
     (ux, vx) and (uy, vy) are the changes of (u, v) over one pixel to the right and down. The level is chosen by the
-    footprint's shorter axis and up to 2^MOST_DOUBLINGS reads follow the longer one, so that a road seen at a grazing
-    angle stays sharp across without shimmering along. The two nearest levels are mixed: both are read where one read
-    is enough, in turn where there are several.
+    footprint's shorter axis and 2^doublings reads follow the longer one in steps of (step_u, step_v), so that a road
+    seen at a grazing angle stays sharp across without shimmering along. `mix` of WEIGHT comes from the next level.
     """
     first = atlas.first_level[texture]
     w = float(atlas.levels[first, 1])
@@ -103,35 +102,46 @@ def texture_color(atlas, texture, u, v, ux, vx, uy, vy):
     if short2 > long2:
         long2, short2 = short2, long2
         along_u, along_v = uy, vy
-    if long2 <= 1.0:
-        return _decoded(_bilinear(atlas.texels, atlas.levels, first, u, v, WEIGHT))
-    log_long = 0.5 * _log2(long2)
-    doublings = min(int(log_long - 0.5 * _log2(max(short2, 1.0)) + 0.6), MOST_DOUBLINGS)
-    level = min(max(log_long - doublings + SHARPEN, 0.0), atlas.depth[texture] - 1.0)
-    lower = int(level)
-    mix = int((level - lower) * WEIGHT)
-    lower += first
+    lower, mix, doublings = np.int64(first), 0, 0
+    if long2 > 1.0:
+        log_long = 0.5 * _log2(long2)
+        doublings = min(int(log_long - 0.5 * _log2(max(short2, 1.0)) + 0.6), MOST_DOUBLINGS)
+        level = min(max(log_long - doublings + SHARPEN, 0.0), atlas.depth[texture] - 1.0)
+        whole = int(level)
+        mix = int((level - whole) * WEIGHT)
+        lower += whole
+    share = 0.5 if doublings == 1 else (0.25 if doublings == 2 else 0.125)
+    return lower, mix, doublings, along_u * share, along_v * share
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def texture_color(atlas, u, v, level, mix, doublings, step_u, step_v):
+    """Return the linear (r, g, b) at (u, v) for a `footprint`.
+
+    Where one read is enough both levels are read, where there are several they take turns.
+    """
     if doublings == 0:
-        lanes = _bilinear(atlas.texels, atlas.levels, lower, u, v, WEIGHT - mix)
+        lanes = _bilinear(atlas.texels, atlas.levels, level, u, v, WEIGHT - mix)
         if mix > 0:
-            lanes += _bilinear(atlas.texels, atlas.levels, lower + 1, u, v, mix)
-        return _decoded(lanes)
-    pairs = 1 << (doublings - 1)
-    mix >>= doublings - 1
-    each = WEIGHT >> (doublings - 1)
-    upper = lower + 1 if mix > 0 else lower
-    step = 0.5 if doublings == 1 else (0.25 if doublings == 2 else 0.125)
-    step_u = along_u * step
-    step_v = along_v * step
-    tu = u - (pairs - 0.5) * step_u
-    tv = v - (pairs - 0.5) * step_v
-    lanes = np.uint64(0)
-    for _ in range(pairs):
-        lanes += _bilinear(atlas.texels, atlas.levels, lower, tu, tv, each - mix)
-        lanes += _bilinear(atlas.texels, atlas.levels, upper, tu + step_u, tv + step_v, mix)
-        tu += 2.0 * step_u
-        tv += 2.0 * step_v
-    return _decoded(lanes)
+            lanes += _bilinear(atlas.texels, atlas.levels, level + 1, u, v, mix)
+    else:
+        pairs = 1 << (doublings - 1)
+        part = mix >> (doublings - 1)
+        rest = (WEIGHT >> (doublings - 1)) - part
+        upper = level + 1 if part > 0 else level
+        tu = u - (pairs - 0.5) * step_u
+        tv = v - (pairs - 0.5) * step_v
+        lanes = np.uint64(0)
+        for _ in range(pairs):
+            lanes += _bilinear(atlas.texels, atlas.levels, level, tu, tv, rest)
+            lanes += _bilinear(atlas.texels, atlas.levels, upper, tu + step_u, tv + step_v, part)
+            tu += 2.0 * step_u
+            tv += 2.0 * step_v
+    k = 1.0 / (1023.0 * WEIGHT)
+    r = k * np.int64(lanes >> LANE_2)
+    g = k * np.int64((lanes >> LANE_1) & LANE_MASK)
+    b = k * np.int64(lanes & LANE_MASK)
+    return r * r, g * g, b * b
 
 
 @numba.njit(cache=True, nogil=True)
@@ -171,16 +181,6 @@ def _lanes(texel):
     """Return the three ten-bit channels of a texel moved 21 bits apart."""
     t = np.uint64(texel)
     return (t & LOW_10) | ((t & MIDDLE_10) << SHIFT_1) | ((t & HIGH_10) << SHIFT_2)
-
-
-@numba.njit(cache=True, nogil=True)
-def _decoded(lanes):
-    """Return the linear (r, g, b) of channels that carry WEIGHT."""
-    k = 1.0 / (1023.0 * WEIGHT)
-    r = k * np.int64(lanes >> LANE_2)
-    g = k * np.int64((lanes >> LANE_1) & LANE_MASK)
-    b = k * np.int64(lanes & LANE_MASK)
-    return r * r, g * g, b * b
 
 
 @numba.njit(cache=True, nogil=True)

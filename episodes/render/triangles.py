@@ -24,6 +24,7 @@ class Triangles(NamedTuple):
     normal: NDArray[np.float32]  # (T, 3, 3) unit, NED, at the corners
     uv: NDArray[np.float32]  # (T, 3, 2)
     face: NDArray[np.float32]  # (T, 3) unit, NED, of the plane, on the side from which corners run counter-clockwise
+    flat: NDArray[np.bool_]  # (T,) the normals at the corners are equal
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
     plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece: no edge is smoothed between them
@@ -79,6 +80,7 @@ def lay_out(scene: Scene) -> Layout:
         normal=np.zeros((total, 3, 3), np.float32),
         uv=np.zeros((total, 3, 2), np.float32),
         face=np.zeros((total, 3), np.float32),
+        flat=np.zeros(total, np.bool_),
         material=np.zeros(total, np.int32),
         instance=np.zeros(total, np.int32),
         plane=np.zeros(total, np.int32),
@@ -113,6 +115,7 @@ def lay_out(scene: Scene) -> Layout:
         place(triangles, part, instance.position_ned, instance.yaw)
         uv = mesh.uv[mesh.triangles]
         triangles.uv[rows] = uv - np.floor(uv.min(axis=1, keepdims=True))  # small numbers keep their precision
+        triangles.flat[rows] = (np.ptp(part.normal, axis=1) < 1e-6).all(axis=1)
         triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
         triangles.instance[rows] = instance.id
         if id(mesh) not in planes:
