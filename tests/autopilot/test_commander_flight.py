@@ -1,0 +1,123 @@
+"""One whole flight over the real physics, sensors, estimator and cascade, commanded by MAVLink alone."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from commander_bench import ORIGIN, Client
+from numba import njit
+
+from autopilot.autopilot import Autopilot
+from autopilot.flight_core import FlightCore
+from autopilot.flight_core import update as core_update
+from dronecats.border.mavlink import dialect
+from vehicles.airframe import load
+from vehicles.multirotor import Multirotor
+from vehicles.multirotor import step as vehicle_step
+
+
+@njit(cache=False)
+def _live(milliseconds: int, vehicle: Any, core: Any) -> None:
+    for _ in range(milliseconds):
+        vehicle_step(*vehicle)
+        core_update(*core)
+
+
+class Aircraft:
+    """Vehicle, flight core and autopilot in lockstep."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        airframe = load(name)
+        self.vehicle = Multirotor(airframe, seed=seed, origin=ORIGIN)
+        core = FlightCore(airframe)
+        self.autopilot = Autopilot(airframe, core, self.vehicle.sensors, actuators=self.vehicle.actuators)
+        self.client = Client(self.autopilot.open_port("onboard"))
+        self._kernels = self.vehicle.kernel_args, core.kernel_args(self.vehicle.sensors, self.vehicle.actuators)
+
+    @property
+    def commander(self) -> Any:
+        return self.autopilot.commander
+
+    @property
+    def truth(self) -> Any:
+        return self.vehicle.truth
+
+    def run(self, seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
+        for i in range(round(seconds * 50)):
+            if each_50ms is not None and i % 5 in (0, 2):
+                each_50ms()
+            _live(20, *self._kernels)
+            self.autopilot.update()
+
+    def until(self, condition: Callable[[], bool], seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
+        for _ in range(round(seconds * 10)):
+            if condition():
+                return
+            self.run(0.1, each_50ms)
+        raise AssertionError(f"did not happen within {seconds} s: mode {self.commander.mode}")
+
+
+def ground_speed(aircraft: Aircraft) -> float:
+    return math.hypot(*aircraft.truth["velocity_ned"][:2])
+
+
+@pytest.mark.parametrize("name", ["x500", "racer250", "nano", "hexa"])
+def test_a_flight_over_the_real_physics(name: str) -> None:
+    craft = Aircraft(name, seed=3)
+    client = craft.client
+    start = craft.truth["position_ned"].copy()
+    craft.until(lambda: not craft.commander.arming_failures(), 15.0)
+    craft.run(1.5)
+    status = client.of("SYS_STATUS")[-1]
+    for bit in (0x1, 0x2, 0x4, 0x20, 0x10000000):
+        assert status.onboard_control_sensors_health & bit
+
+    assert client.arm() == 0
+    assert client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
+    craft.until(lambda: craft.commander.mode == "HOLD", 20.0)
+    craft.run(3.0)
+    assert start[2] - craft.truth["position_ned"][2] == pytest.approx(2.5, abs=0.6)
+
+    def forward() -> None:
+        client.velocity(1.2, 0.0, 0.0)
+
+    forward()
+    assert client.mode(6) == 0
+    craft.run(4.0, forward)
+    assert ground_speed(craft) == pytest.approx(1.2, abs=0.25)
+    assert abs(craft.truth["velocity_ned"][2]) < 0.3
+    craft.run(1.5, lambda: client.velocity(0.0, 0.0, 0.0, yaw_rate=math.radians(60.0)))
+    craft.run(1.0, lambda: client.velocity(0.0, 0.0, 0.0))
+    assert math.degrees(craft.autopilot.state.yaw) == pytest.approx(90.0, abs=25.0)
+    assert craft.commander.mode == "OFFBOARD"
+
+    assert client.mode(4, 3) == 0
+    craft.run(3.0)
+    assert ground_speed(craft) < 0.3
+    assert client.command(dialect.MAV_CMD_NAV_LAND) == 0
+    craft.until(lambda: craft.commander.landed, 20.0)
+    assert abs(craft.truth["position_ned"][2] - start[2]) < 0.1  # on the ground in truth, not in belief
+    craft.run(2.5)
+    assert not craft.commander.armed
+    craft.run(1.0)
+    assert np.allclose(craft.truth["velocity_ned"], 0.0, atol=0.05)
+    texts = client.texts()
+    assert not any("Failsafe" in text for text in texts)
+    assert client.port.lost == 0
+
+
+def test_lost_setpoints_bring_it_down() -> None:
+    craft = Aircraft("x500", seed=5)
+    client = craft.client
+    craft.until(lambda: not craft.commander.arming_failures(), 15.0)
+    client.velocity(0.0, 0.0, -1.0)
+    assert client.mode(6) == 0
+    assert client.arm() == 0
+    craft.run(7.0, lambda: client.velocity(0.0, 0.0, -1.0))
+    assert craft.truth["position_ned"][2] < -2.5
+    craft.run(2.5)
+    assert craft.commander.mode == "POSCTL"
+    assert craft.truth["velocity_ned"][2] == pytest.approx(0.7, abs=0.2)
+    craft.until(lambda: not craft.commander.armed, 20.0)
