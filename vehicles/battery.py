@@ -1,8 +1,8 @@
 """The pack: open-circuit voltage over charge, sag over current, and what the rotors take out of it."""
 
 import numpy as np
-from numba import njit
 
+from dronecats.border.compiled import njit
 from vehicles.records import Record
 
 NOMINAL_CELL_V = 3.8  # the voltage at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge

@@ -1,8 +1,7 @@
 """The border's frame conversions, compiled for the kernels of this room."""
 
-from numba import njit
-
 from dronecats.border import frames
+from dronecats.border.compiled import njit
 
 rotate = njit(cache=True)(frames.rotate)
 rotate_inverse = njit(cache=True)(frames.rotate_inverse)

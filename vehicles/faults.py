@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Vec3
 from dronecats.border.sensors import MAX_ROTORS

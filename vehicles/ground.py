@@ -8,8 +8,8 @@ vehicle at rest stays at rest, in wind and on a slope, instead of creeping as it
 import math
 
 import numpy as np
-from numba import njit
 
+from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY, Quat, Vec3
 from dronecats.border.terrain import HeightField
 from vehicles.compiled_frames import rotate, rotate_inverse

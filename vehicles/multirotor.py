@@ -5,9 +5,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from dronecats.border.airframe import Airframe
+from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import GRAVITY, Vec3, quat_from_euler
 from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH

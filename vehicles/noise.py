@@ -7,8 +7,8 @@ layers in the form of Doornik (2005). Bytes depend on the seed alone, not on the
 import math
 
 import numpy as np
-from numba import njit
 
+from dronecats.border.compiled import njit
 from vehicles.records import Grid, Stream
 
 _TAIL = 3.442619855899  # where the tail begins, 128 layers

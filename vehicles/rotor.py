@@ -6,8 +6,7 @@ what resists it turns the body about +z.
 
 import math
 
-from numba import njit
-
+from dronecats.border.compiled import njit
 from dronecats.border.frames import Vec3
 from vehicles.battery import NOMINAL_CELL_V
 from vehicles.records import STEP_S, Load, Record

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat
 from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse

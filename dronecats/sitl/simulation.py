@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from numba import njit
-
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore, update
 from dronecats.border.airframe import Airframe
+from dronecats.border.compiled import njit
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import Packer
 from dronecats.border.terrain import FLAT, HeightField

@@ -19,10 +19,10 @@ class Ports:
         self.agent, self.gcs, self.log = [], [], []
         tap = simulation.bus.tap()
         if instance is None:
-            self.truth = UdpPort((LOOPBACK, 0), None, tap.take, tap.receive)
+            self.truth = UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)
         else:
             self.truth = UdpPort((LOOPBACK, TRUTH_LOCAL + instance), (LOOPBACK, TRUTH_PORT + instance),
-                                 tap.take, tap.receive)  # fmt: skip
+                                 tap.take, tap.receive, shared=True)  # fmt: skip
         for vehicle in simulation.vehicles:
             n = (instance or 0) + vehicle.index
             ports = [vehicle.autopilot.open_port(profile) for profile in ("onboard", "gcs", "minimal")]

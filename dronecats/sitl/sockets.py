@@ -18,7 +18,11 @@ class UdpPort:
         remote: Address | None,
         take: Callable[[], bytes],
         give: Callable[[bytes], None],
+        *,
+        shared: bool = False,
     ) -> None:
+        """`shared`: what one peer says goes to the others too, as on a bus."""
+        self._shared = shared
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
@@ -46,11 +50,16 @@ class UdpPort:
                 if peer not in self._peers:
                     self._peers.append(peer)
                 self._give(data)
-        data = self._take()
+                if self._shared:
+                    self._send(data, but=peer)
+        self._send(self._take())
+
+    def _send(self, data: bytes, but: Address | None = None) -> None:
         for packet in packets(data):
             for peer in self._peers:
-                with contextlib.suppress(BlockingIOError, ConnectionRefusedError, OSError):
-                    self._socket.sendto(packet, peer)
+                if peer != but:
+                    with contextlib.suppress(OSError):  # full buffers and absent listeners: UDP loses, that is its way
+                        self._socket.sendto(packet, peer)
 
     def close(self) -> None:
         self._socket.close()
