@@ -42,9 +42,9 @@ def fuse_heading(params, state, P, mx, my, mz, time_us, landed):  # type: ignore
     innovation = wrap_pi(params.declination - heading)
     slope = -field[2] / horizontal
     noise = params.mag_noise / horizontal
-    variance = innovation_variance(
-        P, state.work, 0, slope * field[0] / horizontal, 1, slope * field[1] / horizontal, 2, 1.0, noise * noise
-    )
+    # the expected direction, not the measured one: a row whose noise is that of its innovation would bias the tilt
+    north, east = slope * math.cos(params.declination), slope * math.sin(params.declination)
+    variance = innovation_variance(P, state.work, 0, north, 1, east, 2, 1.0, noise * noise)
     state.ratio_mag = innovation * innovation / (params.gate_mag**2 * variance)
     if state.ratio_mag <= 1.0:
         apply(P, state, innovation, variance)

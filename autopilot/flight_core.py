@@ -43,8 +43,9 @@ def empty_setpoint() -> np.void:
 class FlightCore:
     """Estimator and cascade of one vehicle with the records through which the commander talks to them.
 
-    setpoint: SETPOINT, written by the commander. estimate: ESTIMATE, read by it. state["landed"]: may be written by it, 1
-    while the vehicle is known to stand with armed rotors: the integrals then rest. params, filter_params: gains, limits and noise figures.
+    setpoint: SETPOINT, written by the commander. estimate: ESTIMATE, read by it. state["landed"]: may be written by it,
+    1 while the vehicle is known to stand with armed rotors, so that the integrals rest. params, filter_params: gains,
+    limits and noise figures.
     """
 
     def __init__(

@@ -22,6 +22,7 @@ ATTITUDE_PERIOD_US = 2_000
 SHORTEST_S, LONGEST_S = 1e-4, 0.02  # s, bounds on a step so that a gap in the samples cannot make a spike
 ACCELERATION_CUTOFF = 2.0 * math.pi * 10.0  # rad/s, for the velocity loop's derivative
 LIGHT = 0.3  # fraction of the hover thrust below which a vehicle stands or falls: its rate errors teach nothing
+ACCELERATION_PLAUSIBLE = 1000.0  # m/s², beyond any accelerometer's range
 ROTOR_LAG_S = 0.02  # s, how late thrust follows its command, for the hover estimate
 
 
@@ -122,7 +123,9 @@ def stop(params, state, setpoint, actuators):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def drive(params, state, estimate, actuators, dt):  # type: ignore[no-untyped-def]
     """Rates setpoint and thrust → rotor commands, which are fractions of full speed: thrust goes with their square."""
-    roll, pitch, yaw = torque(params, state, dt, state.landed != 0 or state.thrust_setpoint < LIGHT * state.hover_thrust)
+    roll, pitch, yaw = torque(
+        params, state, dt, state.landed != 0 or state.thrust_setpoint < LIGHT * state.hover_thrust
+    )
     thrust = state.thrust_setpoint
     if not math.isfinite(roll + pitch + yaw + thrust):
         fallback(params, state, estimate)
@@ -200,6 +203,8 @@ def measure(state, estimate, dt):  # type: ignore[no-untyped-def]
     weight = dt * ACCELERATION_CUTOFF
     weight = weight / (1.0 + weight)
     f = state.acceleration_filtered
+    if not abs(x) + abs(y) + abs(z) < ACCELERATION_PLAUSIBLE:
+        return
     f[0] += weight * (x - f[0])
     f[1] += weight * (y - f[1])
     f[2] += weight * (z + GRAVITY - f[2])

@@ -27,6 +27,7 @@ def begin(state, estimate):  # type: ignore[no-untyped-def]
         state.velocity_expected[i] = state.velocity_reference[i]
         state.acceleration_reference[i] = 0.0
         state.acceleration_expected[i] = 0.0
+        state.acceleration_filtered[i] = 0.0
         state.velocity_integral[i] = 0.0
     q = estimate.attitude
     state.yaw_reference = quat_yaw((q[0], q[1], q[2], q[3]))

@@ -4,6 +4,8 @@ import math
 
 from numba import njit
 
+RATE_PLAUSIBLE = 1000.0  # rad/s, beyond any gyro's range: the sample is nonsense and the filters start anew
+
 
 @njit(cache=True)
 def filter_rates(params, state, rates, dt):  # type: ignore[no-untyped-def]
@@ -15,6 +17,9 @@ def filter_rates(params, state, rates, dt):  # type: ignore[no-untyped-def]
     for i in range(3):
         before = state.rates_filtered[i]
         now = before + first * (rates[i] - before)
+        if not abs(now) < RATE_PLAUSIBLE:
+            before, now = 0.0, 0.0
+            state.rates_derivative[i] = 0.0
         state.rates_filtered[i] = now
         state.rates_derivative[i] += second * ((now - before) / dt - state.rates_derivative[i])
 

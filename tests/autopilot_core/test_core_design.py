@@ -1,0 +1,55 @@
+"""Gains from constants: margins for every airframe, checked by python-control."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from autopilot.design import GAIN_MARGIN_MIN, PHASE_MARGIN_MIN, design, margin, margins_by_control
+from dronecats.border.errors import UsageError
+from vehicles.airframe import load, names
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_loop_keeps_its_margins(name):
+    gains = design(load(name))
+    checked = margins_by_control(load(name), gains)
+    assert set(gains.margins) == set(checked)
+    assert len(checked) == 10
+    for loop, found in checked.items():
+        assert found.phase_deg >= PHASE_MARGIN_MIN, loop
+        assert found.gain_db >= GAIN_MARGIN_MIN, loop
+        own = gains.margins[loop]
+        assert own.phase_deg == pytest.approx(found.phase_deg, abs=0.1), loop
+        assert own.gain_db == pytest.approx(found.gain_db, abs=0.1), loop
+        assert own.crossover == pytest.approx(found.crossover, rel=1e-3), loop
+
+
+@pytest.mark.parametrize("name", names())
+def test_outer_loops_are_slower_than_inner_ones(name):
+    margins = design(load(name)).margins
+    for axis in ("roll", "pitch", "yaw"):
+        assert margins[f"{axis} attitude"].crossover < margins[f"{axis} rate"].crossover / 2
+    assert margins["horizontal velocity"].crossover < margins["pitch attitude"].crossover / 2
+    for axis in ("horizontal", "vertical"):
+        assert margins[f"{axis} position"].crossover < margins[f"{axis} velocity"].crossover / 1.5
+
+
+def test_margin_of_a_loop_known_on_paper():
+    """k / (s (s + 1) (s + 2)) turns at √2 rad/s, where its gain is k / 6."""
+    found = margin(lambda s: 1.0 / (s * (s + 1.0) * (s + 2.0)), np.geomspace(0.01, 100.0, 4000))
+    assert found.gain_db == pytest.approx(20.0 * math.log10(6.0), abs=0.01)
+    assert found.phase_deg == pytest.approx(53.41, abs=0.05)
+
+
+def test_slow_rotors_get_slower_loops():
+    x500 = load("x500")
+    slow = replace(x500, name="slow", curve=replace(x500.curve, time_constant_up_s=0.05, time_constant_down_s=0.08))
+    assert design(slow).rate_p[0] < 0.6 * design(x500).rate_p[0]
+    assert design(slow).attitude_p[0] <= design(x500).attitude_p[0]
+
+
+def test_an_airframe_that_cannot_hover_is_refused():
+    with pytest.raises(UsageError, match="hovers at"):
+        design(replace(load("x500"), name="lead", mass_kg=4.0))

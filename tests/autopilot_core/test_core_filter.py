@@ -1,0 +1,295 @@
+"""The filter alone, fed by a world whose noise is what it assumes: consistency, and references for its parts."""
+
+import math
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from filterpy.stats import NEES
+from numba import njit
+from scipy.stats import chi2
+
+from autopilot import estimator, estimator_covariance
+from autopilot.estimator_fusion import pressure_altitude
+from autopilot.estimator_records import HISTORY, STATES, STATUS_RUNNING, default_parameters, initial_state
+from autopilot.kernels import quat_advance, rotate, rotate_inverse
+from autopilot.records import ESTIMATE
+from dronecats.border import frames
+from dronecats.border.frames import GRAVITY
+from dronecats.border.sensors import SENSORS
+
+ORIGIN = (47.3977, 8.5456, 488.0)
+DECLINATION = 0.0558
+FIELD = (0.214 * math.cos(DECLINATION), 0.214 * math.sin(DECLINATION), 0.43)  # gauss, NED
+STD0 = np.repeat([0.02, 0.3, 1.0, 0.005, 0.05], 3)  # of attitude, velocity, position, gyro and accelerometer bias
+to_geodetic = njit(frames.ned_to_geodetic)
+multiply = njit(frames.quat_multiply)
+
+TRUTH = np.dtype(
+    [
+        ("q", "f8", (4,)),
+        ("v", "f8", (3,)),
+        ("p", "f8", (3,)),
+        ("bg", "f8", (3,)),
+        ("ba", "f8", (3,)),
+        ("force", "f8", (3,)),
+    ]
+)
+
+
+class Filter:
+    """Records of one estimator that is already running at the origin."""
+
+    def __init__(self):
+        self.params = default_parameters(DECLINATION)
+        self.state = initial_state()
+        self.state["status"] = STATUS_RUNNING
+        self.state["origin_set"] = 1
+        self.state["gps_good_fixes"] = 10
+        self.state["origin_lat_deg"], self.state["origin_lon_deg"], self.state["origin_alt_m"] = ORIGIN
+        self.state["baro_reference_m"] = ORIGIN[2]
+        for name in ("position", "velocity", "baro", "mag"):
+            self.state[f"{name}_fused_us"] = 1
+        self.covariance = np.diag(STD0**2)
+        self.history = np.zeros((HISTORY, 7))
+        self.sensors = np.zeros(1, SENSORS)[0]
+        self.estimate = np.zeros(1, ESTIMATE)[0]
+
+    @property
+    def args(self):
+        return self.params, self.state, self.covariance, self.history, self.sensors, self.estimate, False
+
+
+@njit
+def world(
+    steps,
+    seed,
+    noise,
+    manoeuvre,
+    latency_ms,
+    params,
+    state,
+    covariance,
+    history,
+    sensors,
+    estimate,
+    landed,
+    truth,
+    past,
+):
+    """Fly `steps` milliseconds of a known motion and let the filter watch; noise scales everything random.
+
+    truth is advanced in place; past (1000, 6) keeps velocity and position for the receiver's latency. Returns the mean
+    normalised innovation squared of barometer and compass over the second half.
+    """
+    if seed >= 0:
+        np.random.seed(seed)
+    dt = 1e-3
+    gyro_std, accel_std = noise * params.gyro_noise / math.sqrt(dt), noise * params.accel_noise / math.sqrt(dt)
+    baro_sum, baro_count, mag_sum, mag_count = 0.0, 0, 0.0, 0
+    for _ in range(steps):
+        sensors.time_us += 1000
+        now = sensors.time_us
+        t = now * 1e-6
+        wx = manoeuvre * 0.4 * math.sin(1.3 * t)
+        wy = manoeuvre * 0.4 * math.cos(0.9 * t)
+        wz = manoeuvre * 0.5 * math.sin(0.31 * t)
+        q = (truth.q[0], truth.q[1], truth.q[2], truth.q[3])
+        ax, ay, az = rotate_inverse(q, (truth.force[0], truth.force[1], truth.force[2] - GRAVITY))
+        ax += manoeuvre * math.sin(0.7 * t)
+        ay += manoeuvre * math.cos(1.1 * t)
+        az += manoeuvre * math.sin(0.5 * t)
+        after = quat_advance(q, wx * dt, wy * dt, wz * dt)
+        f = rotate(
+            q,
+            (
+                ax + 0.5 * dt * (wy * az - wz * ay),
+                ay + 0.5 * dt * (wz * ax - wx * az),
+                az + 0.5 * dt * (wx * ay - wy * ax),
+            ),
+        )
+        for i in range(4):
+            truth.q[i] = after[i]
+        for i in range(3):
+            a = f[i] + (GRAVITY if i == 2 else 0.0)
+            truth.p[i] += (truth.v[i] + 0.5 * a * dt) * dt
+            truth.v[i] += a * dt
+            truth.bg[i] += noise * params.gyro_bias_walk * math.sqrt(dt) * np.random.normal()
+            truth.ba[i] += noise * params.accel_bias_walk * math.sqrt(dt) * np.random.normal()
+            past[(now // 1000) % 1000, i] = truth.v[i]
+            past[(now // 1000) % 1000, 3 + i] = truth.p[i]
+        sensors.imu_time_us = now
+        sensors.gyro_frd[0] = wx + truth.bg[0] + gyro_std * np.random.normal()
+        sensors.gyro_frd[1] = wy + truth.bg[1] + gyro_std * np.random.normal()
+        sensors.gyro_frd[2] = wz + truth.bg[2] + gyro_std * np.random.normal()
+        sensors.accel_frd[0] = ax + truth.ba[0] + accel_std * np.random.normal()
+        sensors.accel_frd[1] = ay + truth.ba[1] + accel_std * np.random.normal()
+        sensors.accel_frd[2] = az + truth.ba[2] + accel_std * np.random.normal()
+        late = steps > 1 and now > 10_000_000
+        mag, baro = now % 20_000 == 5_000, now % 20_000 == 0
+        if mag:
+            sensors.mag_time_us = now
+            m = rotate_inverse(after, FIELD)
+            for i in range(3):
+                sensors.mag_frd[i] = m[i] + noise * params.mag_noise * np.random.normal()
+        if baro:
+            sensors.baro_time_us = now
+            height = ORIGIN[2] - truth.p[2] + noise * params.baro_noise * np.random.normal()
+            sensors.pressure_hpa = 1013.25 * (1.0 - height / 44330.769) ** (1.0 / 0.190263)
+        if now % 100_000 == 0 and now > 1000 * latency_ms:
+            sensors.gps_time_us = now - 1000 * latency_ms
+            slot = ((now // 1000) - latency_ms) % 1000
+            n = past[slot]
+            lat, lon, alt = to_geodetic(
+                ORIGIN[0],
+                ORIGIN[1],
+                ORIGIN[2],
+                n[3] + noise * params.gps_position_noise * np.random.normal(),
+                n[4] + noise * params.gps_position_noise * np.random.normal(),
+                n[5],
+            )
+            sensors.gps_lat_deg, sensors.gps_lon_deg, sensors.gps_alt_m = lat, lon, alt
+            for i in range(3):
+                sensors.gps_velocity_ned[i] = n[i] + noise * params.gps_velocity_noise * np.random.normal()
+            sensors.gps_eph_m, sensors.gps_epv_m, sensors.gps_speed_accuracy = 0.1, 1.0, 0.1
+            sensors.gps_fix_type = 3
+        estimator.update(params, state, covariance, history, sensors, estimate, landed)
+        if late and baro:
+            baro_sum += state.ratio_baro * params.gate_baro**2
+            baro_count += 1
+        if late and mag:
+            mag_sum += state.ratio_mag * params.gate_mag**2
+            mag_count += 1
+    return baro_sum / max(baro_count, 1), mag_sum / max(mag_count, 1)
+
+
+def error_of(filter_, truth):
+    """Return the 15 errors, truth against estimate, in the filter's order; attitude as a rotation vector in NED."""
+    state = filter_.state
+    q = frames.quat_multiply(tuple(truth["q"]), frames.quat_conjugate(tuple(state["attitude"])))
+    turn = 2.0 * np.array(q[1:]) * math.copysign(1.0, q[0])
+    return np.concatenate(
+        [
+            turn,
+            truth["v"] - state["velocity"],
+            truth["p"] - state["position"],
+            truth["bg"] - state["gyro_bias"],
+            truth["ba"] - state["accel_bias"],
+        ]
+    )
+
+
+def fresh_truth():
+    truth = np.zeros(1, TRUTH)[0]
+    truth["q"] = (1.0, 0.0, 0.0, 0.0)
+    return truth
+
+
+@pytest.mark.parametrize("manoeuvre", [0.0, 1.0])
+def test_normalised_errors_are_consistent(manoeuvre):
+    """Mean NEES of 40 flights lies where χ² with 15 degrees of freedom puts it, hovering and under way."""
+    flights, scores, baro, mag = 40, [], [], []
+    for seed in range(flights):
+        filter_, truth, past = Filter(), fresh_truth(), np.zeros((1000, 6))
+        start = np.random.default_rng(seed).normal(size=STATES) * STD0
+        state = filter_.state
+        state["attitude"] = frames.quat_normalized((1.0, *(-0.5 * start[:3])))
+        state["velocity"], state["position"] = -start[3:6], -start[6:9]
+        truth["bg"], truth["ba"] = start[9:12], start[12:15]
+        row = []
+        for k in range(4):
+            found = world(5000, seed if k == 0 else -1, 1.0, manoeuvre, 100, *filter_.args, truth, past)
+            error = error_of(filter_, truth)
+            row.append(NEES(np.array([error]), np.zeros((1, STATES)), np.array([filter_.covariance]))[0])
+        scores.append(row)
+        baro.append(found[0])
+        mag.append(found[1])
+    low, high = chi2.ppf([0.001, 0.999], 15 * flights) / flights
+    means = np.array(scores).mean(axis=0)
+    assert (means > low).all(), means
+    assert (means < high).all(), means
+    assert 0.9 < np.mean(baro) < 1.1
+    assert 0.85 < np.mean(mag) < 1.15
+
+
+@pytest.mark.parametrize(
+    ("velocity", "force"), [((10.0, -4.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (2.0, 1.0, 0.0))]
+)
+@pytest.mark.parametrize("latency_ms", [0, 100, 200])
+def test_a_late_fix_is_held_against_its_own_instant(velocity, force, latency_ms):
+    """Neither constant speed nor constant acceleration leaves a bias, however late the fixes are."""
+    filter_, truth, past = Filter(), fresh_truth(), np.zeros((1000, 6))
+    truth["v"], truth["force"] = velocity, force
+    filter_.state["velocity"] = velocity
+    world(20_000, 0, 0.0, 0.0, latency_ms, *filter_.args, truth, past)
+    error = error_of(filter_, truth)
+    assert np.abs(error[3:6]).max() < 0.01
+    assert np.abs(error[6:9]).max() < 0.02  # naive fusion: 10 m/s · 0.1 s = 1 m
+
+
+def test_vertical_channel_equals_a_textbook_filter():
+    """With attitude and biases known, z and its speed are a two-state Kalman filter on the barometer."""
+    filter_ = Filter()
+    filter_.params["gyro_noise"] = filter_.params["gyro_bias_walk"] = filter_.params["accel_bias_walk"] = 0.0
+    variance = np.zeros(STATES)
+    variance[5], variance[8] = 0.25, 1.0
+    filter_.covariance[:] = np.diag(variance)
+    filter_.state["velocity_fused_us"] = 10**12  # never without aid: no stillness is assumed
+    dt = 0.004
+    reference = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
+    reference.x = np.zeros((2, 1))
+    reference.F = np.array([[1.0, dt], [0.0, 1.0]])
+    reference.B = np.array([[0.5 * dt * dt], [dt]])
+    reference.Q = np.diag([0.0, filter_.params["accel_noise"] ** 2 * dt])
+    reference.H = np.array([[1.0, 0.0]])
+    reference.R = np.array([[filter_.params["baro_noise"] ** 2]])
+    reference.P = np.diag([1.0, 0.25])
+    rng = np.random.default_rng(1)
+    sensors = filter_.sensors
+    for k in range(1, 1000):
+        sensors["time_us"] = sensors["imu_time_us"] = 4000 * k
+        down = 0.5 * math.sin(0.01 * k)
+        sensors["accel_frd"] = (0.0, 0.0, down - GRAVITY)
+        reference.predict(u=np.array([[down]]))
+        if k % 5 == 0:
+            sensors["baro_time_us"] = sensors["time_us"]
+            sensors["pressure_hpa"] = 1013.25 * (1.0 - (ORIGIN[2] + rng.normal()) / 44330.769) ** (1.0 / 0.190263)
+            reference.update(ORIGIN[2] - pressure_altitude(sensors["pressure_hpa"]))
+        estimator.update(*filter_.args)
+        assert filter_.state["position"][2] == pytest.approx(reference.x[0, 0], abs=1e-9)
+        assert filter_.state["velocity"][2] == pytest.approx(reference.x[1, 0], abs=1e-9)
+    inner = filter_.covariance[np.ix_([8, 5], [8, 5])]
+    assert inner == pytest.approx(reference.P, rel=1e-9)
+
+
+def test_sparse_propagation_equals_the_dense_product():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(STATES, STATES))
+    before = root @ root.T
+    q = frames.quat_normalized(tuple(rng.normal(size=4)))
+    impulse, dt = rng.normal(size=3), 0.004
+    rotation = np.array([frames.rotate(q, tuple(e)) for e in np.eye(3)]).T
+    x, y, z = impulse
+    jacobian = np.eye(STATES)
+    jacobian[0:3, 9:12] = -rotation * dt
+    jacobian[3:6, 0:3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    jacobian[3:6, 12:15] = -rotation * dt
+    jacobian[6:9, 3:6] = np.eye(3) * dt
+    noise = np.repeat([1.0, 4.0, 0.0, 9.0, 16.0], 3) * dt
+    expected = jacobian @ before @ jacobian.T + np.diag(noise)
+    after = before.copy()
+    estimator_covariance.propagate(after, np.array(q), impulse, dt, 1.0, 2.0, 3.0, 4.0)
+    assert after == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_fast_attitude_step_equals_the_exact_one():
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        q = frames.quat_normalized(tuple(rng.normal(size=4)))
+        turn = rng.uniform(-0.03, 0.03, 3)
+        assert quat_advance(q, *turn) == pytest.approx(frames.quat_integrate(q, tuple(turn)), abs=1e-9)
+
+
+def test_pressure_altitude_of_the_standard_atmosphere():
+    assert pressure_altitude(1013.25) == pytest.approx(0.0, abs=1e-9)
+    assert pressure_altitude(898.746) == pytest.approx(1000.0, abs=0.5)  # ISO 2533
