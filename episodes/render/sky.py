@@ -11,7 +11,7 @@ from episodes.scene import Sun
 EXPOSURE = 0.72
 SHOULDER = 0.48
 WHITENING = 0.09
-HAZE_LENGTH_M = 1400.0  # distance after which about two thirds of a thing's colour is lost in the air
+HAZE_LENGTH_M = 2200.0  # distance after which about two thirds of a thing's colour is lost in the air
 DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
 GLOW_COSINE = math.cos(math.radians(0.9))
 
