@@ -91,9 +91,7 @@ def grid(points: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, 
     """Return the surface through a lattice of points (N, M, 3); outward is (∂/∂rows) × (∂/∂columns)."""
     p = np.asarray(points, dtype=np.float64)
     a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
-    tri = np.concatenate(
-        [np.stack([a, b, c], axis=2).reshape(-1, 3, 3), np.stack([a, c, d], axis=2).reshape(-1, 3, 3)]
-    )
+    tri = np.concatenate([np.stack([a, b, c], axis=2).reshape(-1, 3, 3), np.stack([a, c, d], axis=2).reshape(-1, 3, 3)])
     return soup(tri, material, crease_deg, tile_m)
 
 
@@ -156,7 +154,7 @@ def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: flo
     """Return a convex footprint (N, 2), counter-clockwise seen from above, raised from z0 to z1."""
     r = np.asarray(ring, dtype=np.float64)
     low = np.column_stack([r, np.full(len(r), z0)])
-    return hull(low, low + (0.0, 0.0, z1 - z0), material, tile_m)
+    return hull(low, (*low, 0.0, 0.0, z1 - z0), material, tile_m)
 
 
 def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: float = 1.0) -> Part:
@@ -209,10 +207,12 @@ def _icosphere(level: int) -> Array:
     """Return the (T, 3, 3) triangles of a unit sphere."""
     g = (1.0 + 5.0**0.5) / 2.0
     v = np.array(
-        [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g), (0, -1, -g), (0, 1, -g)]
-        + [(g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)],
+        [
+            (-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g),
+            (0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1),
+        ],
         dtype=np.float64,
-    )
+    )  # fmt: skip
     f = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6)]
     f += [(7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10)]
     f += [(8, 6, 7), (9, 8, 1)]
@@ -222,11 +222,11 @@ def _icosphere(level: int) -> Array:
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         tri = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
         tri /= np.linalg.norm(tri, axis=2, keepdims=True)
-    return tri / np.linalg.norm(tri, axis=2, keepdims=True)
+    return np.asarray(tri / np.linalg.norm(tri, axis=2, keepdims=True))
 
 
 def roughened(part: Part, amount: float, seed: int, wavelength_m: float = 0.7) -> Part:
-    """Return the part with its surface pushed in and out by up to about `amount` metres, closed surfaces stay closed."""
+    """Return the part with its surface pushed in and out by about `amount` metres; what was closed stays closed."""
     rng = np.random.default_rng(seed)
     waves = rng.normal(size=(6, 3)) * (2.0 * np.pi / wavelength_m / 1.7)
     phase = rng.uniform(0.0, 2.0 * np.pi, 6)
@@ -253,9 +253,9 @@ def assemble(parts: Sequence[Part]) -> Mesh:
     which = [place.setdefault(id(part.material), len(place)) for part in parts]
     materials = list({id(part.material): part.material for part in parts}.values())
     material = np.repeat(np.array(which, dtype=np.int32), [len(p.corners) for p in parts])
-    table = np.concatenate(
-        [np.concatenate([p.corners, p.normals, p.uv], axis=2).reshape(-1, 8) for p in parts]
-    ).astype(np.float32)
+    table = np.concatenate([np.concatenate([p.corners, p.normals, p.uv], axis=2).reshape(-1, 8) for p in parts]).astype(
+        np.float32
+    )
     table[:, [1, 2, 4, 5]] *= -1.0
     rows = np.ascontiguousarray(np.round(table * 1e4).astype(np.int32))
     _, index, inverse = np.unique(

@@ -4,6 +4,7 @@
 """
 
 import difflib
+import itertools
 import json
 import math
 import re
@@ -138,7 +139,9 @@ def _document(raw: bytes, source: str) -> Any:
     try:
         return json.loads(text, parse_constant=constant, object_pairs_hook=unique)
     except json.JSONDecodeError as error:
-        raise UsageError(f"{source}: not valid JSON at line {error.lineno}, column {error.colno}: {error.msg}.") from None
+        raise UsageError(
+            f"{source}: not valid JSON at line {error.lineno}, column {error.colno}: {error.msg}."
+        ) from None
     except (ValueError, RecursionError) as error:
         raise UsageError(f"{source}: the JSON cannot be read: {str(error).split(';')[0].rstrip('.')}.") from None
 
@@ -158,27 +161,26 @@ class _Reader:
     def fail(self, field: str, reason: str) -> NoReturn:
         raise UsageError(f"{self._source}: field '{field}' {reason}.")
 
-    def fields(self, value: Any, where: str, required: Iterable[str], optional: Iterable[str] = ()) -> Mapping[str, Any]:
+    def fields(
+        self, value: Any, where: str, required: Iterable[str], optional: Iterable[str] = ()
+    ) -> Mapping[str, Any]:
         if not isinstance(value, dict):
-            self.fail(where, "is not an object") if where else self._top(value)
+            self.fail(where, "is not an object")
         known = [*required, *optional]
         for name in value:
             if name not in known:
                 near = difflib.get_close_matches(name, known, 1)
-                hint = f": did you mean '{near[0]}'?" if near else f"; known are {', '.join(known)}"
-                raise UsageError(f"{self._source}: field {_quoted(_join(where, name))} is unknown{hint}{'' if near else '.'}")
+                hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}."
+                raise UsageError(f"{self._source}: field {_quoted(_join(where, name))} is unknown: {hint}")
         for name in required:
             if name not in value:
                 self.fail(_join(where, name), "is missing")
-        return value
-
-    def _top(self, value: Any) -> NoReturn:
-        raise UsageError(f"{self._source}: an episode record is a JSON object, not {_quoted(value)}.")
+        return dict(value)
 
     def number(self, value: Any, where: str, low: float, high: float) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(where, f"is not a number ({_quoted(value)})")
-        if not math.isfinite(value) or not low <= value <= high:
+        if not low <= value <= high:  # false for nan, too
             self.fail(where, f"is {_quoted(value)}, outside {low:g} … {high:g}")
         return float(value)
 
@@ -224,7 +226,7 @@ class _Reader:
     def path(self, value: Any, where: str) -> Path3D:
         f = self.fields(value, where, ("waypoints_ned", "speed_mps"))
         points = self.several(f["waypoints_ned"], f"{where}.waypoints_ned", 2, MAX_WAYPOINTS, self.vector)
-        for k, (a, b) in enumerate(zip(points, points[1:], strict=False)):
+        for k, (a, b) in enumerate(itertools.pairwise(points)):
             if math.dist(a, b) < 0.01:
                 self.fail(f"{where}.waypoints_ned[{k + 1}]", "repeats the waypoint before it")
         return Path3D(points, self.number(f["speed_mps"], f"{where}.speed_mps", 0.01, MAX_SPEED_MPS))
@@ -251,6 +253,8 @@ class _Reader:
         return TargetRecord(asset, paint, inscription, position, yaw)
 
     def record(self, value: Any) -> EpisodeRecord:
+        if not isinstance(value, dict):
+            raise UsageError(f"{self._source}: an episode record is a JSON object, not {_quoted(value)}.")
         names = list(EpisodeRecord.__dataclass_fields__)
         f = self.fields(value, "", names[:-1], names[-1:])
         if self.whole(f["version"], "version", 0, MAX_SEED) != VERSION:

@@ -1,6 +1,7 @@
 """Where a target is: a pure function of the time since the episode began."""
 
 import bisect
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -47,6 +48,6 @@ def motion(target: TargetRecord) -> Motion:
         return Motion((target.position_ned,), (0.0,), 0.0, math.radians(target.yaw_deg))
     points = target.path.waypoints_ned
     reached = [0.0]
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in itertools.pairwise(points):
         reached.append(reached[-1] + math.dist(a, b))
     return Motion(points, tuple(reached), target.path.speed_mps, 0.0)

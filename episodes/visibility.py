@@ -122,7 +122,9 @@ def distance_to_mesh(mesh: Mesh, point: Array) -> float:
     for p, q in ((a, b), (b, c), (c, a)):
         edge, to = q - p, point - p
         inside &= np.einsum("ij,ij->i", np.cross(edge, to), normal) >= 0.0
-        share = np.clip(np.einsum("ij,ij->i", to, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-18), 0.0, 1.0)
+        share = np.clip(
+            np.einsum("ij,ij->i", to, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-18), 0.0, 1.0
+        )
         gap = to - share[:, None] * edge
         nearest = np.minimum(nearest, np.einsum("ij,ij->i", gap, gap))
     nearest = np.where(inside, above**2 / square, nearest)
@@ -156,7 +158,7 @@ class TargetView:
             return Sight(0.0, None)
         start = np.ascontiguousarray(np.broadcast_to(local_eye.astype(np.float32), (len(front), 3)))
         hit = self._own.run(start, way[front].astype(np.float32), output=1)
-        shown = front[hit["tfar"] > 0.995]  # the first thing the ray meets on the target is the sample itself
+        shown = front[hit["tfar"] > 0.9998]  # the first thing the ray meets on the target is the sample itself
         total = float(weight[shown].sum())
         if total <= 0.0:
             return Sight(0.0, None)
@@ -179,7 +181,8 @@ class TargetView:
         way = points - np.array(pose.position_ned)
         x = way @ forward
         across, under = camera.width / 2 / camera.focal_px, camera.height / 2 / camera.focal_px
-        return (x > NEAR_M) & (np.abs(way @ right) <= across * x) & (np.abs(way @ down) <= under * x)
+        inside = (x > NEAR_M) & (np.abs(way @ right) <= across * x) & (np.abs(way @ down) <= under * x)
+        return np.asarray(inside)
 
 
 def _axes(pose: CameraPose) -> tuple[Vec3, Vec3, Vec3]:

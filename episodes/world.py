@@ -40,7 +40,9 @@ class World:
         mesh = assets.build(record.target.asset, record.target.paint, record.target.inscription)
         place, yaw = self._motion.pose(0.0)
         self.target_id: int = next_id
-        target = Instance(next_id, "target", record.target.asset, mesh, place, yaw, movable=self._motion.speed_mps > 0.0)
+        target = Instance(
+            next_id, "target", record.target.asset, mesh, place, yaw, movable=self._motion.speed_mps > 0.0
+        )
         others = []
         for k, one in enumerate(record.candidates, 1):
             spot, heading = motion(one).pose(0.0)

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from dronecats.border.errors import UsageError
 from episodes.assets import paint as _paint
@@ -11,21 +11,14 @@ from episodes.scene import Mesh
 
 PAINTS = tuple(_paint.PAINTS)
 
-# asset → what it is made from: (paint, inscription) → mesh
-_TARGETS: dict[str, Callable[[str, str], Mesh]] = {
-    kind: (lambda paint, inscription, kind=kind: vehicles.car(kind, paint, inscription)) for kind in vehicles.SHAPES
-}
+# asset → its maker: (paint, inscription) → mesh
+_TARGETS: dict[str, Callable[[str, str], Mesh]] = {kind: partial(vehicles.car, kind) for kind in vehicles.SHAPES}
 PLATE = "DC 2475"  # written where a record names no inscription
 
 
 def names() -> list[str]:
     """Return the assets that an episode may name as its target."""
     return sorted(_TARGETS)
-
-
-def known(asset: str) -> bool:
-    """Return whether `asset` may be a target."""
-    return asset in _TARGETS
 
 
 @lru_cache(maxsize=64)

@@ -69,7 +69,11 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
         # fascia board under the eave
         near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
         parts.append(
-            g.box((near, y0 - overhang + 0.02, eave - drop - 0.10), (far, y1 + overhang - 0.02, eave - drop + 0.12), colors.WHITE_WOOD)
+            g.box(
+                (near, y0 - overhang + 0.02, eave - drop - 0.10),
+                (far, y1 + overhang - 0.02, eave - drop + 0.12),
+                colors.WHITE_WOOD,
+            )
         )
     return parts
 
@@ -111,16 +115,37 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Part
         g.box((front + reach, y - 0.8, 0.0), (front + reach + 0.32, y + 0.8, FOUNDATION_M / 2), stone, 1.5),
         g.box((front, y - half - 0.1, high), (front + reach + 0.1, y + half + 0.1, high + 0.16), colors.WHITE_WOOD),
     ]
-    ring = [(front, high + 0.16), (front + reach + 0.35, high + 0.16), (front + reach + 0.35, high + 0.26), (front, high + 0.85)]
+    ring = [
+        (front, high + 0.16),
+        (front + reach + 0.35, high + 0.16),
+        (front + reach + 0.35, high + 0.26),
+        (front, high + 0.85),
+    ]
     parts.append(g.profile(ring, y - half - 0.3, y + half + 0.3, roof, 1.6))
     for side in (-1.0, 1.0):
         py = y + side * (half - 0.12)
-        parts.append(g.box((front + reach - 0.2, py - 0.08, FOUNDATION_M), (front + reach - 0.04, py + 0.08, high), colors.WHITE_WOOD))
+        parts.append(
+            g.box(
+                (front + reach - 0.2, py - 0.08, FOUNDATION_M),
+                (front + reach - 0.04, py + 0.08, high),
+                colors.WHITE_WOOD,
+            )
+        )
         a, b = sorted((y + side * 0.85, py))
         if b - a > 0.3:
-            parts.append(g.box((front + reach - 0.15, a, FOUNDATION_M + 0.85), (front + reach - 0.09, b, FOUNDATION_M + 0.93), colors.WHITE_WOOD))
+            parts.append(
+                g.box(
+                    (front + reach - 0.15, a, FOUNDATION_M + 0.85),
+                    (front + reach - 0.09, b, FOUNDATION_M + 0.93),
+                    colors.WHITE_WOOD,
+                )
+            )
             parts += [
-                g.box((front + reach - 0.135, k - 0.02, FOUNDATION_M), (front + reach - 0.105, k + 0.02, FOUNDATION_M + 0.85), colors.WHITE_WOOD)
+                g.box(
+                    (front + reach - 0.135, k - 0.02, FOUNDATION_M),
+                    (front + reach - 0.105, k + 0.02, FOUNDATION_M + 0.85),
+                    colors.WHITE_WOOD,
+                )
                 for k in np.arange(a + 0.1, b, 0.22)
             ]
     return parts
@@ -136,8 +161,14 @@ def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> lis
     half, middle = plan.garage_width / 2 - 0.6, (y0 + y1) / 2
     door = Material("garage-door", (1.0, 1.0, 1.0), garage_door(), specular=0.05)
     x = x1 + 0.03
-    parts.append(g.box((x1 - 0.02, middle - half - 0.12, 0.0), (x1 + 0.02, middle + half + 0.12, 2.32), colors.WHITE_WOOD))
-    parts.append(g.quad([(x, middle - half, 0.02), (x, middle + half, 0.02), (x, middle + half, 2.2), (x, middle - half, 2.2)], door))
+    parts.append(
+        g.box((x1 - 0.02, middle - half - 0.12, 0.0), (x1 + 0.02, middle + half + 0.12, 2.32), colors.WHITE_WOOD)
+    )
+    parts.append(
+        g.quad(
+            [(x, middle - half, 0.02), (x, middle + half, 0.02), (x, middle + half, 2.2), (x, middle - half, 2.2)], door
+        )
+    )
     parts.append(g.box((x1, middle - 0.09, 2.36), (x1 + 0.14, middle + 0.09, 2.52), colors.STEEL))
     return parts
 

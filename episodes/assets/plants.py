@@ -27,6 +27,7 @@ def _leaves(clump: Part, count: int, size: float, rng: np.random.Generator, mate
     """Return loose leaf sprays scattered over a clump, lit as the clump is where they grow."""
     at = rng.integers(0, len(clump.corners), count)
     middle, normal = clump.corners[at].mean(axis=1), clump.normals[at].mean(axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     spread = rng.normal(size=(count, 3, 3)) * size + middle[:, None, :] + normal[:, None, :] * size * 0.5
     both = np.concatenate([spread, spread[:, ::-1]])
     normals = np.repeat(np.concatenate([normal, normal])[:, None, :], 3, axis=1)
@@ -57,7 +58,9 @@ def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
         parts.append(g.rod((0, 0, fork * 0.9), centre, (thick * 0.55, thick * 0.2), bark, 6))
         radius = reach * rng.uniform(0.52, 0.70)
         parts += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 40)
-    parts += _clump(np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 60)
+    parts += _clump(
+        np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 60
+    )
     return g.assemble(parts)
 
 
@@ -86,7 +89,9 @@ def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
 def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
     """Return a garden shrub."""
     leaf = _foliage("hedge")
-    return g.assemble(_clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 40, 1))
+    return g.assemble(
+        _clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 40, 1)
+    )
 
 
 @lru_cache(maxsize=64)
@@ -95,7 +100,14 @@ def hedge(length: float = 6.0, height: float = 1.2, thick: float = 0.8, seed: in
     rng, leaf = np.random.default_rng(seed), _foliage("hedge")
     x = np.linspace(-length / 2, length / 2, max(3, int(length / 0.45)))
     half = thick / 2
-    ring = [(-half, 0.0), (half, 0.0), (half, 0.35 * height), (half, 0.7 * height), (0.88 * half, height), (0.0, 1.02 * height)]
+    ring = [
+        (-half, 0.0),
+        (half, 0.0),
+        (half, 0.35 * height),
+        (half, 0.7 * height),
+        (0.88 * half, height),
+        (0.0, 1.02 * height),
+    ]
     ring += [(-0.88 * half, height), (-half, 0.7 * height), (-half, 0.35 * height), (-half, 0.0)]
     lattice = np.array([[(a, y, z) for y, z in ring] for a in x[::-1]])
     lattice[:, 2:-1] += rng.normal(size=(len(x), len(ring) - 3, 3)) * 0.045
@@ -115,6 +127,15 @@ def wood(length: float = 60.0, height: float = 9.0, seed: int = 1) -> Mesh:
     x = np.linspace(-length / 2, length / 2, count)
     crown = height * (0.78 + 0.22 * np.abs(np.sin(np.arange(count) * 0.9 + rng.uniform(0, 0.8, count))))
     rings = []
-    for half, share in ((4.2, 0.0), (4.6, 0.35), (3.6, 0.75), (1.4, 1.0), (-1.4, 1.0), (-3.6, 0.75), (-4.6, 0.35), (-4.2, 0.0)):
+    for half, share in (
+        (4.2, 0.0),
+        (4.6, 0.35),
+        (3.6, 0.75),
+        (1.4, 1.0),
+        (-1.4, 1.0),
+        (-3.6, 0.75),
+        (-4.6, 0.35),
+        (-4.2, 0.0),
+    ):
         rings.append(np.stack([x, half + 0.5 * rng.normal(size=count), share * crown], axis=1))
     return g.assemble([g.grid(np.stack(rings, axis=0), leaf, 60.0, 5.0)])

@@ -11,6 +11,7 @@ from episodes.scene import Mesh
 def lamp(height: float = 5.6) -> Mesh:
     """Return a street lamp whose arm reaches forward."""
     steel = colors.plain("lamp-steel", (58, 64, 66), 0.3)
+    glass = colors.plain("lamp-glass", (235, 232, 214), 0.5, 0.3)
     arm = 1.5
     parts = [
         g.rod((0, 0, 0), (0, 0, 0.5), (0.14, 0.11), steel, 10),
@@ -18,12 +19,18 @@ def lamp(height: float = 5.6) -> Mesh:
         g.rod((0, 0, height - 0.25), (arm * 0.45, 0, height + 0.12), (0.045, 0.04), steel, 8),
         g.rod((arm * 0.45, 0, height + 0.12), (arm, 0, height + 0.16), (0.04, 0.04), steel, 8),
         g.hull(
-            [(arm - 0.1, -0.13, height + 0.08), (arm + 0.5, -0.10, height + 0.10), (arm + 0.5, 0.10, height + 0.10), (arm - 0.1, 0.13, height + 0.08)],
-            [(arm - 0.05, -0.06, height + 0.22), (arm + 0.4, -0.05, height + 0.20), (arm + 0.4, 0.05, height + 0.20), (arm - 0.05, 0.06, height + 0.22)],
+            [
+                (arm + x, y, height + z)
+                for x, y, z in ((-0.1, -0.13, 0.08), (0.5, -0.1, 0.1), (0.5, 0.1, 0.1), (-0.1, 0.13, 0.08))
+            ],
+            [
+                (arm + x, y, height + z)
+                for x, y, z in ((-0.05, -0.06, 0.22), (0.4, -0.05, 0.2), (0.4, 0.05, 0.2), (-0.05, 0.06, 0.22))
+            ],
             steel,
         ),
-        g.box((arm, -0.09, height + 0.06), (arm + 0.42, 0.09, height + 0.10), colors.plain("lamp-glass", (235, 232, 214), 0.5, 0.3)),
-    ]  # fmt: skip
+        g.box((arm, -0.09, height + 0.06), (arm + 0.42, 0.09, height + 0.10), glass),
+    ]
     return g.assemble(parts)
 
 
@@ -32,7 +39,7 @@ def mailbox() -> Mesh:
     tin, wood = colors.plain("mailbox", (52, 58, 66), 0.4), surface("boards")
     ring = [(0.11 * np.cos(a), 1.12 + 0.11 * np.sin(a)) for a in np.linspace(0, np.pi, 9)] + [(-0.11, 1.0), (0.11, 1.0)]
     body = g.placed(g.profile(ring, -0.24, 0.24, tin), yaw=np.pi / 2)
-    flag = colors.plain("flag", (150, 40, 36))
+    flag = colors.plain("flag", (186, 188, 190))
     return g.assemble(
         [
             g.box((-0.05, -0.05, 0.0), (0.05, 0.05, 1.0), wood),
@@ -49,7 +56,10 @@ def board_fence(length: float = 10.0, height: float = 1.8) -> Mesh:
     half = length / 2
     parts = [g.box((-half, -0.02, 0.05), (half, 0.02, height), wood, 1.2)]
     parts += [g.box((-half, 0.02, z), (half, 0.07, z + 0.09), wood, 1.2) for z in (0.35, height - 0.4)]
-    parts += [g.box((x - 0.05, -0.03, -0.2), (x + 0.05, 0.09, height + 0.06), wood, 1.2) for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.4) + 1))]
+    parts += [
+        g.box((x - 0.05, -0.03, -0.2), (x + 0.05, 0.09, height + 0.06), wood, 1.2)
+        for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.4) + 1))
+    ]
     return g.assemble(parts)
 
 
@@ -57,9 +67,18 @@ def picket_fence(length: float = 6.0, height: float = 0.95) -> Mesh:
     """Return a white picket fence along the forward axis."""
     wood, half = colors.WHITE_WOOD, length / 2
     parts = [g.box((-half, -0.035, z), (half, -0.01, z + 0.08), wood) for z in (0.25, height - 0.28)]
-    parts += [g.box((x - 0.05, -0.09, -0.2), (x + 0.05, 0.0, height + 0.05), wood) for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.0) + 1))]
+    parts += [
+        g.box((x - 0.05, -0.09, -0.2), (x + 0.05, 0.0, height + 0.05), wood)
+        for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.0) + 1))
+    ]
     for x in np.arange(-half + 0.08, half - 0.04, 0.17):
-        ring = [(x - 0.045, 0.06), (x + 0.045, 0.06), (x + 0.045, height - 0.07), (x, height), (x - 0.045, height - 0.07)]
+        ring = [
+            (x - 0.045, 0.06),
+            (x + 0.045, 0.06),
+            (x + 0.045, height - 0.07),
+            (x, height),
+            (x - 0.045, height - 0.07),
+        ]
         parts.append(g.profile(ring, -0.01, 0.012, wood))
     return g.assemble(parts)
 
@@ -78,5 +97,23 @@ def bin() -> Mesh:
 def hydrant() -> Mesh:
     """Return a fire hydrant, in weathered bronze so that no paint name fits it."""
     iron = colors.plain("hydrant", (132, 116, 92), 0.2)
-    outline = [(0.0, 0.0), (0.17, 0.0), (0.17, 0.06), (0.11, 0.08), (0.11, 0.5), (0.14, 0.52), (0.14, 0.56), (0.11, 0.62), (0.05, 0.72), (0.03, 0.78), (0.0, 0.78)]
-    return g.assemble([g.lathe(outline, iron, 14), g.rod((0, -0.19, 0.42), (0, 0.19, 0.42), (0.055, 0.055), iron), g.rod((0, 0, 0.40), (0.2, 0, 0.40), (0.07, 0.07), iron)])
+    outline = [
+        (0.0, 0.0),
+        (0.17, 0.0),
+        (0.17, 0.06),
+        (0.11, 0.08),
+        (0.11, 0.5),
+        (0.14, 0.52),
+        (0.14, 0.56),
+        (0.11, 0.62),
+        (0.05, 0.72),
+        (0.03, 0.78),
+        (0.0, 0.78),
+    ]
+    return g.assemble(
+        [
+            g.lathe(outline, iron, 14),
+            g.rod((0, -0.19, 0.42), (0, 0.19, 0.42), (0.055, 0.055), iron),
+            g.rod((0, 0, 0.40), (0.2, 0, 0.40), (0.07, 0.07), iron),
+        ]
+    )

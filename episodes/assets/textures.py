@@ -21,12 +21,12 @@ def noise(shape: tuple[int, int], power: float, seed: int) -> Array:
     spectrum = np.fft.fft2(rng.normal(size=shape)) / radius**power
     spectrum[0, 0] = 0.0
     field = np.fft.ifft2(spectrum).real
-    return field / field.std()
+    return np.asarray(field / field.std())
 
 
 def _tinted(value: Array, color: tuple[float, float, float]) -> NDArray[np.uint8]:
     """Return grey levels around 1 times an sRGB colour."""
-    return np.clip(value[..., None] * np.array(color), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(value[..., None] * np.array(color), 0, 255), np.uint8)
 
 
 @cache
@@ -44,7 +44,7 @@ def grass() -> NDArray[np.uint8]:
     value = 1.0 + 0.15 * blade + 0.03 * patch
     dry = np.clip(0.5 + 0.35 * noise((512, 512), 0.7, 23), 0, 1)[..., None]
     color = (1 - 0.4 * dry) * np.array((80, 110, 50)) + 0.4 * dry * np.array((128, 130, 72))
-    return np.clip(value[..., None] * color, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(value[..., None] * color, 0, 255), np.uint8)
 
 
 @cache
@@ -73,7 +73,7 @@ def brick() -> NDArray[np.uint8]:
 
 @cache
 def siding() -> NDArray[np.uint8]:
-    """Return (256, 256, 3): eight lapped boards in near white, for a repeat of 1.6 m; the material's colour tints it."""
+    """Return (256, 256, 3): eight lapped boards in near white, for a repeat of 1.6 m; the colour tints it."""
     row = np.arange(256)
     lap = 0.93 + 0.07 * (row % 32) / 31.0
     lap[row % 32 >= 29] = 0.62
@@ -138,7 +138,9 @@ def garage_door() -> NDArray[np.uint8]:
 
 
 @cache
-def lettering(text: str, height: int = 64, ink: Vec3 = (18, 24, 70), ground: Vec3 = (238, 238, 232)) -> NDArray[np.uint8]:
+def lettering(
+    text: str, height: int = 64, ink: Vec3 = (18, 24, 70), ground: Vec3 = (238, 238, 232)
+) -> NDArray[np.uint8]:
     """Return a sign that shows `text` once: 64 px high by default, its capitals three fifths of the height."""
     scale = 4  # drawn large and reduced by area, so that strokes keep their even weight
     tall = height * scale
@@ -150,7 +152,7 @@ def lettering(text: str, height: int = 64, ink: Vec3 = (18, 24, 70), ground: Vec
     image[:] = np.array(ground, np.uint8)
     cv2.putText(image, text, (tall // 4, (tall + cap) // 2), font, size, ink, thick, cv2.LINE_AA)
     cv2.rectangle(image, (0, 0), (image.shape[1] - 1, tall - 1), ink, tall // 24)
-    return cv2.resize(image, (image.shape[1] // scale, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(image, (image.shape[1] // scale, height), interpolation=cv2.INTER_AREA))
 
 
 @cache

@@ -1,5 +1,6 @@
 """Cars: a lofted body with real wheel arches, a glazed cabin, wheels, lamps, mirrors and licence plates."""
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -41,7 +42,7 @@ SHAPES: dict[str, CarShape] = {
     ),
     "sedan": CarShape(
         4.70, 1.82, 2.75, 0.33, 0.17,
-        ((-2.35, 0.86), (-2.22, 1.00), (-1.60, 1.02), (0.0, 0.96), (0.95, 0.94), (1.80, 0.84), (2.22, 0.72), (2.35, 0.6)),
+        ((-2.35, 0.86), (-2.22, 1.0), (-1.6, 1.02), (0.0, 0.96), (0.95, 0.94), (1.8, 0.84), (2.22, 0.72), (2.35, 0.6)),
         (-1.72, 1.02), (-0.95, 0.18), 0.95, 1.45, (-0.82, -0.12), (-1.45, 0.80),
     ),
     "hatchback": CarShape(
@@ -75,8 +76,8 @@ def _body(shape: CarShape, material: Material) -> list[Part]:
     x = np.unique(
         np.round(
             np.concatenate(
-                [np.linspace(-half, half, 15), axle + around, -axle + around, [p[0] for p in shape.deck]]
-                + [[end * (half - d) for d in (0.0, 0.03, 0.10)] for end in (-1, 1)]
+                [np.linspace(-half, half, 15), axle + around, -axle + around, np.array([p[0] for p in shape.deck])]
+                + [np.array([end * (half - d) for d in (0.0, 0.03, 0.10)]) for end in (-1, 1)]
             ),
             3,
         )
@@ -92,7 +93,7 @@ def _body(shape: CarShape, material: Material) -> list[Part]:
     bottom = np.minimum(bottom, top - 0.08)
     wide = _plan(shape, x)
     tall = top - bottom
-    # half section from the keel to the crown: (fraction of half width, fraction of height, drop from the top in metres)
+    # half section from the keel to the crown: fractions of the half width and of the height
     section = [(0.0, 0.0), (0.93, 0.0), (0.985, 0.06), (1.0, 0.30), (1.0, 0.62), (0.985, 0.84), (0.94, 0.96)]
     section += [(0.84, 1.0), (0.42, 1.02), (0.0, 1.03)]
     ring = section + [(-a, b) for a, b in section[-2:0:-1]]
@@ -136,7 +137,7 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
         return np.array(right + [(x, -y, z) for x, y, z in right[::-1]])
 
     rings = [ring(z, i) for z, i in zip(levels, inset, strict=True)]
-    parts = [g.hull(a, b, material, crease_deg=40.0) for a, b in zip(rings, rings[1:], strict=False)]
+    parts = [g.hull(a, b, material, crease_deg=40.0) for a, b in itertools.pairwise(rings)]
     low, high = shape.belt + 0.02, shape.roof - 0.10
     proud = 0.012
     # wind screen and rear window
@@ -151,7 +152,7 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
     # side windows
     rear, front = shape.side_glass
     cuts = sorted([rear, *[p for p in shape.pillars if rear < p < front], front])
-    for a, b in zip(cuts, cuts[1:], strict=False):
+    for a, b in itertools.pairwise(cuts):
         top_a = max(a + 0.035, _edge(shape, 0, high) + 0.17) if a == rear else a + 0.035
         top_b = min(b - 0.035, _edge(shape, 1, high) - 0.15) if b == front else b - 0.035
         if top_b - top_a < 0.1:
@@ -180,14 +181,21 @@ def _facing(points: list[tuple[float, float, float]], outward: tuple[float, floa
 def wheel(radius: float, width: float) -> list[Part]:
     """Return a wheel about the y axis through the origin, its rim on the +y side."""
     half = width / 2
-    outline = [(0.93 * radius, -half), (radius, -0.6 * half), (radius, 0.6 * half), (0.93 * radius, half), (0.70 * radius, half)]
+    outline = [
+        (0.93 * radius, -half),
+        (radius, -0.6 * half),
+        (radius, 0.6 * half),
+        (0.93 * radius, half),
+        (0.70 * radius, half),
+    ]
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
-    parts = [g.lathe(outline, colors.RUBBER, 18), g.lathe(dish[:2], colors.RIM, 18), g.lathe(dish[1:], colors.TRIM, 18)]
+    parts = [g.lathe(outline, colors.RUBBER, 20), g.lathe(dish[:2], colors.RIM, 18), g.lathe(dish[1:], colors.TRIM, 18)]
+    inner, outer, root = 0.04, 0.67 * radius, 0.45 * half
     spoke = g.hull(
-        [(0.04, -0.045, 0.45 * half), (0.67 * radius, -0.032, 0.45 * half), (0.67 * radius, 0.032, 0.45 * half), (0.04, 0.045, 0.45 * half)],
-        [(0.04, -0.038, 0.90 * half), (0.67 * radius, -0.026, 0.80 * half), (0.67 * radius, 0.026, 0.80 * half), (0.04, 0.038, 0.90 * half)],
+        [(inner, -0.045, root), (outer, -0.032, root), (outer, 0.032, root), (inner, 0.045, root)],
+        [(inner, -0.038, 2 * root), (outer, -0.026, 0.8 * half), (outer, 0.026, 0.8 * half), (inner, 0.038, 2 * root)],
         colors.RIM,
-    )  # fmt: skip
+    )
     parts += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
     parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], colors.RIM, 12))
     return [_about_y(p) for p in parts]
@@ -240,8 +248,12 @@ def _flank(shape: CarShape, material: Material) -> list[Part]:
     parts = []
     doors = sorted({*shape.pillars, shape.side_glass[1] + 0.06, *((shape.cabin_low[0] + 0.08,) if shape.bed else ())})
     for x in doors:
-        over = [shape.wheel_radius + math.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle) if abs(x - c) < arch]
-        parts.append(g.box((x - 0.006, side - 0.03, max([sill, *over])), (x + 0.006, side + 0.003, belt - 0.1), colors.SHADOW))
+        over = [
+            shape.wheel_radius + math.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle) if abs(x - c) < arch
+        ]
+        parts.append(
+            g.box((x - 0.006, side - 0.03, max([sill, *over])), (x + 0.006, side + 0.003, belt - 0.1), colors.SHADOW)
+        )
     parts.append(g.box((doors[0], side - 0.03, belt - 0.105), (doors[-1], side + 0.002, belt - 0.098), colors.SHADOW))
     for x in doors[:-1]:
         parts.append(g.box((x + 0.10, side - 0.02, belt - 0.20), (x + 0.28, side + 0.022, belt - 0.165), material))
@@ -251,11 +263,19 @@ def _flank(shape: CarShape, material: Material) -> list[Part]:
     parts.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), colors.GLASS))
     parts.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), colors.TRIM))
     if shape.cladding:
-        parts.append(g.box((arch - axle, side - 0.03, shape.clearance), (axle - arch, side + 0.012, shape.clearance + 0.14), colors.TRIM))
+        parts.append(
+            g.box(
+                (arch - axle, side - 0.03, shape.clearance),
+                (axle - arch, side + 0.012, shape.clearance + 0.14),
+                colors.TRIM,
+            )
+        )
         turn = np.linspace(0.02, np.pi - 0.02, 13)
         for c in (-axle, axle):
             arcs = [
-                np.stack([c + r * np.cos(turn), np.full(13, side + 0.014), shape.wheel_radius + r * np.sin(turn)], axis=1)
+                np.stack(
+                    [c + r * np.cos(turn), np.full(13, side + 0.014), shape.wheel_radius + r * np.sin(turn)], axis=1
+                )
                 for r in (arch * 1.12, arch * 0.985)
             ]
             parts.append(g.grid(arcs, colors.TRIM, 0.0))

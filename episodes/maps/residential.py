@@ -37,7 +37,12 @@ PARKED = (
     ("van", "white", 42.0, -2.9, np.pi),
     ("pickup", "silver", -52.0, -2.9, np.pi),
 )
-PARKED_ON_DRIVES = ((1, -1, "suv", "black"), (4, -1, "sedan", "silver"), (3, 1, "hatchback", "grey"), (0, 1, "suv", "white"))
+PARKED_ON_DRIVES = (
+    (1, -1, "suv", "black"),
+    (4, -1, "sedan", "silver"),
+    (3, 1, "hatchback", "grey"),
+    (0, 1, "suv", "white"),
+)
 
 
 def _plans(seed: int) -> dict[tuple[int, int], tuple[houses.HousePlan, float]]:
@@ -75,7 +80,7 @@ def _height(north: Array, east: Array, drives: dict[tuple[int, int], float]) -> 
     for (_, side), middle in drives.items():
         flank = np.clip((DRIVE_HALF + 0.25 - np.abs(north - middle)) / 0.25, 0.0, 1.0)
         share = np.maximum(share, flank * (np.sign(east) == side))
-    return plain * (1.0 - share) + ramp * share + _swell(north)
+    return np.asarray(plain * (1.0 - share) + ramp * share + _swell(north))
 
 
 def _terrain(drives: dict[tuple[int, int], float]) -> HeightField:
@@ -114,12 +119,16 @@ def _ground(drives: dict[tuple[int, int], float]) -> list[tuple[str, Mesh]]:
     return [(name, g.assemble([_cells(lattice, mask, look, tile, shift)])) for name, mask, look, tile, shift in uses]
 
 
-def _lawns(green: NDArray[np.bool_], north: Array, east: Array) -> list[tuple[str, NDArray[np.bool_], Material, float, float]]:
+def _lawns(
+    green: NDArray[np.bool_], north: Array, east: Array
+) -> list[tuple[str, NDArray[np.bool_], Material, float, float]]:
     """Return the green cells in three tints, one per plot, and the fields beyond."""
     near = (np.abs(north) < 60.0)[:, None] & (np.abs(east) < 36.0)[None, :]
     shade = (np.floor((north + 60.0) / 20.0)[:, None] * 2 + (east > 0)[None, :] * 3) % 3
     tints = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))
-    found = [(f"lawn-{k}", green & near & (shade == k), surface("grass", tint), 4.0, 0.0) for k, tint in enumerate(tints)]
+    found = [
+        (f"lawn-{k}", green & near & (shade == k), surface("grass", tint), 4.0, 0.0) for k, tint in enumerate(tints)
+    ]
     return [*found, ("field", green & ~near, surface("grass", (1.0, 0.97, 0.95)), 11.0, 0.0)]
 
 
@@ -145,7 +154,9 @@ def _markings(terrain: HeightField) -> Mesh:
     return g.assemble(parts)
 
 
-def _garden(lot: int, side: int, drive: float, plan: houses.HousePlan, house: float, seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
+def _garden(
+    lot: int, side: int, drive: float, plan: houses.HousePlan, house: float, seed: int
+) -> Iterator[tuple[str, Mesh, float, float, float]]:
     """Yield (kind, mesh, north, east, yaw) of what grows and stands on one plot."""
     rng = np.random.default_rng((seed, lot, side + 1))
     middle = LOTS[lot]
@@ -153,9 +164,21 @@ def _garden(lot: int, side: int, drive: float, plan: houses.HousePlan, house: fl
     species = ("oak", "maple", "birch")[int(rng.integers(3))]
     if rng.random() < 0.62:
         height = (6.4, 7.2, 8.0)[int(rng.integers(3))]
-        yield "tree", plants.tree(species, height, 1 + int(rng.integers(2))), free + rng.uniform(-1, 1), side * rng.uniform(9.8, 10.6), float(rng.uniform(0, 6))
+        yield (
+            "tree",
+            plants.tree(species, height, 1 + int(rng.integers(2))),
+            free + rng.uniform(-1, 1),
+            side * rng.uniform(9.8, 10.6),
+            float(rng.uniform(0, 6)),
+        )
     back = float(rng.uniform(-6, 6)) + middle
-    yield "conifer", plants.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + int(rng.integers(2))), back, side * rng.uniform(27, 30), float(rng.uniform(0, 6))
+    yield (
+        "conifer",
+        plants.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + int(rng.integers(2))),
+        back,
+        side * rng.uniform(27, 30),
+        float(rng.uniform(0, 6)),
+    )
     edge = middle + 9.7
     if lot < len(LOTS) - 1:
         yield "fence", street.board_fence(14.0), edge, side * 25.0, np.pi / 2
@@ -163,12 +186,20 @@ def _garden(lot: int, side: int, drive: float, plan: houses.HousePlan, house: fl
             yield "hedge", plants.hedge(3.6, 1.1, 0.7, lot + 2), edge, side * 11.6, np.pi / 2
     yield "fence", street.board_fence(19.4), middle, side * 32.0, 0.0
     if (lot + side) % 3 == 0:
-        near, far = sorted((middle + 9.0 * np.sign(middle - drive), drive + (DRIVE_HALF + 0.4) * np.sign(middle - drive)))
+        near, far = sorted(
+            (middle + 9.0 * np.sign(middle - drive), drive + (DRIVE_HALF + 0.4) * np.sign(middle - drive))
+        )
         yield "fence", street.picket_fence(far - near), (near + far) / 2, side * 7.35, 0.0
     door, wide = house - side * houses.door_y(plan), max(plan.porch, 1.6) / 2 + 0.8
     for k, n in enumerate(np.linspace(house - plan.width / 2 + 0.9, house + plan.width / 2 - 0.9, 6)):
         if abs(n - door) > wide:
-            yield "bush", plants.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1), n, side * (FRONT - 0.75), float(rng.uniform(0, 6))
+            yield (
+                "bush",
+                plants.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1),
+                n,
+                side * (FRONT - 0.75),
+                float(rng.uniform(0, 6)),
+            )
     toward = -side * np.pi / 2
     away = np.sign(middle - drive)
     yield "mailbox", street.mailbox(), drive + away * (DRIVE_HALF + 0.7), side * 4.75, toward
@@ -182,8 +213,14 @@ def _backdrop(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
     firs = [plants.conifer(h, 1) for h in (9.0, 11.0, 7.0)]
     rows = [houses.house(replace(houses.plan_of(seed * 77 + k), porch=0.0)) for k in range(3)]
     for side in (-1, 1):
-        for n in np.arange(-84.0, 85.0, 21.0):
-            yield "conifer", firs[int(rng.integers(3))], n + rng.uniform(-4, 4), side * rng.uniform(38, 44), float(rng.uniform(0, 6))
+        for n in np.arange(-84.0, 85.0, 28.0):
+            yield (
+                "conifer",
+                firs[int(rng.integers(3))],
+                n + rng.uniform(-4, 4),
+                side * rng.uniform(38, 44),
+                float(rng.uniform(0, 6)),
+            )
         for k, n in enumerate((-42.0, -4.0, 36.0)):
             yield "house", rows[(k + (side > 0)) % 3], n, side * 56.0, -side * np.pi / 2
         for k, n in enumerate((-78.0, 78.0)):
@@ -192,7 +229,13 @@ def _backdrop(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
             yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), n, side * 88.0, 0.0
     for end in (-1, 1):
         for e in (-11.0, 9.5, 28.0, -30.0):
-            yield "conifer", firs[int(rng.integers(3))], end * rng.uniform(92, 112), e + rng.uniform(-1, 1), float(rng.uniform(0, 6))
+            yield (
+                "conifer",
+                firs[int(rng.integers(3))],
+                end * rng.uniform(92, 112),
+                e + rng.uniform(-1, 1),
+                float(rng.uniform(0, 6)),
+            )
         for k, e in enumerate((-64.0, 0.0, 64.0)):
             yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), end * 176.0, e, np.pi / 2
 

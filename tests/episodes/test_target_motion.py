@@ -1,0 +1,49 @@
+"""Moving targets: constant speed in three dimensions, one way, headings that turn gradually."""
+
+import itertools
+import math
+
+import pytest
+
+from episodes.record import Path3D, TargetRecord
+from episodes.target import motion
+
+CORNER = TargetRecord(
+    "suv", "cyan", path=Path3D(((0.0, 0.0, 0.0), (10.0, 0.0, -0.5), (10.0, 20.0, 0.5), (4.0, 20.0, 0.5)), 0.3)
+)
+
+
+def test_speed_is_constant_in_three_dimensions() -> None:
+    way = motion(CORNER)
+    for t in (0.0, 7.0, 21.3, 50.0, 90.0):
+        (a, _), (b, _) = way.pose(t), way.pose(t + 0.01)
+        assert math.dist(a, b) == pytest.approx(0.003, rel=1e-6)
+
+
+def test_waypoints_are_met_at_their_time_and_the_end_is_kept() -> None:
+    way, points = motion(CORNER), CORNER.path.waypoints_ned
+    reached = 0.0
+    for a, b in itertools.pairwise(points):
+        reached += math.dist(a, b)
+        assert way.pose(reached / 0.3)[0] == pytest.approx(b, abs=1e-9)
+    assert way.pose(1e6) == way.pose(reached / 0.3)
+    assert way.pose(-5.0) == way.pose(0.0)
+
+
+def test_heading_follows_the_path_and_turns_gradually() -> None:
+    way = motion(CORNER)
+    assert way.pose(0.0)[1] == pytest.approx(0.0)
+    assert way.pose(60.0)[1] == pytest.approx(math.pi / 2)
+    assert abs(way.pose(1e6)[1]) == pytest.approx(math.pi)
+    yaws = [way.pose(t / 10)[1] for t in range(1300)]
+    steps = [abs(math.remainder(b - a, 2 * math.pi)) for a, b in itertools.pairwise(yaws)]
+    assert max(steps) < math.radians(3.0)  # 30 °/s at most where a polyline would jump by 90°
+
+
+def test_height_is_interpolated() -> None:
+    assert motion(CORNER).pose(5.0 / 0.3)[0][2] == pytest.approx(-0.25, abs=2e-3)
+
+
+def test_standing() -> None:
+    still = motion(TargetRecord("suv", "cyan", None, (1.0, 2.0, 3.0), 90.0))
+    assert still.pose(0.0) == still.pose(299.0) == ((1.0, 2.0, 3.0), math.radians(90.0))
