@@ -7,13 +7,12 @@ GNSS against the past instant at which its fix was valid. Reads sensor samples o
 
 import math
 
-from numba import njit
-
 from autopilot.estimator_alignment import align, clear, collect_imu
 from autopilot.estimator_covariance import deviation, propagate
 from autopilot.estimator_fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness, pressure_altitude
 from autopilot.estimator_records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
 from autopilot.kernels import quat_advance, rotate
+from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY
 
 COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every fourth sample at 1 kHz, each at 250 Hz

@@ -2,11 +2,10 @@
 
 import math
 
-from numba import njit
-
 from autopilot.estimator_covariance import initialise
 from autopilot.estimator_records import STATUS_RUNNING
 from autopilot.kernels import quat_from_euler, rotate
+from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY
 
 REST_GYRO_STD = 0.05  # rad/s: more about the mean than noise makes, so the vehicle is being moved

@@ -10,9 +10,8 @@ so F = I + A dt touches only nine rows, each with at most five entries besides t
 
 import math
 
-from numba import njit
-
 from autopilot.kernels import quat_multiply, quat_normalized
+from dronecats.border.compiled import njit
 
 
 @njit(cache=True)

@@ -6,12 +6,11 @@ Every function fuses scalars one after the other and returns nothing; it leaves 
 
 import math
 
-from numba import njit
-
 from autopilot import estimator_covariance
 from autopilot.estimator_alignment import level
 from autopilot.estimator_records import HISTORY
 from autopilot.kernels import geodetic_to_ned, quat_yaw, rotate, wrap_pi
+from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY
 
 apply = estimator_covariance.apply

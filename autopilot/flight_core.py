@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from autopilot import estimator_records
 from autopilot.control import cascade, parameters
@@ -14,6 +13,7 @@ from autopilot.estimator_records import HISTORY, STATES
 from autopilot.mixer import allocation
 from autopilot.records import ESTIMATE, KIND_IDLE, SETPOINT
 from dronecats.border.airframe import Airframe
+from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 
 control = cascade.update

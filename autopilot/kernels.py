@@ -1,8 +1,7 @@
 """The conversions of `dronecats.border.frames`, compiled for this room's inner loop."""
 
-from numba import njit
-
 from dronecats.border import frames
+from dronecats.border.compiled import njit
 
 rotate = njit(cache=True)(frames.rotate)
 rotate_inverse = njit(cache=True)(frames.rotate_inverse)

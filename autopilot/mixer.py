@@ -7,10 +7,10 @@ demand. When a rotor would leave its range, roll and pitch are kept first, then 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from dronecats.border.airframe import Airframe
+from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 from dronecats.border.sensors import MAX_ROTORS
 

@@ -5,9 +5,8 @@ After Brescianini, Hehn, D'Andrea 2013, "Nonlinear quadrocopter attitude control
 
 import math
 
-from numba import njit
-
 from autopilot.kernels import quat_conjugate, quat_multiply, rotate, rotate_inverse
+from dronecats.border.compiled import njit
 
 
 @njit(cache=True)

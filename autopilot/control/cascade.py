@@ -6,8 +6,6 @@ ends in the fallback, level at hover thrust, and never at a rotor.
 
 import math
 
-from numba import njit
-
 from autopilot.control.attitude import wanted_rates
 from autopilot.control.position import accelerate, begin, head, integrate, steer
 from autopilot.control.rate import filter_rates, torque
@@ -15,6 +13,7 @@ from autopilot.control.thrust import attitude_of, limit_force, track_hover
 from autopilot.kernels import quat_from_euler, quat_yaw, rotate
 from autopilot.mixer import mix
 from autopilot.records import KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
+from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY
 
 OUTER_PERIOD_US = 10_000

@@ -2,9 +2,8 @@
 
 import math
 
-from numba import njit
-
 from autopilot.kernels import quat_from_euler
+from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY
 
 HOVER_TIME_S = 3.0  # time constant of the hover thrust estimate: batteries sag slowly
