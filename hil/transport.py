@@ -165,21 +165,21 @@ def connect(url: str) -> Transport:
         device, _, baud = rest.rpartition(":")
         if device and baud.isdigit():
             return SerialTransport(url, device, int(baud))
-        raise UsageError(f"--connect '{url}' should read serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
+        raise UsageError(f"--connect {url!r} should read serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
     try:
         parts = urlsplit(url)
         host, port = parts.hostname or "0.0.0.0", parts.port
     except ValueError:
         host, port = "", None
     if port is None or not 0 <= port <= 65535 or not host:
-        raise UsageError(f"--connect '{url}' is no link; use {FORMS}")
+        raise UsageError(f"--connect {url!r} is no link; use {FORMS}")
     if scheme in ("udpin", "udp"):
         return UdpTransport(url, host, port, listen=True)
     if scheme == "udpout":
         return UdpTransport(url, host, port, listen=False)
     if scheme in ("tcp", "tcpout"):
         return TcpTransport(url, host, port)
-    raise UsageError(f"--connect '{url}' is no link; use {FORMS}")
+    raise UsageError(f"--connect {url!r} is no link; use {FORMS}")
 
 
 def bind_error(error: OSError, protocol: str, host: str, port: int) -> UsageError:

@@ -1,0 +1,87 @@
+import math
+
+import pytest
+
+from dronecats.border.setpoints import Hold, Turn, Velocity
+from hil.offboard import CORRECTION_MAX, OffboardStream
+
+STILL = (0.0, 0.0, 0.0)
+
+
+def message(stream, position, velocity=STILL, yaw=0.0):
+    return stream.message(position, velocity, yaw, 1000, 1, 1)
+
+
+def test_streams_nothing_until_told():
+    stream = OffboardStream()
+    assert message(stream, (0, 0, 0)) is None
+    stream.fly(Hold())
+    assert message(stream, (0, 0, 0)) is not None
+    stream.stop()
+    assert message(stream, (0, 0, 0)) is None
+
+
+def test_hold_keeps_the_place_where_it_began():
+    stream = OffboardStream()
+    stream.fly(Hold())
+    message(stream, (3.0, 4.0, -2.0), yaw=1.0)
+    drifted = message(stream, (3.5, 4.5, -2.5), yaw=1.2)
+    assert (drifted.x, drifted.y, drifted.z) == pytest.approx((3.0, 4.0, -2.0))
+    assert drifted.yaw == pytest.approx(1.0)
+    assert drifted.type_mask == 0x9F8
+    assert drifted.coordinate_frame == 1
+    stream.fly(Hold())  # said again, as after every step
+    again = message(stream, (3.5, 4.5, -2.5))
+    assert (again.x, again.y, again.z) == pytest.approx((3.0, 4.0, -2.0))
+
+
+def test_hold_in_motion_is_put_where_the_vehicle_can_stop():
+    stream = OffboardStream()
+    stream.fly(Hold())
+    held = message(stream, (0.0, 0.0, -2.0), velocity=(1.2, 0.0, 0.0))
+    assert 0.5 < held.x < 1.0
+
+
+def test_velocity_flies_ahead_and_closes_the_height_loop():
+    stream = OffboardStream()
+    stream.fly(Velocity(forward=1.2, up=None))
+    first = message(stream, (0.0, 0.0, -2.0))
+    assert (first.type_mask, first.coordinate_frame) == (0x5C7, 8)
+    assert (first.vx, first.vy, first.vz) == pytest.approx((1.2, 0.0, 0.0))
+    sunk = message(stream, (1.0, 0.0, -1.7))
+    assert sunk.vz == pytest.approx(-0.3)  # up again
+    assert abs(message(stream, (1.0, 0.0, 9.0)).vz) == pytest.approx(CORRECTION_MAX)
+
+
+def test_the_height_survives_level_moves_and_is_taken_anew_after_a_climb():
+    stream = OffboardStream()
+    stream.fly(Hold())
+    message(stream, (0, 0, -2.0))
+    stream.fly(Velocity(1.0, None))
+    assert message(stream, (0, 0, -1.9)).vz == pytest.approx(-0.1)
+    stream.fly(Velocity(1.0, 0.5))
+    assert message(stream, (1, 0, -1.9)).vz == pytest.approx(-0.5)
+    stream.fly(Hold())
+    assert message(stream, (2, 0, -3.4)).z == pytest.approx(-3.4)
+
+
+def test_turn_holds_the_place_of_the_hold_before_it_and_leaves_the_new_heading():
+    stream = OffboardStream()
+    stream.fly(Hold())
+    message(stream, (1.0, 1.0, -2.0), yaw=0.0)
+    stream.fly(Turn(math.radians(60)))
+    turning = message(stream, (0.5, 1.0, -2.0), yaw=math.pi / 2)
+    assert turning.yaw_rate == pytest.approx(math.radians(60))
+    assert (turning.vx, turning.vy) == pytest.approx((0.0, -0.45), abs=1e-6)  # half a metre north is to the left now
+    stream.fly(Hold())
+    held = message(stream, (0.9, 1.0, -2.0), yaw=1.5)
+    assert held.yaw == pytest.approx(1.5)
+
+
+def test_braking_turn_stops_where_it_can():
+    stream = OffboardStream()
+    stream.fly(Velocity(1.2, None))
+    message(stream, (0, 0, -2.0), velocity=(1.2, 0, 0))
+    stream.fly(Turn(1.0))
+    turning = message(stream, (3.0, 0, -2.0), velocity=(1.2, 0, 0))
+    assert turning.vx > 0  # coasts on to the place where it comes to rest

@@ -1,0 +1,78 @@
+import contextlib
+import socket
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.border.errors import DronecatsError, LinkError, UsageError
+from hil.transport import MemoryTransport, UdpTransport, connect
+
+
+def test_udp_answers_whoever_spoke_last():
+    server = connect("udpin://127.0.0.1:0")
+    assert isinstance(server, UdpTransport)
+    client = connect(f"udpout://127.0.0.1:{server.port}")
+    server.send(b"to nobody")
+    client.send(b"hello")
+    assert server.receive(2.0) == b"hello"
+    server.send(b"you")
+    assert client.receive(2.0) == b"you"
+    assert client.receive(0.0) == b""
+    server.close()
+    client.close()
+
+
+def test_a_port_in_use_is_named_with_its_holder():
+    holder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    holder.bind(("127.0.0.1", 0))
+    port = holder.getsockname()[1]
+    with pytest.raises(UsageError, match=rf"UDP port {port} is in use by .*process id \d+"):
+        connect(f"udpin://127.0.0.1:{port}")
+    holder.close()
+
+
+def test_tcp_says_when_it_ends():
+    listener = socket.create_server(("127.0.0.1", 0))
+    client = connect(f"tcp://127.0.0.1:{listener.getsockname()[1]}")
+    peer, _ = listener.accept()
+    peer.sendall(b"abc")
+    assert client.receive(2.0) == b"abc"
+    peer.close()
+    with pytest.raises(LinkError, match="closed"):
+        client.receive(2.0)
+    client.close()
+    listener.close()
+    with pytest.raises(LinkError, match="nothing answers"):
+        connect("tcp://127.0.0.1:1")
+
+
+@pytest.mark.parametrize(
+    "url", ["", "udpin", "udpin://", "udpin://1.2.3.4", "udpin://h:99999999", "ftp://h:1", "serial:///dev/x", "udp://[::1"]
+)
+def test_malformed_urls_are_one_sentence(url):
+    with pytest.raises(UsageError, match="--connect"):
+        connect(url)
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_refused_kindly(text):
+    with contextlib.suppress(DronecatsError):
+        connect(text).close()
+
+
+def test_memory_pipe_pumps_only_when_it_runs_dry():
+    queue, pumped = [b"first"], []
+
+    def pump():
+        pumped.append(1)
+        if len(pumped) == 3:
+            queue.append(b"second")
+
+    pipe = MemoryTransport("memory://", lambda: queue.pop(0) if queue else b"", queue.append, pump)
+    assert pipe.receive(1.0) == b"first"
+    assert not pumped
+    assert pipe.receive(0.0) == b""
+    assert not pumped
+    assert pipe.receive(1.0) == b"second"
+    assert len(pumped) == 3
