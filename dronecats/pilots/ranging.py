@@ -22,6 +22,8 @@ _DEPTHS_M = np.geomspace(1.2, 70.0, 84)
 _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
 _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
+_EDGE = 0.005  # fraction of the picture width that counts as touching the edge
+_BELOW = 1.1  # corners this little below the picture's edge still widen what is seen above it
 _SPREAD_LOG = 0.10  # how far apart things of one kind are in size, as a fraction
 _SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and paint that ends before the body does
 _SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
@@ -49,14 +51,16 @@ class Range:
 
 def measure(box: Box, size: Size, aspect: float) -> Range:
     """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
-    grid = _grid(size)
     half = 0.5 * aspect
+    grid = _grid(size, round(half, 4))
     # the thing stands in the direction of the rectangle's middle; its predicted rectangle moves there with it
     middle = 0.5 * (box.left + box.right)
     shift = _shift(box, grid)
-    left = np.clip(grid.left + shift, -0.5, 0.5)
-    right = np.clip(grid.right + shift, -0.5, 0.5)
-    top, bottom = np.clip(grid.top, -half, half), np.clip(grid.bottom, -half, half)
+    # only what touches an edge of the picture can be cut off there
+    left = np.maximum(grid.left + shift, -0.5 if box.left < _EDGE - 0.5 else -np.inf)
+    right = np.minimum(grid.right + shift, 0.5 if box.right > 0.5 - _EDGE else np.inf)
+    top = np.maximum(grid.top, -half if box.top < _EDGE - half else -np.inf)
+    bottom = np.minimum(grid.bottom, half if box.bottom > half - _EDGE else np.inf)
     cost = _mismatch(box.right - box.left, right - left) ** 2
     cost = cost + _mismatch(box.bottom - box.top, bottom - top) ** 2
     cost += 0.5 * ((box.top - top) / (_SPREAD_HORIZON + 0.02 * (bottom - top))) ** 2
@@ -74,7 +78,7 @@ def measure(box: Box, size: Size, aspect: float) -> Range:
 
 def _shift(box: Box, grid: "_Grid") -> NDArray[np.float64] | float:
     """Return how far the predictions move sideways to lie on the seen rectangle, by the sides that are not cut off."""
-    cut_left, cut_right = box.left < -0.495, box.right > 0.495
+    cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
     if cut_left and not cut_right:
         return box.right - grid.right
     if cut_right and not cut_left:
@@ -98,7 +102,7 @@ class _Grid:
 
 
 @lru_cache(maxsize=16)
-def _grid(size: Size) -> _Grid:
+def _grid(size: Size, half: float) -> _Grid:
     along = np.array((1, 1, -1, -1)) * 0.5 * size.length_m
     across = np.array((1, -1, 1, -1)) * 0.5 * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
@@ -111,5 +115,9 @@ def _grid(size: Size) -> _Grid:
     depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
     u = FOCAL_PER_WIDTH * right[None] / depth
     v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]
-    left, rightmost = u.min(axis=-1), u.max(axis=-1)
-    return _Grid(left[:, :, None], rightmost[:, :, None], v.min(axis=-1), v.max(axis=-1))
+    # how wide it looks is told by what is inside the picture: close to, the wide lower body is cut off below
+    inside = (v < _BELOW * half) | (v <= v.min(axis=-1, keepdims=True))
+    u = np.broadcast_to(u[:, :, None, :], v.shape)
+    left = np.where(inside, u, np.inf).min(axis=-1)
+    rightmost = np.where(inside, u, -np.inf).max(axis=-1)
+    return _Grid(left, rightmost, v.min(axis=-1), v.max(axis=-1))

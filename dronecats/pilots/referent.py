@@ -35,10 +35,10 @@ class Size:
 
 
 # Ordinary European and North American vehicles, rounded; a roof is painted, the sill and the wheels are not.
-_SUV = Size(4.7, 1.9, 1.72, 0.32, 1.72)
-_CAR = Size(4.6, 1.8, 1.46, 0.28, 1.46)
-_PICKUP = Size(5.5, 2.0, 1.85, 0.42, 1.85)
-_VAN = Size(5.3, 2.0, 2.1, 0.32, 2.1)
+_SUV = Size(4.7, 1.9, 1.72, 0.42, 1.72)
+_CAR = Size(4.6, 1.8, 1.46, 0.36, 1.46)
+_PICKUP = Size(5.5, 2.0, 1.85, 0.52, 1.85)
+_VAN = Size(5.3, 2.0, 2.1, 0.42, 2.1)
 _TRUCK = Size(7.5, 2.4, 3.2, 0.6, 3.2)
 _BUS = Size(11.0, 2.5, 3.1, 0.4, 3.1)
 _MOTORCYCLE = Size(2.1, 0.8, 1.15, 0.35, 1.0)
