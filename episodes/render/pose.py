@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from dronecats.border.camera import CameraModel, CameraPose
+from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, rotate
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
@@ -53,5 +54,5 @@ def as_floats(v: Vec3) -> Vec3:
     """Return `v` as three Python floats, so that a kernel is compiled for one kind of number only."""
     x, y, z = (float(component) for component in v)
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-        raise ValueError(f"a position must be finite, not {v}")
+        raise UsageError(f"a position in the scene must be finite, not {v}: give metres north, east and down.")
     return (x, y, z)

@@ -24,22 +24,24 @@ def resolve_rows(thread, threads, samples, plane, color, table, rgb):
     height, width = rgb.shape[:2]
     for y in range(thread, height, threads):
         j = 2 * y + 1
+        above, here, below = samples[j - 1], samples[j], samples[j + 1]
+        shaded, shown = color[y], rgb[y]
         for x in range(width):
             i = 2 * x + 1
-            t = samples[j, i]
+            t = here[i]
             same = (
-                samples[j - 1, i - 1] == t
-                and samples[j - 1, i] == t
-                and samples[j - 1, i + 1] == t
-                and samples[j, i - 1] == t
-                and samples[j, i + 1] == t
-                and samples[j + 1, i - 1] == t
-                and samples[j + 1, i] == t
-                and samples[j + 1, i + 1] == t
+                above[i - 1] == t
+                and above[i] == t
+                and above[i + 1] == t
+                and here[i - 1] == t
+                and here[i + 1] == t
+                and below[i - 1] == t
+                and below[i] == t
+                and below[i + 1] == t
             )
-            r = color[y, x, 0]
-            g = color[y, x, 1]
-            b = color[y, x, 2]
+            r = shaded[x, 0]
+            g = shaded[x, 1]
+            b = shaded[x, 2]
             if not same:
                 piece = plane[t] if t >= 0 else -1
                 total = np.float32(4.0)
@@ -65,9 +67,9 @@ def resolve_rows(thread, threads, samples, plane, color, table, rgb):
                 r /= total
                 g /= total
                 b /= total
-            rgb[y, x, 0] = table[int(r * STEPS + 0.5)]
-            rgb[y, x, 1] = table[int(g * STEPS + 0.5)]
-            rgb[y, x, 2] = table[int(b * STEPS + 0.5)]
+            shown[x, 0] = table[int(r * STEPS + 0.5)]
+            shown[x, 1] = table[int(g * STEPS + 0.5)]
+            shown[x, 2] = table[int(b * STEPS + 0.5)]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,4 +1,8 @@
-"""The light that leaves each pixel's surface towards the camera, its depth and its id."""
+"""The light that leaves each pixel's surface towards the camera, its depth and its id.
+
+Numba's cache of `shade_rows` is renewed when this file changes, not when a function of another file that it calls does:
+save this file too after changing `textures`, `shadow` or `sky`.
+"""
 
 import math
 
@@ -34,6 +38,7 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
         j = 2.0 * y + 1.0
         ry = (y + 0.5 - eye.center_y) * per_px
         last = -2
+        seen, shown, far, named = samples[2 * y + 1], color[y], depth[y], ids[y]
         for x in range(width):
             i = 2.0 * x + 1.0
             rx = (x + 0.5 - eye.center_x) * per_px
@@ -41,13 +46,13 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
             de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
             dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
             length = math.sqrt(1.0 + rx * rx + ry * ry)
-            t = samples[2 * y + 1, 2 * x + 1]
+            t = seen[2 * x + 1]
             if t < 0:
                 per = 1.0 / length
                 r, g, b = sky_color(day, dn * per, de * per, dd * per)
-                color[y, x, 0], color[y, x, 1], color[y, x, 2] = displayed(r, g, b)
-                depth[y, x] = np.inf
-                ids[y, x] = 0
+                shown[x, 0], shown[x, 1], shown[x, 2] = displayed(r, g, b)
+                far[x] = np.inf
+                named[x] = 0
                 continue
 
             entered = t != last
@@ -80,8 +85,8 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
             w2 = e[6] * i + e[7] * j + e[8]
             share = 1.0 / (w0 + w1 + w2)
             z = volume * share
-            depth[y, x] = z
-            ids[y, x] = triangles.instance[t]
+            far[x] = z
+            named[x] = triangles.instance[t]
             w0 *= share
             w1 *= share
             w2 *= share
@@ -130,7 +135,7 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
             lr = day.horizon[0] + (lr - day.horizon[0]) * clear
             lg = day.horizon[1] + (lg - day.horizon[1]) * clear
             lb = day.horizon[2] + (lb - day.horizon[2]) * clear
-            color[y, x, 0], color[y, x, 1], color[y, x, 2] = displayed(lr, lg, lb)
+            shown[x, 0], shown[x, 1], shown[x, 2] = displayed(lr, lg, lb)
 
 
 @numba.njit(cache=True, nogil=True)

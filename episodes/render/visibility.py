@@ -183,6 +183,7 @@ def draw_bands(thread, threads, drawn, start, items, samples):
     bands = start.size - 1
     height, width = samples.shape
     inverse_depth = np.empty((2 * BAND, width), np.float32)
+    count_up = np.arange(width).astype(np.float32)
     for band in range(thread, bands, threads):
         top = band * BAND
         bottom = height - 1 if band == bands - 1 else top + BAND - 1
@@ -200,12 +201,14 @@ def draw_bands(thread, threads, drawn, start, items, samples):
                 top,
                 inverse_depth,
                 samples,
+                count_up,
             )
 
 
 @numba.njit(cache=True, nogil=True)
-def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, samples):
+def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, samples, count_up):
     right = samples.shape[1] - 1.0
+    name = np.int32(t)
     per = 1.0 / volume
     wa = (e[0] + e[3] + e[6]) * per
     wb = (e[1] + e[4] + e[7]) * per
@@ -234,10 +237,11 @@ def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, sample
         w0 = np.float32(wa * begin + wb * j + wc)
         step = np.float32(wa)
         for i in range(count):
-            w = min(w0 + step * np.float32(i), limit)  # rounding never brings a sliver nearer than its corners
+            w = w0 + step * count_up[i]
+            w = w if w < limit else limit  # rounding never brings a sliver nearer than its corners
             closer = w > depth_row[i]
             depth_row[i] = w if closer else depth_row[i]
-            sample_row[i] = t if closer else sample_row[i]
+            sample_row[i] = name if closer else sample_row[i]
 
 
 @numba.njit(cache=True, nogil=True)
