@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from autopilot.commander import Commander
-from autopilot.mavlink.makers import Vehicle
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
+from autopilot.mavlink.vehicle import Vehicle
 from autopilot.modes.setpoint import SetpointWriter
 from autopilot.parameters import Parameters
 from autopilot.vehicle_state import VehicleState

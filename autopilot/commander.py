@@ -7,37 +7,27 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 import math
 from collections.abc import Callable
 
-from autopilot.arming import NO_ARMING_MODES, STICK_MODES, mode_failures, preflight_failures
-from autopilot.failsafe import QUIET, Action, Conditions, Failsafe, evaluate, seconds_since
+from autopilot.arming import NO_ARMING_MODES, mode_failures, preflight_failures
+from autopilot.failsafe import QUIET, Action, Conditions, Failsafe, evaluate, gather, reaction
+from autopilot.home import home_at, moved
 from autopilot.land_detector import LandDetector
-from autopilot.modes.flight import Flight, Home, Mode
-from autopilot.modes.hold import Hold
-from autopilot.modes.land import Descend, Land
-from autopilot.modes.manual import AltitudeControl, PositionControl, Stabilized
-from autopilot.modes.offboard import Offboard
-from autopilot.modes.orbit import Orbit
-from autopilot.modes.return_home import ReturnHome
+from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.roster import behaviours
 from autopilot.modes.setpoint import IDLE, Setpoint, SetpointWriter
-from autopilot.modes.takeoff import Takeoff
 from autopilot.modes.takeoff_ramp import TakeoffRamp, wants_climb
 from autopilot.parameters import Parameters
 from autopilot.vehicle_state import VehicleState
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import MODES, dialect
 
-ACCEPTED = dialect.MAV_RESULT_ACCEPTED
-REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
-DENIED = dialect.MAV_RESULT_DENIED
+ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
+REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
+DENIED = int(dialect.MAV_RESULT_DENIED)
 
 Say = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 # causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them
 UNDENIABLE = frozenset({"offboard signal lost", "position lost"})
 SUPERVISION_US = 100_000  # slow conditions (battery, links, fence) are looked at 10 times a second
-
-
-class _Terminated(Mode):
-    def setpoint(self, flight: Flight) -> Setpoint:
-        return IDLE
 
 
 class Commander:
@@ -55,14 +45,8 @@ class Commander:
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
         self.demand: Setpoint = IDLE  # what the active mode asks
         self.passed: Setpoint = IDLE  # what went to the inner loop
-        self.hold, self.takeoff, self.orbit, self.land = Hold(), Takeoff(), Orbit(), Land()
-        stabilized = Stabilized()
-        self._behaviours: dict[str, Mode] = {
-            "HOLD": self.hold, "TAKEOFF": self.takeoff, "LAND": self.land, "PRECLAND": self.land,
-            "RETURN": ReturnHome(), "OFFBOARD": Offboard(), "ORBIT": self.orbit, "MISSION": self.hold,
-            "FOLLOW": self.hold, "POSCTL": PositionControl(), "ALTCTL": AltitudeControl(), "STABILIZED": stabilized,
-            "MANUAL": stabilized, "ACRO": stabilized, "DESCEND": Descend(), "TERMINATION": _Terminated(),
-        }  # fmt: skip
+        self._behaviours = behaviours()
+        self.hold, self.takeoff, self.orbit = self._behaviours.hold, self._behaviours.takeoff, self._behaviours.orbit
         self._active: Mode | None = None
         self._writer = writer
         self._say = say
@@ -82,17 +66,6 @@ class Commander:
     @property
     def landed(self) -> bool:
         return self._detector.landed
-
-    @property
-    def landed_state(self) -> int:
-        """MAV_LANDED_STATE."""
-        if self._detector.landed:
-            return int(dialect.MAV_LANDED_STATE_ON_GROUND)
-        if self.mode == "TAKEOFF":
-            return int(dialect.MAV_LANDED_STATE_TAKEOFF)
-        if self.mode == "LAND":
-            return int(dialect.MAV_LANDED_STATE_LANDING)
-        return int(dialect.MAV_LANDED_STATE_IN_AIR)
 
     @property
     def custom_mode(self) -> int:
@@ -225,12 +198,9 @@ class Commander:
 
     def set_home(self, position_ned: Vec3 | None = None) -> bool:
         """Set the home position, here by default. Returns whether there was a position to set."""
-        state = self.flight.state
-        if not state.global_valid:
-            return False
-        place = position_ned or state.position_ned
-        self.flight.home = Home(place, state.yaw, *state.geodetic(place))
-        return True
+        home = home_at(self.flight.state, position_ned)
+        self.flight.home = home or self.flight.home
+        return home is not None
 
     # the tick
 
@@ -250,7 +220,7 @@ class Commander:
         active = self._active
         assert active is not None
         demand = active.setpoint(flight)
-        if active.next_mode is not None and active is self._behaviours[self.intended]:
+        if active.next_mode is not None and active is self._behaviours.by_name[self.intended]:
             self._finish(active.next_mode)
         self.demand = demand
         self.passed = self._ramp.gate(demand, state, flight.landed)
@@ -292,43 +262,31 @@ class Commander:
         urgent = offboard_lost or self.failsafe.cause == "offboard signal lost"
         if urgent or now - self._supervised_us >= SUPERVISION_US:
             self._supervised_us = now
-            found = evaluate(self._conditions(now), self.parameters, self._overridden)
+            found = evaluate(self._conditions(), self.parameters, self._overridden)
             if found != self.failsafe:
                 self._announce(found)
                 self.failsafe = found
-        shown, behaviour = self._reaction(self.failsafe)
-        if behaviour == "DISARM":
+        shown, behaviour = self._reaction()
+        if self.failsafe.action == Action.DISARM:
             self.disarm(force=True, why=f"by failsafe: {self.failsafe.cause}")
             return
-        if shown == "TERMINATION":
+        if self.failsafe.action == Action.TERMINATE:
             self.terminate()
             return
-        if shown != self.mode or self._active is not self._behaviours[behaviour]:
+        if shown != self.mode or self._active is not self._behaviours.by_name[behaviour]:
             self.mode = shown
-            self._active = self._behaviours[behaviour]
+            self._active = self._behaviours.by_name[behaviour]
             self._active.enter(self.flight)
 
-    def _reaction(self, failsafe: Failsafe) -> tuple[str, str]:
+    def _reaction(self) -> tuple[str, str]:
         """Return (mode shown, behaviour flown)."""
-        action = failsafe.action
-        if action <= Action.WARN:
-            return self.intended, self._without_sticks(self.intended)
-        if action == Action.STICKS:
-            return failsafe.shown, self._without_sticks(failsafe.shown)
-        if action == Action.HOLD and self.flight.state.position_valid:
-            return "HOLD", "HOLD"
-        if action == Action.RETURN and self.flight.home is not None and self.flight.state.position_valid:
-            return "RETURN", "RETURN"
-        if action == Action.DISARM:
-            return self.mode, "DISARM"
-        if action == Action.TERMINATE:
-            return "TERMINATION", "TERMINATION"
-        return "LAND", "LAND" if self.flight.state.position_valid else "DESCEND"
-
-    def _without_sticks(self, mode: str) -> str:
-        if mode in STICK_MODES and not self._sticks_fresh():
-            return "DESCEND"  # measured on PX4: the mode is shown, and the vehicle sinks at MPC_LAND_SPEED
-        return mode
+        return reaction(
+            self.failsafe,
+            self.intended,
+            sticks=self._sticks_fresh(),
+            position=bool(self.flight.state.position_valid),
+            home=self.flight.home is not None,
+        )
 
     def _announce(self, found: Failsafe) -> None:
         if found.action == Action.WARN:
@@ -341,7 +299,7 @@ class Commander:
             self._overridden = frozenset()
 
     def _activate(self) -> None:
-        self._active = self._behaviours[self._reaction(self.failsafe)[1]]
+        self._active = self._behaviours.by_name[self._reaction()[1]]
         self._active.enter(self.flight)
 
     def _idle(self) -> None:
@@ -350,22 +308,16 @@ class Commander:
 
     # what the vehicle has
 
-    def _conditions(self, now: int) -> Conditions:
-        flight, state = self.flight, self.flight.state
-        home = flight.home
-        n, e, z = state.position_ned
-        return Conditions(
-            mode=self.intended,
+    def _conditions(self) -> Conditions:
+        return gather(
+            self.flight,
+            self.intended,
             offboard_signal=self._offboard_usable(),
-            sticks_lost_s=seconds_since(now, flight.sticks.time_us) if self._armed_with_sticks else math.nan,
-            station_lost_s=seconds_since(now, self.station_heard_us),
+            armed_with_sticks=self._armed_with_sticks,
+            station_heard_us=self.station_heard_us,
             battery=self._battery(),
             battery_at_arming=self._battery_at_arming,
-            position_valid=bool(state.position_valid),
-            velocity_valid=bool(state.velocity_valid),
-            flight_time_s=seconds_since(now, self.takeoff_us or None),
-            home_distance_m=math.hypot(n - home.position_ned[0], e - home.position_ned[1]) if home else math.nan,
-            home_height_m=home.position_ned[2] - z if home else math.nan,
+            takeoff_us=self.takeoff_us,
         )
 
     def _mode_failures(self, mode: str) -> list[str]:
@@ -405,11 +357,5 @@ class Commander:
         if now - self._supervised_us < 1_000_000:
             return
         self._supervised_us = now
-        state, home = self.flight.state, self.flight.home
-        if home is None:
-            self.set_home()
-            return
-        n, e, z = state.position_ned
-        moved = math.hypot(n - home.position_ned[0], e - home.position_ned[1])
-        if moved > 1.0 or abs(z - home.position_ned[2]) > 0.5:
+        if self.flight.home is None or moved(self.flight.home, self.flight.state):
             self.set_home()

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from autopilot.arming import POSITION_MODES
+from autopilot.arming import POSITION_MODES, STICK_MODES
+from autopilot.modes.flight import Flight
 from autopilot.parameters import Parameters
 
 
@@ -136,6 +137,53 @@ def evaluate(conditions: Conditions, parameters: Parameters, overridden: frozens
     return worst
 
 
+def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool, home: bool) -> tuple[str, str]:
+    """Return (mode shown, behaviour flown) for a failsafe, from what is available.
+
+    A manual mode without sticks is shown all the same while the vehicle sinks at MPC_LAND_SPEED, as measured on PX4.
+    """
+    action = failsafe.action
+    if action in (Action.NONE, Action.WARN, Action.STICKS, Action.DISARM):
+        shown = failsafe.shown if action == Action.STICKS else intended
+        return shown, "DESCEND" if shown in STICK_MODES and not sticks else shown
+    if action == Action.TERMINATE:
+        return "TERMINATION", "TERMINATION"
+    if action == Action.HOLD and position:
+        return "HOLD", "HOLD"
+    if action == Action.RETURN and position and home:
+        return "RETURN", "RETURN"
+    return "LAND", "LAND" if position else "DESCEND"
+
+
 def seconds_since(now_us: int, stamp_us: int | None) -> float:
     """Return the age in s, nan when it never happened."""
     return math.nan if stamp_us is None or stamp_us < 0 else (now_us - stamp_us) * 1e-6
+
+
+def gather(
+    flight: Flight,
+    intended: str,
+    *,
+    offboard_signal: bool,
+    armed_with_sticks: bool,
+    station_heard_us: int | None,
+    battery: float,
+    battery_at_arming: float,
+    takeoff_us: int,
+) -> Conditions:
+    """Return the conditions of this tick; times are vehicle µs, 0 or None = never."""
+    state, home = flight.state, flight.home
+    now, (n, e, z) = state.time_us, state.position_ned
+    return Conditions(
+        mode=intended,
+        offboard_signal=offboard_signal,
+        sticks_lost_s=seconds_since(now, flight.sticks.time_us) if armed_with_sticks else math.nan,
+        station_lost_s=seconds_since(now, station_heard_us),
+        battery=battery,
+        battery_at_arming=battery_at_arming,
+        position_valid=bool(state.position_valid),
+        velocity_valid=bool(state.velocity_valid),
+        flight_time_s=seconds_since(now, takeoff_us or None),
+        home_distance_m=math.hypot(n - home.position_ned[0], e - home.position_ned[1]) if home else math.nan,
+        home_height_m=home.position_ned[2] - z if home else math.nan,
+    )

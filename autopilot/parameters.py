@@ -69,6 +69,9 @@ DEFAULTS: dict[str, int | float] = {
 }  # fmt: skip
 
 
+FLOAT32_MAX = 2.0**128 - 2.0**104
+
+
 def _float32(value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
@@ -160,7 +163,7 @@ def _coerced(value: float, integer: bool) -> int | float:
     if not math.isfinite(value):
         raise ValueError("a parameter must be finite")
     if not integer:
-        if abs(value) > 3.4e38:
+        if abs(value) > FLOAT32_MAX:
             raise ValueError("the value does not fit a 32-bit float")
         return _float32(value)
     if not -(1 << 31) <= value < 1 << 31:

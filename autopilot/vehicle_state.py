@@ -4,8 +4,6 @@ import math
 import struct
 from typing import Any
 
-import numpy as np
-
 from autopilot.records import ESTIMATE
 from dronecats.border.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
 
@@ -52,6 +50,8 @@ class VehicleState:
     position_std_v: float
     velocity_std_h: float
     velocity_std_v: float
+    tilt_std: float
+    yaw_std: float
     ratio_gps_position: float
     ratio_gps_velocity: float
     ratio_baro: float
@@ -65,7 +65,7 @@ class VehicleState:
         self.estimate = estimate
         self.sensors = sensors
         self.euler: Vec3 = (0.0, 0.0, 0.0)
-        self._buffer = np.frombuffer(estimate, dtype=np.uint8)
+        self._buffer = memoryview(estimate)
         self.refresh()
 
     def refresh(self) -> None:

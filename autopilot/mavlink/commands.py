@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from autopilot.mavlink import requests
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import COMPONENT_ID, Node
 from autopilot.mavlink.streams import BY_NAME
+from autopilot.mavlink.vehicle import Message
 from dronecats.border.frames import Vec3, geodetic_to_ned
 from dronecats.border.mavlink import MODES, dialect
 

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 from autopilot.mavlink import commands, file_transfer, link, logs, manual_control, mission, offboard_setpoints
 from autopilot.mavlink import parameter_protocol as parameter
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import COMPONENT_ID, Node
 from autopilot.mavlink.parameter_protocol import parameter_value
+from autopilot.mavlink.vehicle import Message
 
 if TYPE_CHECKING:
     from autopilot.mavlink.port import Port

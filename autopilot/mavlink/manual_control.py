@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.vehicle import Message
 
 if TYPE_CHECKING:
     from autopilot.mavlink.port import Port

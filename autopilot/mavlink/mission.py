@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.streams import BY_NAME
+from autopilot.mavlink.vehicle import Message
 from dronecats.border.mavlink import dialect
 
 if TYPE_CHECKING:

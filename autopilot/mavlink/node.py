@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink.makers import Message, Vehicle
 from autopilot.mavlink.streams import BY_ID
+from autopilot.mavlink.vehicle import Message, Vehicle
 from dronecats.border.mavlink import dialect
 
 if TYPE_CHECKING:

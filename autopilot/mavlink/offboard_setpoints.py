@@ -6,8 +6,8 @@ Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rule
 import math
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.vehicle import Message
 from autopilot.modes.setpoint import FREE, NAN, Setpoint
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from dronecats.border.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
@@ -145,7 +145,7 @@ def attitude_target(node: Node, port: "Port", message: Message) -> None:
             return
         _accept(
             node,
-            Setpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust),  # type: ignore[arg-type]
+            Setpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust),
         )
     elif not mask & 0x3 and abs(m.body_roll_rate) < LIMIT and abs(m.body_pitch_rate) < LIMIT:
         rates = (m.body_roll_rate, m.body_pitch_rate, yaw_rate)

@@ -3,8 +3,8 @@
 import struct
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.vehicle import Message
 from autopilot.parameters import Parameters
 from dronecats.border.mavlink import dialect
 

@@ -3,9 +3,9 @@
 import struct
 
 from autopilot.mavlink import dispatch
-from autopilot.mavlink.makers import Message
 from autopilot.mavlink.node import COMPONENT_ID, Node
 from autopilot.mavlink.streams import BY_ID, HEARTBEAT_ID, PROFILES, TABLE
+from autopilot.mavlink.vehicle import Message
 from dronecats.border.errors import UsageError
 from dronecats.border.mavlink import Packer, Parser
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink.makers import standard_mode
+from autopilot.mavlink.status_makers import standard_mode
 from autopilot.mavlink.streams import BY_ID, BY_NAME
 from dronecats.border.mavlink import MODES, dialect
 

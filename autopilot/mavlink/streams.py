@@ -5,8 +5,10 @@ Rates (Hz) as measured on PX4 1.15; 0 = only on request. A stream sends at most 
 
 from dataclasses import dataclass
 
-from autopilot.mavlink import makers
-from autopilot.mavlink.makers import Maker
+from autopilot.mavlink import motion_makers as motion
+from autopilot.mavlink import sensor_makers as sensor
+from autopilot.mavlink import status_makers as status
+from autopilot.mavlink.vehicle import Maker
 from dronecats.border.mavlink import dialect
 
 PROFILES = ("onboard", "gcs", "minimal")
@@ -33,36 +35,36 @@ class Stream:
 
 
 TABLE: tuple[Stream, ...] = (
-    Stream("HEARTBEAT", 1, 1, makers.heartbeat),
-    Stream("ATTITUDE", 100, 50, makers.attitude),
-    Stream("ATTITUDE_QUATERNION", 50, 50, makers.attitude_quaternion),
-    Stream("GLOBAL_POSITION_INT", 50, 50, makers.global_position_int),
-    Stream("HIGHRES_IMU", 50, 0, makers.highres_imu),
-    Stream("LOCAL_POSITION_NED", 30, 50, makers.local_position_ned),
-    Stream("ODOMETRY", 30, 0, makers.odometry),
-    Stream("ATTITUDE_TARGET", 10, 50, makers.attitude_target),
-    Stream("POSITION_TARGET_LOCAL_NED", 10, 50, makers.position_target_local_ned),
-    Stream("SERVO_OUTPUT_RAW", 10, 50, makers.servo_output_raw),
-    Stream("ALTITUDE", 10, 1, makers.altitude),
-    Stream("VFR_HUD", 10, 4, makers.vfr_hud),
-    Stream("DISTANCE_SENSOR", 10, 0.5, makers.distance_sensor),
-    Stream("TIMESYNC", 10, 0, makers.timesync),
-    Stream("GPS_RAW_INT", 8, 5, makers.gps_raw_int),
-    Stream("SYS_STATUS", 5, 1, makers.sys_status),
-    Stream("EXTENDED_SYS_STATE", 5, 1, makers.extended_sys_state),
-    Stream("ORBIT_EXECUTION_STATUS", 5, 2, makers.orbit_execution_status),
-    Stream("ESTIMATOR_STATUS", 1, 0.5, makers.estimator_status),
-    Stream("GPS_GLOBAL_ORIGIN", 1, 1, makers.gps_global_origin),
-    Stream("SYSTEM_TIME", 1, 0, makers.system_time),
-    Stream("SCALED_PRESSURE", 1, 1, makers.scaled_pressure),
-    Stream("MISSION_CURRENT", 1, 1, makers.mission_current),
-    Stream("PING", 1, 0.1, makers.ping),
-    Stream("BATTERY_STATUS", 0.5, 0.5, makers.battery_status),
-    Stream("HOME_POSITION", 0.5, 0.5, makers.home_position),
-    Stream("CURRENT_MODE", 0.5, 0.5, makers.current_mode),
-    Stream("VIBRATION", 0.5, 0.1, makers.vibration),
-    Stream("AUTOPILOT_VERSION", 0, 0, makers.autopilot_version),
-    Stream("FLIGHT_INFORMATION", 0, 0, makers.flight_information),
+    Stream("HEARTBEAT", 1, 1, status.heartbeat),
+    Stream("ATTITUDE", 100, 50, motion.attitude),
+    Stream("ATTITUDE_QUATERNION", 50, 50, motion.attitude_quaternion),
+    Stream("GLOBAL_POSITION_INT", 50, 50, motion.global_position_int),
+    Stream("HIGHRES_IMU", 50, 0, sensor.highres_imu),
+    Stream("LOCAL_POSITION_NED", 30, 50, motion.local_position_ned),
+    Stream("ODOMETRY", 30, 0, motion.odometry),
+    Stream("ATTITUDE_TARGET", 10, 50, motion.attitude_target),
+    Stream("POSITION_TARGET_LOCAL_NED", 10, 50, motion.position_target_local_ned),
+    Stream("SERVO_OUTPUT_RAW", 10, 50, motion.servo_output_raw),
+    Stream("ALTITUDE", 10, 1, motion.altitude),
+    Stream("VFR_HUD", 10, 4, motion.vfr_hud),
+    Stream("DISTANCE_SENSOR", 10, 0.5, sensor.distance_sensor),
+    Stream("TIMESYNC", 10, 0, status.timesync),
+    Stream("GPS_RAW_INT", 8, 5, sensor.gps_raw_int),
+    Stream("SYS_STATUS", 5, 1, status.sys_status),
+    Stream("EXTENDED_SYS_STATE", 5, 1, status.extended_sys_state),
+    Stream("ORBIT_EXECUTION_STATUS", 5, 2, motion.orbit_execution_status),
+    Stream("ESTIMATOR_STATUS", 1, 0.5, motion.estimator_status),
+    Stream("GPS_GLOBAL_ORIGIN", 1, 1, motion.gps_global_origin),
+    Stream("SYSTEM_TIME", 1, 0, status.system_time),
+    Stream("SCALED_PRESSURE", 1, 1, sensor.scaled_pressure),
+    Stream("MISSION_CURRENT", 1, 1, status.mission_current),
+    Stream("PING", 1, 0.1, status.ping),
+    Stream("BATTERY_STATUS", 0.5, 0.5, status.battery_status),
+    Stream("HOME_POSITION", 0.5, 0.5, motion.home_position),
+    Stream("CURRENT_MODE", 0.5, 0.5, status.current_mode),
+    Stream("VIBRATION", 0.5, 0.1, sensor.vibration),
+    Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
+    Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
 )
 
 BY_ID: dict[int, Stream] = {stream.message_id: stream for stream in TABLE}

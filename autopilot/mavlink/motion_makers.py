@@ -1,0 +1,169 @@
+"""Messages about where the vehicle is and where it is going. Each maker returns None while there is nothing to tell."""
+
+import math
+
+from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, heading_cdeg, int16, int32, whole
+from autopilot.records import KIND_TRAJECTORY
+from dronecats.border.frames import rotate_inverse
+from dronecats.border.mavlink import dialect
+
+NAN = math.nan
+COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # places in the upper triangle of a 6x6 matrix
+
+
+def attitude(v: Vehicle) -> Message | None:
+    s = v.state
+    return dialect.MAVLink_attitude_message(boot_ms(v), *s.euler, *s.rates_frd) if s.attitude_valid else None
+
+
+def attitude_quaternion(v: Vehicle) -> Message | None:
+    s = v.state
+    if not s.attitude_valid:
+        return None
+    return dialect.MAVLink_attitude_quaternion_message(boot_ms(v), *s.attitude, *s.rates_frd)
+
+
+def local_position_ned(v: Vehicle) -> Message | None:
+    s = v.state
+    if not (s.position_valid or s.altitude_valid):
+        return None
+    return dialect.MAVLink_local_position_ned_message(boot_ms(v), *s.position_ned, *s.velocity_ned)
+
+
+def global_position_int(v: Vehicle) -> Message | None:
+    s = v.state
+    if not s.global_valid:
+        return None
+    lat, lon, alt = s.geodetic(s.position_ned)
+    home = v.commander.flight.home
+    relative = alt - home.alt_m if home is not None else -s.position_ned[2]
+    vn, ve, vd = s.velocity_ned
+    return dialect.MAVLink_global_position_int_message(
+        boot_ms(v), int32(lat * 1e7), int32(lon * 1e7), int32(alt * 1e3), int32(relative * 1e3),
+        int16(vn * 100.0), int16(ve * 100.0), int16(vd * 100.0), heading_cdeg(v),
+    )  # fmt: skip
+
+
+def gps_global_origin(v: Vehicle) -> Message | None:
+    s = v.state
+    if not s.origin_set:
+        return None
+    return dialect.MAVLink_gps_global_origin_message(
+        int32(s.origin_lat_deg * 1e7), int32(s.origin_lon_deg * 1e7), int32(s.origin_alt_m * 1e3), s.time_us
+    )
+
+
+def home_position(v: Vehicle) -> Message | None:
+    home = v.commander.flight.home
+    if home is None:
+        return None
+    q = [math.cos(0.5 * home.yaw), 0.0, 0.0, math.sin(0.5 * home.yaw)]
+    return dialect.MAVLink_home_position_message(
+        int32(home.lat_deg * 1e7), int32(home.lon_deg * 1e7), int32(home.alt_m * 1e3), *home.position_ned, q,
+        0.0, 0.0, 0.0, v.state.time_us,
+    )  # fmt: skip
+
+
+def altitude(v: Vehicle) -> Message | None:
+    s = v.state
+    if not s.altitude_valid:
+        return None
+    up = -s.position_ned[2]
+    amsl = s.origin_alt_m + up if s.origin_set else NAN
+    home = v.commander.flight.home
+    clearance = s.range_m()
+    return dialect.MAVLink_altitude_message(
+        s.time_us, amsl, amsl, up, up + home.position_ned[2] if home else up, amsl - clearance, clearance
+    )
+
+
+def vfr_hud(v: Vehicle) -> Message | None:
+    s = v.state
+    if not s.altitude_valid:
+        return None
+    speed = math.hypot(s.velocity_ned[0], s.velocity_ned[1])
+    return dialect.MAVLink_vfr_hud_message(
+        0.0, speed, round(math.degrees(s.yaw)) % 360, whole(s.thrust_setpoint * 100.0, 0, 100),
+        s.origin_alt_m - s.position_ned[2], -s.velocity_ned[2],
+    )  # fmt: skip
+
+
+def _diagonal(first: float, second: float, third: float, fourth: float) -> list[float]:
+    row = [0.0] * 21
+    for place, sigma in zip(COVARIANCE_DIAGONAL, (first, first, second, third, third, fourth), strict=True):
+        row[place] = sigma * sigma
+    return row
+
+
+def odometry(v: Vehicle) -> Message | None:
+    s = v.state
+    if not (s.position_valid and s.attitude_valid):
+        return None
+    return dialect.MAVLink_odometry_message(
+        s.time_us, dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_BODY_FRD, *s.position_ned, list(s.attitude),
+        *rotate_inverse(s.attitude, s.velocity_ned), *s.rates_frd,
+        _diagonal(s.position_std_h, s.position_std_v, s.tilt_std, s.yaw_std),
+        _diagonal(s.velocity_std_h, s.velocity_std_v, 0.0, 0.0), 0, dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT, 100,
+    )  # fmt: skip
+
+
+def estimator_status(v: Vehicle) -> Message:
+    s = v.state
+    flags = 0x1 if s.attitude_valid else 0
+    if s.velocity_valid:
+        flags |= 0x2 | 0x4
+    if s.position_valid:
+        flags |= 0x8 | 0x100
+    if s.global_valid:
+        flags |= 0x10 | 0x200
+    if s.altitude_valid:
+        flags |= 0x20
+    if math.isfinite(s.range_m()):
+        flags |= 0x40
+    if not s.velocity_valid:
+        flags |= 0x80
+    return dialect.MAVLink_estimator_status_message(
+        s.time_us, flags, s.ratio_gps_velocity, s.ratio_gps_position, s.ratio_baro, s.ratio_mag, 0.0, 0.0,
+        s.position_std_h, s.position_std_v,
+    )  # fmt: skip
+
+
+def attitude_target(v: Vehicle) -> Message | None:
+    s = v.state
+    if not v.commander.armed:
+        return None
+    return dialect.MAVLink_attitude_target_message(
+        boot_ms(v), 0, list(s.attitude_setpoint), *s.rates_setpoint, s.thrust_setpoint
+    )
+
+
+def position_target_local_ned(v: Vehicle) -> Message | None:
+    d = v.commander.passed
+    if d.kind != KIND_TRAJECTORY:
+        return None
+    fields = (*d.position_ned, *d.velocity_ned, *d.acceleration_ned)
+    mask = sum(1 << bit for bit, value in enumerate(fields) if not math.isfinite(value))
+    mask |= (0 if math.isfinite(d.yaw) else 0x400) | (0 if math.isfinite(d.yaw_rate) else 0x800)
+    return dialect.MAVLink_position_target_local_ned_message(
+        boot_ms(v), dialect.MAV_FRAME_LOCAL_NED, mask, *fields, d.yaw, d.yaw_rate
+    )
+
+
+def servo_output_raw(v: Vehicle) -> Message | None:
+    if v.actuators is None:
+        return None
+    armed = int(v.actuators["armed"])
+    commands = v.actuators["command"].tolist()[: len(v.airframe.rotors)]
+    pulses = [whole(1000.0 + 1000.0 * u, 900, 2000) if armed else 900 for u in commands] + [0] * (8 - len(commands))
+    return dialect.MAVLink_servo_output_raw_message(v.state.time_us & 0xFFFFFFFF, 0, *pulses)
+
+
+def orbit_execution_status(v: Vehicle) -> Message | None:
+    c = v.commander
+    if c.mode != "ORBIT" or c.orbit.centre is None:
+        return None
+    lat, lon, alt = v.state.geodetic(c.orbit.centre)
+    return dialect.MAVLink_orbit_execution_status_message(
+        v.state.time_us, math.copysign(c.orbit.radius, c.orbit.speed), dialect.MAV_FRAME_GLOBAL,
+        int32(lat * 1e7), int32(lon * 1e7), alt,
+    )  # fmt: skip

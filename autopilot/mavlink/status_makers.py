@@ -1,0 +1,170 @@
+"""Messages about the vehicle's condition: modes, health, battery, identity, clocks. A maker may return None."""
+
+import math
+
+from autopilot.arming import STICK_MODES, sensor_health
+from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, whole
+from dronecats.border.mavlink import MODES, PX4_AUTOPILOT, dialect
+
+SENSOR_GYRO, SENSOR_ACCEL, SENSOR_MAG = 0x1, 0x2, 0x4
+SENSOR_PRESSURE, SENSOR_GPS, SENSOR_RANGE = 0x8, 0x20, 0x100
+CONTROL_BITS = 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000  # rate, attitude, yaw, altitude, position, motors
+SENSOR_RC, SENSOR_FENCE, SENSOR_AHRS = 0x10000, 0x100000, 0x200000
+SENSOR_BATTERY, PREARM_CHECK, EXTENSION_USED = 0x2000000, 0x10000000, 0x80000000
+
+# PX4 1.15: the version whose behaviour was measured and is followed here, type 255 = release
+FLIGHT_SW_VERSION = 1 << 24 | 15 << 16 | 0 << 8 | 255
+VENDOR_ID, PRODUCT_ID = 0x26AC, 0x10
+CAPABILITIES = (
+    dialect.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    | dialect.MAV_PROTOCOL_CAPABILITY_FTP
+    | dialect.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | dialect.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+    | dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+)
+
+_STANDARD_MODES = {"POSCTL": 1, "ORBIT": 2, "ALTCTL": 4, "RETURN": 5, "MISSION": 6, "LAND": 7, "TAKEOFF": 8}
+
+
+def standard_mode(mode: str) -> int:
+    """Return the MAV_STANDARD_MODE of a mode name, 0 when it has none."""
+    return _STANDARD_MODES.get(mode, 0)
+
+
+def system_status(v: Vehicle) -> int:
+    """Return MAV_STATE: 0 not ready, 3 ready, 4 armed, 5 failsafe, 8 terminated (as measured on PX4)."""
+    c = v.commander
+    if c.armed and c.mode == "TERMINATION":
+        return int(dialect.MAV_STATE_FLIGHT_TERMINATION)
+    if c.armed:
+        return int(dialect.MAV_STATE_CRITICAL if c.in_failsafe else dialect.MAV_STATE_ACTIVE)
+    return int(dialect.MAV_STATE_UNINIT if c.arming_failures() else dialect.MAV_STATE_STANDBY)
+
+
+def heartbeat(v: Vehicle) -> Message:
+    c = v.commander
+    base = 1 | (128 if c.armed else 0)
+    if c.mode in STICK_MODES:
+        base |= 64 | (0 if c.mode in ("MANUAL", "ACRO") else 16)
+    elif c.mode == "OFFBOARD":
+        base |= 16
+    else:
+        base |= 4 | 8 | 16
+    return dialect.MAVLink_heartbeat_message(
+        v.airframe.mav_type, PX4_AUTOPILOT, base, c.custom_mode, system_status(v), 3
+    )
+
+
+def sys_status(v: Vehicle) -> Message:
+    health, s = sensor_health(v.state), v.state.sensors
+    present = SENSOR_GYRO | SENSOR_ACCEL | SENSOR_MAG | SENSOR_PRESSURE | SENSOR_GPS | CONTROL_BITS | SENSOR_AHRS
+    present |= SENSOR_BATTERY | PREARM_CHECK | EXTENSION_USED | SENSOR_FENCE
+    if int(s["range_time_us"]):
+        present |= SENSOR_RANGE
+    if v.commander.flight.sticks.time_us >= 0:
+        present |= SENSOR_RC
+    good = EXTENSION_USED | CONTROL_BITS
+    if v.commander.failsafe.cause != "geofence breached":
+        good |= SENSOR_FENCE
+    if health.imu:
+        good |= SENSOR_GYRO | SENSOR_ACCEL
+    if health.mag:
+        good |= SENSOR_MAG
+    if health.baro:
+        good |= SENSOR_PRESSURE
+    if health.gps and v.state.global_valid:
+        good |= SENSOR_GPS
+    if health.range:
+        good |= SENSOR_RANGE
+    if v.state.attitude_valid:
+        good |= SENSOR_AHRS
+    if health.battery and float(s["battery_remaining"]) > v.parameters["BAT_CRIT_THR"]:
+        good |= SENSOR_BATTERY
+    if v.commander.flight.sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"]):
+        good |= SENSOR_RC
+    if v.commander.armed or not v.commander.arming_failures():
+        good |= PREARM_CHECK
+    good &= present
+    known = health.battery
+    return dialect.MAVLink_sys_status_message(
+        present, present, good, 200,
+        whole(float(s["battery_voltage"]) * 1000.0, 0, 65534, 65535) if known else 65535,
+        whole(float(s["battery_current"]) * 100.0, 0, 32767, -1) if known else -1,
+        whole(math.ceil(float(s["battery_remaining"]) * 100.0), 0, 100, -1) if known else -1,
+        0, 0, 0, 0, 0, 0,
+    )  # fmt: skip
+
+
+def landed_state(v: Vehicle) -> int:
+    """Return MAV_LANDED_STATE."""
+    if v.commander.landed:
+        return int(dialect.MAV_LANDED_STATE_ON_GROUND)
+    shown = {"TAKEOFF": dialect.MAV_LANDED_STATE_TAKEOFF, "LAND": dialect.MAV_LANDED_STATE_LANDING}
+    return int(shown.get(v.commander.mode, dialect.MAV_LANDED_STATE_IN_AIR))
+
+
+def extended_sys_state(v: Vehicle) -> Message:
+    return dialect.MAVLink_extended_sys_state_message(0, landed_state(v))
+
+
+def battery_status(v: Vehicle) -> Message | None:
+    b = v.state.sensors
+    if not int(b["battery_time_us"]):
+        return None
+    pack, remaining, p = v.airframe.battery, float(b["battery_remaining"]), v.parameters
+    cells = min(pack.cells, 10)
+    per_cell = whole(float(b["battery_voltage"]) * 1000.0 / cells, 0, 65534, 65535)
+    if remaining < p["BAT_EMERGEN_THR"]:
+        charge = dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY
+    elif remaining < p["BAT_CRIT_THR"]:
+        charge = dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL
+    elif remaining < p["BAT_LOW_THR"]:
+        charge = dialect.MAV_BATTERY_CHARGE_STATE_LOW
+    else:
+        charge = dialect.MAV_BATTERY_CHARGE_STATE_OK
+    return dialect.MAVLink_battery_status_message(
+        0, dialect.MAV_BATTERY_FUNCTION_ALL, dialect.MAV_BATTERY_TYPE_LIPO, 32767,
+        [per_cell] * cells + [65535] * (10 - cells), whole(float(b["battery_current"]) * 100.0, 0, 32767, -1),
+        whole((1.0 - remaining) * pack.capacity_ah * 1000.0, 0, 1 << 30, -1), -1,
+        whole(remaining * 100.0, 0, 100, -1), 0, charge,
+    )  # fmt: skip
+
+
+def current_mode(v: Vehicle) -> Message:
+    c = v.commander
+    return dialect.MAVLink_current_mode_message(standard_mode(c.mode), c.custom_mode, MODES[c.intended].custom_mode)
+
+
+def mission_current(v: Vehicle) -> Message:
+    return dialect.MAVLink_mission_current_message(0, 0, 1 if not v.commander.mission_loaded else 2)
+
+
+def autopilot_version(v: Vehicle) -> Message:
+    uid = int(v.parameters["MAV_SYS_ID"])
+    return dialect.MAVLink_autopilot_version_message(
+        CAPABILITIES, FLIGHT_SW_VERSION, FLIGHT_SW_VERSION, 0, 0, [0] * 8, [0] * 8, [0] * 8, VENDOR_ID, PRODUCT_ID,
+        uid, [uid & 0xFF] + [0] * 17,
+    )  # fmt: skip
+
+
+def flight_information(v: Vehicle) -> Message:
+    return dialect.MAVLink_flight_information_message(boot_ms(v), 0, v.commander.takeoff_us, 0)
+
+
+def system_time(v: Vehicle) -> Message:
+    # the vehicle carries no calendar: 0 = unknown
+    return dialect.MAVLink_system_time_message(0, boot_ms(v))
+
+
+def ping(v: Vehicle) -> Message:
+    return dialect.MAVLink_ping_message(v.state.time_us, v.state.time_us // 1_000_000 & 0xFFFFFFFF, 0, 0)
+
+
+def timesync(v: Vehicle) -> Message:
+    return dialect.MAVLink_timesync_message(0, v.state.time_us * 1000)

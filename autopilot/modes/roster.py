@@ -1,0 +1,54 @@
+"""Which behaviour flies under which mode name."""
+
+from dataclasses import dataclass
+
+from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.hold import Hold
+from autopilot.modes.land import Descend, Land
+from autopilot.modes.manual import AltitudeControl, PositionControl, Stabilized
+from autopilot.modes.offboard import Offboard
+from autopilot.modes.orbit import Orbit
+from autopilot.modes.return_home import ReturnHome
+from autopilot.modes.setpoint import IDLE, Setpoint
+from autopilot.modes.takeoff import Takeoff
+
+
+class Terminated(Mode):
+    """Rotors idle."""
+
+    def setpoint(self, flight: Flight) -> Setpoint:
+        return IDLE
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviours:
+    """The modes of one vehicle; those with a target of their own also by attribute."""
+
+    hold: Hold
+    takeoff: Takeoff
+    orbit: Orbit
+    by_name: dict[str, Mode]
+
+
+def behaviours() -> Behaviours:
+    """Return fresh modes. Without missions, followed targets and a rate mode yet, those names fly their nearest kin."""
+    hold, takeoff, orbit, land, stabilized = Hold(), Takeoff(), Orbit(), Land(), Stabilized()
+    by_name: dict[str, Mode] = {
+        "HOLD": hold,
+        "MISSION": hold,
+        "FOLLOW": hold,
+        "TAKEOFF": takeoff,
+        "LAND": land,
+        "PRECLAND": land,
+        "DESCEND": Descend(),
+        "RETURN": ReturnHome(),
+        "ORBIT": orbit,
+        "OFFBOARD": Offboard(),
+        "POSCTL": PositionControl(),
+        "ALTCTL": AltitudeControl(),
+        "STABILIZED": stabilized,
+        "MANUAL": stabilized,
+        "ACRO": stabilized,
+        "TERMINATION": Terminated(),
+    }
+    return Behaviours(hold, takeoff, orbit, by_name)
