@@ -154,7 +154,7 @@ def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: flo
     """Return a convex footprint (N, 2), counter-clockwise seen from above, raised from z0 to z1."""
     r = np.asarray(ring, dtype=np.float64)
     low = np.column_stack([r, np.full(len(r), z0)])
-    return hull(low, (*low, 0.0, 0.0, z1 - z0), material, tile_m)
+    return hull(low, low + np.array((0.0, 0.0, z1 - z0)), material, tile_m)
 
 
 def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: float = 1.0) -> Part:
