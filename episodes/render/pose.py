@@ -3,6 +3,9 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, rotate
@@ -48,6 +51,13 @@ def eye_of(pose: CameraPose, camera: CameraModel) -> Eye:
         center_x=0.5 * camera.width,
         center_y=0.5 * camera.height,
     )
+
+
+def depth_per_metre(camera: CameraModel) -> NDArray[np.float32]:
+    """Return (H, W): how far a metre along each pixel's ray reaches along the optical axis (its cosine)."""
+    x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
+    y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
+    return (1.0 / np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
 
 
 def as_floats(v: Vec3) -> Vec3:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Vec3
-from episodes.render.pose import eye_of
-from episodes.render.resolve import resolve_rows, srgb_table
+from episodes.render.pose import depth_per_metre, eye_of
+from episodes.render.resolve import resolve_rows
 from episodes.render.shading import shade_rows
 from episodes.render.shadow import CELLS, cast_movable, restore, sun_map
-from episodes.render.sky import daylight
+from episodes.render.sky import daylight, display_table
 from episodes.render.triangles import lay_out, place_all
 from episodes.render.visibility import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.scene import Scene
@@ -61,8 +61,9 @@ class Renderer:
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
         self._samples = np.empty((2 * camera.height + 1, 2 * camera.width + 1), np.int32)
-        self._color = np.empty((camera.height, camera.width, 3), np.float32)
-        self._table = srgb_table()
+        self._light = np.empty((camera.height, camera.width, 3), np.float32)
+        self._per_metre = depth_per_metre(camera)
+        self._table = display_table()
         self._threads = max(1, threads)
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
         self._turn = threading.Lock()
@@ -79,7 +80,7 @@ class Renderer:
         depth = np.empty(shape, np.float32)
         ids = np.empty(shape, np.int32)
         with self._turn:
-            triangles, drawn, samples, color = self._layout.triangles, self._drawn, self._samples, self._color
+            triangles, drawn, samples, light = self._layout.triangles, self._drawn, self._samples, self._light
             place_all(self._layout, moved)
             covered = cast_movable(self._sun, triangles, self._layout)
             try:
@@ -95,12 +96,13 @@ class Renderer:
                     self._layout.atlas,
                     self._sun,
                     self._day,
+                    self._per_metre,
                     samples,
-                    color,
+                    light,
                     depth,
                     ids,
                 )
-                self._together(resolve_rows, samples, triangles.plane, color, self._table, rgb)
+                self._together(resolve_rows, samples, triangles.plane, light, self._table, rgb)
             finally:
                 restore(self._sun, covered)
         return View(rgb=rgb, depth=depth, ids=ids)

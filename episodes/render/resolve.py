@@ -1,31 +1,25 @@
-"""From one colour per pixel to the picture: edges smoothed by what the samples around each pixel see, then sRGB."""
+"""From the light of each pixel to the picture: edges smoothed by what the samples around each pixel see, then sRGB."""
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-STEPS = 8192  # of the encoding table: fine enough for the steep start of the sRGB curve
-
-
-def srgb_table() -> NDArray[np.uint8]:
-    """Return the (STEPS + 1,) sRGB codes of equally spaced linear values 0 … 1. Source: IEC 61966-2-1."""
-    x = np.arange(STEPS + 1) / STEPS
-    return np.rint(255.0 * np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)).astype(np.uint8)
+from episodes.render.sky import STEPS, WHITE
 
 
 @numba.njit(cache=True, nogil=True)
-def resolve_rows(thread, threads, samples, plane, color, table, rgb):
-    """Write this thread's rows of `rgb` (H, W, 3).
+def resolve_rows(thread, threads, samples, plane, light, table, rgb):
+    """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
     A pixel whose nine samples see one flat piece keeps its colour. Elsewhere each sample counts with the weight of a
     tent one pixel wide on either side, and brings the colour of the pixel beside it that sees the same piece; a piece
     that no neighbouring middle sees is left out.
     """
     height, width = rgb.shape[:2]
+    scale, half = np.float32(STEPS / WHITE), np.float32(0.5)
     for y in range(thread, height, threads):
         j = 2 * y + 1
         above, here, below = samples[j - 1], samples[j], samples[j + 1]
-        shaded, shown = color[y], rgb[y]
+        shaded, shown = light[y], rgb[y]
         for x in range(width):
             i = 2 * x + 1
             t = here[i]
@@ -60,16 +54,16 @@ def resolve_rows(thread, threads, samples, plane, color, table, rgb):
                             if qy < 0:
                                 continue
                         w = np.float32((2 - abs(dx)) * (2 - abs(dy)))
-                        r += w * color[qy, qx, 0]
-                        g += w * color[qy, qx, 1]
-                        b += w * color[qy, qx, 2]
+                        r += w * light[qy, qx, 0]
+                        g += w * light[qy, qx, 1]
+                        b += w * light[qy, qx, 2]
                         total += w
                 r /= total
                 g /= total
                 b /= total
-            shown[x, 0] = table[int(r * STEPS + 0.5)]
-            shown[x, 1] = table[int(g * STEPS + 0.5)]
-            shown[x, 2] = table[int(b * STEPS + 0.5)]
+            shown[x, 0] = table[int(r * scale + half)]
+            shown[x, 1] = table[int(g * scale + half)]
+            shown[x, 2] = table[int(b * scale + half)]
 
 
 @numba.njit(cache=True, nogil=True)

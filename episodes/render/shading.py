@@ -10,15 +10,17 @@ import numba
 import numpy as np
 
 from episodes.render.shadow import sun_slopes, sunlight
-from episodes.render.sky import HAZE_LENGTH_M, displayed, sky_color
+from episodes.render.sky import HAZE_LENGTH_M, WHITE, sky_color
 from episodes.render.textures import footprint, texture_color
 
 FRESH = 4  # px, a power of two
 
 
 @numba.njit(cache=True, nogil=True)
-def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day, samples, color, depth, ids):
-    """Fill this thread's rows of `color` (H, W, 3 linear, displayable), `depth` (H, W, m) and `ids` (H, W).
+def shade_rows(
+    thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day, per_metre, samples, light, depth, ids
+):
+    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), `depth` (H, W, m) and `ids` (H, W).
 
     Only the sample at the middle of each pixel is looked at. What belongs to the whole triangle is found when the row
     enters it; how its texture is read is found every FRESH pixels.
@@ -38,19 +40,19 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
         j = 2.0 * y + 1.0
         ry = (y + 0.5 - eye.center_y) * per_px
         last = -2
-        seen, shown, far, named = samples[2 * y + 1], color[y], depth[y], ids[y]
+        seen, shown, far, named = samples[2 * y + 1], light[y], depth[y], ids[y]
+        cosine = per_metre[y]
         for x in range(width):
             i = 2.0 * x + 1.0
             rx = (x + 0.5 - eye.center_x) * per_px
             dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
             de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
             dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
-            length = math.sqrt(1.0 + rx * rx + ry * ry)
+            per = float(cosine[x])  # of the ray's length to its depth
             t = seen[2 * x + 1]
             if t < 0:
-                per = 1.0 / length
                 r, g, b = sky_color(day, dn * per, de * per, dd * per)
-                shown[x, 0], shown[x, 1], shown[x, 2] = displayed(r, g, b)
+                shown[x, 0], shown[x, 1], shown[x, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
                 far[x] = np.inf
                 named[x] = 0
                 continue
@@ -127,15 +129,14 @@ def shade_rows(thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day
             lg = g * (day.sun[1] * direct + day.ambient[1] * above + day.bounce[1] * below + emission)
             lb = b * (day.sun[2] * direct + day.ambient[2] * above + day.bounce[2] * below + emission)
             if gloss > 0.0:
-                per = 1.0 / length
                 lr, lg, lb = _polish(day, gloss, direct, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb)
 
-            air = z * length * (1.0 / HAZE_LENGTH_M)
-            clear = 1.0 / (1.0 + air + 0.5 * air * air)
+            air = z * (1.0 / HAZE_LENGTH_M)  # and below with air / per, to the second order: exp(-air / per)
+            clear = per * per / (per * per + per * air + 0.5 * air * air)
             lr = day.horizon[0] + (lr - day.horizon[0]) * clear
             lg = day.horizon[1] + (lg - day.horizon[1]) * clear
             lb = day.horizon[2] + (lb - day.horizon[2]) * clear
-            shown[x, 0], shown[x, 1], shown[x, 2] = displayed(lr, lg, lb)
+            shown[x, 0], shown[x, 1], shown[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -4,6 +4,8 @@ import math
 from typing import NamedTuple
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
 from dronecats.border.frames import Vec3
 from episodes.scene import Sun
@@ -11,6 +13,8 @@ from episodes.scene import Sun
 EXPOSURE = 0.72
 SHOULDER = 0.48
 WHITENING = 0.09
+WHITE = 2.14  # the light at which the curve of `display_table` reaches white
+STEPS = 8192  # of the table: less than one code each where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance after which about two thirds of a thing's colour is lost in the air
 DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
 GLOW_COSINE = math.cos(math.radians(0.9))
@@ -74,20 +78,12 @@ def sky_color(day, n, e, d):
     return r, g, b
 
 
-@numba.njit(cache=True, nogil=True)
-def displayed(r, g, b):
-    """Return the linear display values (0 … 1) of a linear light: straight in the dark, bending towards white.
+def display_table() -> NDArray[np.uint8]:
+    """Return the (STEPS + 1,) sRGB codes of equally spaced lights 0 … WHITE.
 
-    Reinhard's extended curve x (1 + x / w²) / (1 + x / s) after the exposure.
+    After the exposure the light is bent by x (1 + a x) / (1 + b x), straight in the dark and slowly reaching white
+    (the form of Reinhard's extended curve), and encoded as IEC 61966-2-1 says.
     """
-    r *= EXPOSURE
-    g *= EXPOSURE
-    b *= EXPOSURE
-    under_r = 1.0 + SHOULDER * r
-    under_g = 1.0 + SHOULDER * g
-    under_b = 1.0 + SHOULDER * b
-    k = 1.0 / (under_r * under_g * under_b)  # one division for the three
-    r *= (1.0 + WHITENING * r) * under_g * under_b * k
-    g *= (1.0 + WHITENING * g) * under_r * under_b * k
-    b *= (1.0 + WHITENING * b) * under_r * under_g * k
-    return min(max(r, 0.0), 1.0), min(max(g, 0.0), 1.0), min(max(b, 0.0), 1.0)
+    x = EXPOSURE * WHITE * np.arange(STEPS + 1) / STEPS
+    y = np.clip(x * (1.0 + WHITENING * x) / (1.0 + SHOULDER * x), 0.0, 1.0)
+    return np.rint(255.0 * np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** (1.0 / 2.4) - 0.055)).astype(np.uint8)
