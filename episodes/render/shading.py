@@ -85,7 +85,7 @@ def shade_rows(
             w0 = e[0] * i + e[1] * j + e[2]
             w1 = e[3] * i + e[4] * j + e[5]
             w2 = e[6] * i + e[7] * j + e[8]
-            share = 1.0 / (w0 + w1 + w2)
+            share = 1.0 / max(w0 + w1 + w2, 1e-7 * volume)  # rounding must not put a sliver at infinity
             z = volume * share
             far[x] = z
             named[x] = triangles.instance[t]

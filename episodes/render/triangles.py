@@ -67,12 +67,15 @@ class Layout:
 
 
 def lay_out(scene: Scene) -> Layout:
-    """Return `scene` as arrays. Raises UsageError for an id that is not unique or not positive."""
+    """Return `scene` as arrays. Raises UsageError for ids that repeat or are below 1, or a corner not finite."""
     ids = [instance.id for instance in scene.instances]
     if len(set(ids)) != len(ids) or min(ids, default=1) < 1:
         raise UsageError(
             f"map '{scene.name}' has instance ids that repeat or are below 1: number its instances from 1."
         )
+    for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in scene.instances}.values():
+        if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
+            raise UsageError(f"the mesh of '{name}' has a corner that is not finite: mend its vertices, normals or uv.")
     instances = sorted((i for i in scene.instances if len(i.mesh.triangles)), key=lambda i: i.movable)
     total = sum(len(instance.mesh.triangles) for instance in instances)
     triangles = Triangles(
@@ -193,7 +196,7 @@ def _surfaces(materials: list[Material]) -> tuple[Surfaces, Atlas]:
             texture_of[id(material.texture)] = len(pictures)
             pictures.append(material.texture)
     surfaces = Surfaces(
-        color=np.array([m.color for m in materials], np.float32).reshape(-1, 3),
+        color=np.array([m.color for m in materials], np.float32).reshape(-1, 3).clip(0.0),
         emission=np.array([m.emission for m in materials], np.float32),
         specular=np.array([m.specular for m in materials], np.float32),
         texture=np.array([texture_of.get(id(m.texture), -1) for m in materials], np.int32),

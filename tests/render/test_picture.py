@@ -244,3 +244,10 @@ def test_the_sun_stands_where_the_scene_says():
 def test_a_texture_of_the_wrong_kind_is_refused():
     with pytest.raises(UsageError, match="texture 0"):
         build_atlas([np.zeros((4, 4), np.uint8)])
+
+
+def test_a_mesh_with_a_corner_at_infinity_is_refused():
+    uv = [(0, 0), (1, 0), (float("inf"), 1)]
+    mesh = mesh_of([(0, -1, -1), (0, 1, -1), (0, 1, 1)], [(0, 1, 2)], uv=uv)
+    with pytest.raises(UsageError, match="not finite"):
+        Renderer(scene_of([instance(1, mesh, (0, 0, 0))]), CAMERA, shadow_cells=64)
