@@ -11,13 +11,14 @@ from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate, rotate_
 from dronecats.pilots import reply as text
 
 ARRIVED_M = 4.0  # 3-D distance, body origin to target centre, at which it declares; the verifier's radius is 5 m
+_CLOSE_ENOUGH_M = 4.5  # … and at which it does so when the shortest stride would bring it too close
 _STEP_S = 2.5  # one `go` is flown this long
 _FAR_M, _FAR_SCALE = 5.0, 0.6  # below this depth a stride is scaled …
 _STRIDE_M = 3.0  # … and never longer than this (paper, appendix "Executing go")
 _SHORTEST_STRIDE_M = 1.2  # 0.6 of a depth of 2 m, under which the drone brakes
 _LEVEL = 0.14  # |vertical| / horizontal below this is not flown: the controller drops it under 0.15
 _KEEPS_HEIGHT_M = 7.0  # nearer than this the height is kept …
-_KEEPS_HEIGHT_BAND_M = 2.5  # … unless the target is so far below or above that the sphere would not be entered
+_KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would then leave the picture below or above before it is reached
 _TURN_MAX_DEG = 90.0
 _TOO_NEAR_M = 0.3  # nearer than this to the lens a point has no useful place in the picture
 
@@ -36,9 +37,9 @@ def reply(
     for a target at rest. attitude: of the body, None for level flight at yaw_rad.
 
     Rotates until the target is in the picture; then goes, the point being the target's true projection and the depth
-    its true planar depth, both one step ahead of a moving target; strides are shortened so that it stops before the
-    target. Far off it lets the controller climb or descend along the ray; near, it keeps its height. A target that is
-    ahead but under or over the picture is approached along the picture's edge.
+    its true planar depth, both one step ahead of a moving target; the last strides are made shorter by smaller depths,
+    so that it stops before the target. Far off it lets the controller climb or descend along the ray; near, it keeps
+    its height. A target that is ahead but under or over the picture is approached along the picture's edge.
     """
     q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
     aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
@@ -46,7 +47,8 @@ def reply(
     if not 0.0 <= x <= camera.width:
         return text.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
     in_picture = 0.0 <= y <= camera.height
-    if in_picture and math.dist(position_ned, target_ned) <= ARRIVED_M:
+    distance = math.dist(position_ned, target_ned)
+    if in_picture and distance <= ARRIVED_M:
         return text.finished()
 
     ahead = _in_camera(position_ned, q, camera, aim)
@@ -59,7 +61,10 @@ def reply(
         return text.go(500.0, 500.0, _FAR_M)
     # stop where the sphere of ARRIVED_M has safely been entered, at the height that is kept
     reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
-    depth = _depth_for(max(horizontal - reach, 0.0), ahead[0])
+    travel = horizontal - reach
+    if in_picture and distance <= _CLOSE_ENOUGH_M and travel < _SHORTEST_STRIDE_M:
+        return text.finished()
+    depth = _depth_for(travel, ahead[0])
     if horizontal < _KEEPS_HEIGHT_M and abs(vertical) < _KEEPS_HEIGHT_BAND_M:
         f, middle = camera.focal_px, camera.height / 2.0
         span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
@@ -77,13 +82,15 @@ def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
 
 
 def _depth_for(travel_m: float, depth_m: float) -> float:
-    """Return a depth whose stride is about `travel_m`, the true depth when that is a full stride."""
-    if travel_m >= _STRIDE_M:
+    """Return a depth whose stride leaves a distance that further strides can cover: the true depth when it is full.
+
+    Strides are 3 m, or between 1.2 m and 1.8 m, so what is left is halved where a full one would leave too little.
+    """
+    if travel_m >= _STRIDE_M + _SHORTEST_STRIDE_M:
         return max(depth_m, _FAR_M)
-    longest_near = _FAR_SCALE * _STRIDE_M
-    if travel_m >= longest_near:
-        return min(depth_m, _FAR_M - 0.01)
-    return max(travel_m, _SHORTEST_STRIDE_M) / _FAR_SCALE
+    longest = _FAR_SCALE * _STRIDE_M
+    stride = travel_m if travel_m <= longest else 0.5 * travel_m
+    return min(max(stride, _SHORTEST_STRIDE_M), longest) / _FAR_SCALE
 
 
 def _in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:

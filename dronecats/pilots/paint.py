@@ -42,7 +42,7 @@ BANDS: dict[str, Band] = {
 """The keys are the values of `referent.COLORS`."""
 
 _SKY_STEP = 3  # grey levels between neighbours that still count as one sky: the gradient of clear air is flatter
-_SKY_HUE, _SKY_SATURATION = (85, 125), 150  # car paint of the same hue is more colourful than clear air
+_SKY_HUE, _SKY_SATURATION = (85, 125), 170  # car paint of the same hue is more colourful than clear air
 _SKY_VALUE = 110  # darker than this is no day sky
 
 

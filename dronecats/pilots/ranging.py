@@ -18,12 +18,12 @@ from dronecats.pilots.referent import Size
 FOCAL_PER_WIDTH = 0.5 / math.tan(math.radians(90.0) / 2.0)
 CAMERA_AHEAD_M = 0.5
 
-_DEPTHS_M = np.geomspace(1.2, 70.0, 84)
+_DEPTHS_M = np.geomspace(1.3, 70.0, 72)
 _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
 _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
 _EDGE = 0.005  # fraction of the picture width that counts as touching the edge
-_BELOW = 1.1  # corners this little below the picture's edge still widen what is seen above it
+_BELOW = 1.1  # points this little below the picture's edge still widen what is seen above it
 _SPREAD_LOG = 0.10  # how far apart things of one kind are in size, as a fraction
 _SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and paint that ends before the body does
 _SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
@@ -103,15 +103,16 @@ class _Grid:
 
 @lru_cache(maxsize=16)
 def _grid(size: Size, half: float) -> _Grid:
-    along = np.array((1, 1, -1, -1)) * 0.5 * size.length_m
-    across = np.array((1, -1, 1, -1)) * 0.5 * size.width_m
+    along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
+    across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # sill and waist over the whole footprint, the roof over a smaller one: the outline of a vehicle from any side
+    # sill and waist over the whole footprint, the roof over a smaller one: the outline of a vehicle from any side;
+    # points along the sides, so that what is cut off below leaves the part behind it
     x = np.concatenate((along, along, 0.7 * along))
     y = np.concatenate((across, across, 0.85 * across))
-    z = np.repeat((size.paint_from_m, waist, size.paint_to_m), 4)
+    z = np.repeat((size.paint_from_m, waist, size.paint_to_m), len(along))
     c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
-    ahead, right = c * x - s * y, s * x + c * y  # (headings, corners)
+    ahead, right = c * x - s * y, s * x + c * y  # (headings, points)
     depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
     u = FOCAL_PER_WIDTH * right[None] / depth
     v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]

@@ -22,7 +22,7 @@ _ARRIVED_M = 4.6
 _TARGET_M = 4.1  # where strides are meant to end
 _CAREFUL_M = 8.0  # within this, only short strides: the estimate may be off, and a target may come towards the drone
 _CLAIMS = 2  # so many claims in a row from the outer part of the radius, and it comes closer for the next
-_ROOM_M = 1.9  # between the drone and the nearest the thing's end can be, for coming closer
+_ROOM_M = 1.75  # between the drone and the nearest the thing's end can be, for coming closer
 
 # The rules by which a `go` is flown (paper, appendix "Executing go")
 _STRIDE_M = 3.0

@@ -1,0 +1,70 @@
+"""The pilots on the shipped episodes, flown by the agent's rules without dynamics."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from dronecats.border.camera import CameraModel
+from dronecats.pilots import blind, oracle, vision
+
+catalogue = pytest.importorskip("episodes.catalogue")
+worlds = pytest.importorskip("episodes.world")
+
+SINGLE = [i for i in catalogue.ids() if "commanding" not in i]
+SEEN = ["residential-approaching-01", "residential-searching-01", "residential-tracking-01"]
+SEEN = [i for i in SEEN if i in SINGLE]
+
+
+def oracle_of(world, camera):
+    def decide(prompt, position, yaw, t):
+        here, soon = world.target_centre(t), world.target_centre(t + 0.5)
+        velocity = tuple((b - a) / 0.5 for a, b in zip(here, soon, strict=True))
+        return oracle.reply(position, yaw, None, camera, here, velocity)
+
+    return decide
+
+
+@pytest.mark.parametrize("episode", SINGLE)
+def test_the_oracle_arrives_within_four_metres_and_says_so_at_once(episode, fly_kinematic):
+    world = worlds.World(catalogue.load(episode))
+    flown = fly_kinematic(world, oracle_of(world, CameraModel()))
+    assert flown.success
+    assert [d for _, d, _ in flown.declared] == [pytest.approx(flown.distances[-1])]
+    assert flown.distances[-1] <= oracle.ARRIVED_M
+    assert flown.declared[0][0] < 60.0
+    assert min(flown.clearances) > 0.5  # neither into the ground nor into the target
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, -135.0])
+@pytest.mark.parametrize("up", [0.0, 6.0])
+def test_the_oracle_arrives_from_any_heading_and_from_above(turn, up, fly_kinematic):
+    record = catalogue.load(SINGLE[0])
+    world = worlds.World(record)
+    start = record.starts[0]
+    north, east, down = start.position_ned
+    start = replace(start, position_ned=(north, east, down - up), yaw_deg=start.yaw_deg + turn)
+    flown = fly_kinematic(world, oracle_of(world, CameraModel()), start=start)
+    assert flown.success
+    assert min(flown.clearances) > 0.4
+
+
+@pytest.mark.parametrize("episode", SEEN)
+def test_vision_finds_the_target_in_rendered_frames_and_declares_within_reach(episode, fly_kinematic, eye):
+    world = worlds.World(catalogue.load(episode))
+    see = eye(world)
+
+    def decide(prompt, position, yaw, t):
+        return vision.answer(prompt, [see(position, yaw, t)])
+
+    flown = fly_kinematic(world, decide, cap_s=120.0)
+    assert flown.success
+    assert all(distance <= 5.0 for _, distance, _ in flown.declared)
+    assert min(flown.clearances) > 0.4
+
+
+def test_blind_never_declares(fly_kinematic):
+    world = worlds.World(catalogue.load(SINGLE[0]))
+    flown = fly_kinematic(world, lambda prompt, position, yaw, t: blind.answer(prompt, [b""]), cap_s=60.0)
+    assert flown.declared == []
+    assert not math.isclose(flown.distances[0], flown.distances[-1])  # it does fly

@@ -1,0 +1,174 @@
+"""The eye of the vision pilot on painted pictures: finds, ranges, rejects, and decides."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.agent.picture import encode
+from dronecats.border.errors import UsageError
+from dronecats.pilots import referent, sighting, vision
+from dronecats.pilots.briefing import PastAction
+
+BGR = {
+    "red": (24, 18, 200),
+    "orange": (10, 110, 240),
+    "yellow": (10, 205, 245),
+    "green": (50, 140, 20),
+    "cyan": (220, 205, 0),
+    "blue": (190, 60, 20),
+    "purple": (150, 35, 110),
+    "magenta": (150, 20, 210),
+}
+CAMERA_UP_M = 1.7
+
+
+def scene(seed=1, sunny=1.0):
+    """Sky, grass with a grey road, and two dull houses; 640 × 360, horizon in the middle."""
+    rng = np.random.default_rng(seed)
+    picture = np.zeros((360, 640, 3), np.float32)
+    height = np.linspace(0.0, 1.0, 180)[:, None]
+    picture[:180] = (235, 190, 150) * (1 - height[:, :, None]) + np.array((240, 225, 210)) * height[:, :, None]
+    picture[180:] = (45, 120, 85)
+    cv2.fillConvexPoly(picture, np.array([(310, 180), (330, 180), (700, 360), (-60, 360)]), (105, 105, 105))
+    cv2.rectangle(picture, (20, 110), (150, 195), (120, 150, 170), -1)
+    cv2.fillConvexPoly(picture, np.array([(10, 110), (85, 70), (160, 110)]), (50, 55, 110))
+    cv2.rectangle(picture, (520, 120), (630, 190), (90, 110, 150), -1)
+    picture[180:] += rng.normal(0.0, 9.0, (180, 640, 1))
+    return np.clip(picture * sunny, 0, 255).astype(np.uint8)
+
+
+def put(picture, bgr, distance_m, side_m=0.0, side_on=True, size=None, shade=1.0):
+    """Draw a simple vehicle whose centre is `distance_m` ahead of the body and `side_m` to the right."""
+    size = size or referent.SIZES["suv"]
+    long, deep = (size.length_m, size.width_m) if side_on else (size.width_m, size.length_m)
+    face = distance_m - 0.5 - 0.5 * deep
+    f = 320.0
+
+    def pixel(x, up):
+        return round(320 + f * (side_m + x) / face), round(180 + f * (CAMERA_UP_M - up) / face)
+
+    def box(left, low, right, high, color):
+        cv2.rectangle(picture, pixel(left, high), pixel(right, low), tuple(int(c * shade) for c in color), -1)
+
+    box(-long / 2, size.paint_from_m, long / 2, 0.62 * size.height_m, bgr)
+    box(-long * 0.35, 0.62 * size.height_m, long * 0.4, size.paint_to_m, bgr)
+    box(-long * 0.3, 0.65 * size.height_m, long * 0.35, 0.92 * size.height_m, (45, 35, 30))
+    for wheel in (-0.3, 0.3) if side_on else ():
+        box(long * wheel - 0.35, 0.0, long * wheel + 0.35, 0.65, (28, 28, 28))
+    return picture
+
+
+def look(picture, command):
+    return sighting.find(vision.decode(encode(picture[:, :, ::-1])), referent.read(command))
+
+
+def decide(picture, command="go to the cyan SUV", past=()):
+    return json.loads(vision.decide(vision.decode(encode(picture[:, :, ::-1])), referent.read(command), past))
+
+
+@pytest.mark.parametrize("color", BGR)
+@pytest.mark.parametrize("shade", [1.0, 0.55])
+def test_every_colour_is_found_where_it_is_in_sun_and_shade(color, shade):
+    seen = look(put(scene(), BGR[color], 12.0, 2.0, shade=shade), f"go to the {color} SUV")
+    assert seen is not None
+    assert 0.5 * (seen.box.left + seen.box.right) == pytest.approx(0.5 * 2.0 / 10.5, abs=0.03)
+
+
+@pytest.mark.parametrize("distance", [4.5, 6.0, 9.0, 14.0, 20.0])
+@pytest.mark.parametrize("side_on", [True, False])
+def test_distance_comes_out_of_size(distance, side_on):
+    seen = look(put(scene(), BGR["cyan"], distance, side_on=side_on), "go to the cyan SUV")
+    assert seen.range.distance_m == pytest.approx(distance, rel=0.2)
+
+
+def test_nothing_is_seen_where_nothing_is():
+    for color in BGR:
+        assert look(scene(), f"go to the {color} SUV") is None
+
+
+def test_the_sky_is_no_blue_car_and_the_lawn_no_green_one():
+    blue_sky = scene()
+    blue_sky[:170] = (205, 135, 75)
+    assert look(blue_sky, "go to the blue car") is None
+    assert look(scene(3), "go to the green car") is None
+
+
+def test_a_car_in_another_colour_is_not_the_one():
+    assert look(put(scene(), BGR["red"], 10.0), "go to the cyan SUV") is None
+
+
+def test_of_two_things_the_named_colour_counts():
+    picture = put(put(scene(), BGR["red"], 9.0, -3.0, side_on=False), BGR["blue"], 9.0, 3.0, side_on=False)
+    assert look(picture, "go to the blue car").box.left > 0.0
+    assert look(picture, "go to the red car").box.right < 0.0
+
+
+def test_a_sign_in_the_sky_is_too_high_to_be_a_car():
+    picture = scene()
+    cv2.rectangle(picture, (300, 60), (360, 90), BGR["cyan"], -1)
+    assert look(picture, "go to the cyan SUV") is None
+
+
+def test_far_it_goes_with_its_depth_near_with_smaller_ones_and_there_it_declares():
+    far, nearer = (decide(put(scene(), BGR["cyan"], d)) for d in (14.0, 6.5))
+    assert far["action"] == nearer["action"] == "go"
+    assert far["depth_m"] > 10.0
+    assert 2.0 <= nearer["depth_m"] < 5.0
+    assert decide(put(scene(), BGR["cyan"], 3.9))["action"] == "finished"
+
+
+def test_after_a_claim_it_keeps_tracking():
+    claimed = (PastAction("finished"),)
+    assert decide(put(scene(), BGR["cyan"], 3.8), past=claimed)["action"] == "finished"
+    assert decide(put(scene(), BGR["cyan"], 9.0), past=claimed)["action"] == "go"
+
+
+def test_it_sweeps_one_way_and_after_a_full_circle_leaves():
+    picture, past, turned = scene(), [], 0.0
+    while (action := decide(picture, past=tuple(past[-5:])))["action"] == "rotate":
+        turned += action["angle_deg"]
+        past.append(PastAction("rotate", angle_deg=action["angle_deg"]))
+        assert len(past) < 14
+    assert turned >= 300.0  # with 90° of view that is everything
+    assert action["action"] == "go"
+
+
+def test_what_was_lost_is_looked_for_on_the_side_where_it_was():
+    assert decide(scene(), past=(PastAction("go", x_px=200.0, depth_m=8.0),))["angle_deg"] < 0
+    assert decide(scene(), past=(PastAction("go", x_px=1100.0, depth_m=8.0),))["angle_deg"] > 0
+
+
+def test_without_a_colour_word_it_searches_and_never_claims():
+    assert decide(put(scene(), BGR["cyan"], 4.0), "go to the SUV")["action"] == "rotate"
+
+
+def test_same_request_same_answer_and_one_object_per_picture():
+    jpeg = encode(put(scene(), BGR["cyan"], 10.0)[:, :, ::-1])
+    prompt = "Command: go to the cyan SUV\n1. ROTATE angle=60deg"
+    assert vision.answer(prompt, [jpeg]) == vision.answer(prompt, [jpeg])
+    assert len(json.loads(vision.answer(prompt, [jpeg] * 4))) == 4
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.binary(max_size=300))
+def test_bytes_that_are_no_picture_are_refused(data):
+    with pytest.raises(UsageError):
+        vision.answer("Command: go to the cyan SUV", [data])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([*BGR, "white", "black", "grey", "pink", "brown"]))
+def test_any_picture_gets_a_valid_action(seed, color):
+    rng = np.random.default_rng(seed)
+    picture = rng.integers(0, 256, (36, 64, 3), dtype=np.uint8).repeat(10, 0).repeat(10, 1)
+    action = decide(picture, f"go to the {color} van")
+    assert action["action"] in ("go", "rotate", "think", "finished")
+    if action["action"] == "go":
+        assert all(0 <= v <= 1000 for v in action["point"])
+        assert math.isfinite(action["depth_m"])
+        assert action["depth_m"] >= 2.0
