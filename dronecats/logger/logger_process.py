@@ -24,8 +24,8 @@ class Logger:
         self._drones = len(world.record.starts)
         self._truth = Listener(config["truth"], self._recorder.truth)
         self._telemetry = [Listener(url, self._recorder.telemetry) for url in config["telemetry"]]
-        for listener in self._telemetry:
-            subscribe(listener.send)
+        for index, listener in enumerate(self._telemetry):
+            subscribe(listener.send, index + 1)
 
     def ready(self) -> dict[str, Any]:
         return {}

@@ -15,14 +15,14 @@ WATCHED = {
 }
 
 
-def subscribe(send: Callable[[bytes], None]) -> None:
-    """Ask for the messages worth keeping, at five a second."""
+def subscribe(send: Callable[[bytes], None], system: int) -> None:
+    """Ask the autopilot of `system` for the messages worth keeping, at five a second."""
     packer = Packer(SYSTEM, COMPONENT)
     for message_id, interval_us in WATCHED.items():
         send(
             packer.pack(
                 dialect.MAVLink_command_long_message(
-                    0, 0, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message_id, interval_us, 0, 0, 0, 0, 0
+                    system, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message_id, interval_us, 0, 0, 0, 0, 0
                 )
             )
         )

@@ -35,7 +35,7 @@ class LockstepStage:
         clock.follow(self._recorder.truth)
         for vehicle in simulation.vehicles:
             port = vehicle.autopilot.open_port("minimal")
-            subscribe(port.receive)
+            subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(lambda port=port: self._recorder.telemetry(port.take()))
         self.camera = WorldCamera(world, camera, lambda data: announce(data))
         announce = clock.follow(self.camera.feed)

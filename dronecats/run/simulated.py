@@ -1,6 +1,7 @@
 """`fly --sitl`: from the command line's words to a judged run folder."""
 
 import argparse
+import statistics
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,13 @@ from dronecats.agent.providers import split
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import DronecatsError, UsageError
 from dronecats.judge.episode import write_verdict
+from dronecats.judge.files import lines
 from dronecats.pilots import roster
 from dronecats.run import folder as folders
 from dronecats.run.episode import Flown, fly, start_of
 from dronecats.run.plan import Plan, latency_for, speed
 from episodes import catalogue
+from vehicles import airframe as airframes
 
 DEFAULT_EPISODE = "residential-approaching-01"
 Say = Callable[[str], None]
@@ -39,6 +42,7 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
     say(f'episode {plan.record.id}: "{plan.record.instruction}", pilot {plan.pilot_name}{_disclaimer(plan)}')
     flown = _fly(plan, prompt, folder, say)
     verdict = write_verdict(folder)
+    folders.write_run(folder.parent, {**configuration(plan, prompt), "served_rate_hz": served_rate_hz(folder)})
     draw(plan, folder)
     return result_of(plan.record.id, plan.pilot_name, folder, flown, verdict)
 
@@ -47,6 +51,7 @@ def resolve(args: argparse.Namespace) -> Plan:
     """Return the plan that the command line asks for. Raises UsageError."""
     factor = speed(args.speed)
     episode = args.episode or DEFAULT_EPISODE
+    airframes.load(args.airframe)
     if args.base_url and not args.model:
         raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
     return Plan(
@@ -111,6 +116,12 @@ def progress(say: Say) -> Callable[[Decision], None]:
         say(f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)")
 
     return line
+
+
+def served_rate_hz(folder: Path) -> float | None:
+    """Return the decisions per second of vehicle time that the pilot was really served with, the median."""
+    rates = [d["rate_hz"] for d in lines(folder / "decisions.jsonl") if d.get("rate_hz")]
+    return statistics.median(rates) if rates else None
 
 
 def draw(plan: Plan, folder: Path) -> None:

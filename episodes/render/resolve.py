@@ -1,12 +1,12 @@
 """From the light of each pixel to the picture: edges smoothed by what the samples around each pixel see, then sRGB."""
 
-import numba
 import numpy as np
 
+from dronecats.border.compiled import njit
 from episodes.render.sky import STEPS, WHITE
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def resolve_rows(thread, threads, samples, plane, light, table, rgb):
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
@@ -66,7 +66,7 @@ def resolve_rows(thread, threads, samples, plane, light, table, rgb):
             shown[x, 2] = table[int(b * scale + half)]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _find(samples, plane, wanted, y, x, dy, dx, height, width):
     """Return the pixel beside the sample (dy, dx) of pixel (y, x) whose middle sees the piece `wanted`, or (-1, -1)."""
     for choice in range(3):

@@ -1,14 +1,10 @@
-"""The light that leaves each pixel's surface towards the camera, its depth and its id.
-
-Numba's cache of `shade_rows` is renewed when this file changes, not when a function of another file that it calls does:
-save this file too after changing `textures`, `shadow` or `sky`.
-"""
+"""The light that leaves each pixel's surface towards the camera, its depth and its id."""
 
 import math
 
-import numba
 import numpy as np
 
+from dronecats.border.compiled import njit
 from episodes.render.shadow import sun_slopes, sunlight
 from episodes.render.sky import HAZE_LENGTH_M, WHITE, sky_color
 from episodes.render.textures import footprint, texture_color
@@ -16,7 +12,7 @@ from episodes.render.textures import footprint, texture_color
 FRESH = 4  # px, a power of two
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def shade_rows(
     thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day, per_metre, samples, light, depth, ids
 ):
@@ -139,7 +135,7 @@ def shade_rows(
             shown[x, 0], shown[x, 1], shown[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _toward(n, e, d, fn, fe, fd):
     """Return the vector (n, e, d) at unit length and on the side of the unit vector f; f itself if it has no length."""
     square = n * n + e * e + d * d
@@ -151,7 +147,7 @@ def _toward(n, e, d, fn, fe, fd):
     return n * k, e * k, d * k
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _polish(day, gloss, direct, dn, de, dd, nn, ne, nd, lr, lg, lb):
     """Return the light (lr, lg, lb) of a surface with the mirrored sky and a soft highlight of the sun added.
 

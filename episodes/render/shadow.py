@@ -7,10 +7,10 @@ the places they covered are put back afterwards.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.border.compiled import njit
 from episodes.render.triangles import Layout, Triangles
 from episodes.scene import Sun
 
@@ -88,7 +88,7 @@ def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]
         sun.height[rows, columns] = heights
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def draw_heights(sun, position, first, stop):
     """Raise `sun.height` to the triangles first … stop - 1."""
     cells = sun.height.shape[0]
@@ -129,7 +129,7 @@ def draw_heights(sun, position, first, stop):
                     sun.height[j, i] = h
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def sun_slopes(sun, nn, ne, nd):
     """Return (slope_x, slope_y, bias) in m: how the height of a plane with unit normal n (NED) changes per cell, and
     how far below the map's height a point of it still counts as lit.
@@ -143,7 +143,7 @@ def sun_slopes(sun, nn, ne, nd):
     return slope_x, slope_y, BIAS_M + 0.2 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def sunlight(sun, n, e, d, slope_x, slope_y, bias):
     """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
 

@@ -3,10 +3,10 @@
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.border.compiled import njit
 from dronecats.border.frames import Vec3
 from episodes.scene import Sun
 
@@ -52,7 +52,7 @@ def _vec3(v: tuple[float, ...]) -> Vec3:
     return (v[0], v[1], v[2])
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def sky_color(day, n, e, d):
     """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED."""
     up = max(-d, 0.0)

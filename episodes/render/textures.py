@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
@@ -85,7 +85,7 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     return pyramid
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def footprint(atlas, texture, ux, vx, uy, vy):
     """Return (level, mix, doublings, step_u, step_v): how `texture_color` reads a pixel.
 
@@ -114,7 +114,7 @@ def footprint(atlas, texture, ux, vx, uy, vy):
     return lower, mix, doublings, along_u * share, along_v * share
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def texture_color(atlas, u, v, level, mix, doublings, step_u, step_v):
     """Return the linear (r, g, b) at (u, v) for a `footprint`.
 
@@ -144,7 +144,7 @@ def texture_color(atlas, u, v, level, mix, doublings, step_u, step_v):
     return r * r, g * g, b * b
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _bilinear(texels, levels, level, u, v, weight):
     """Return one level's code at (u, v) times `weight`, the three channels side by side in one integer.
 
@@ -176,14 +176,14 @@ def _bilinear(texels, levels, level, u, v, weight):
     return lanes
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _lanes(texel):
     """Return the three ten-bit channels of a texel moved 21 bits apart."""
     t = np.uint64(texel)
     return (t & LOW_10) | ((t & MIDDLE_10) << SHIFT_1) | ((t & HIGH_10) << SHIFT_2)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _log2(x):
     """Return log₂ x within 0.05, from the bits of a float: its exponent, and its mantissa taken as straight."""
     return (np.float32(x).view(np.int32) - ONE_BITS) * (1.0 / (1 << 23)) + 0.043

@@ -12,10 +12,10 @@ centres, which alone decide depth and ids; even ones lie on the borders between 
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.border.compiled import njit
 from episodes.render.pose import NEAR_M
 
 BAND = 16  # rows of samples that one thread fills at a time
@@ -43,7 +43,7 @@ def new_drawn(triangles: int, chunks: int) -> Drawn:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def set_up(thread, threads, triangles, eye, drawn):
     """Fill `drawn` for the chunks of one thread: cull them against the view, then set up their triangles."""
     slope_x = eye.center_x / eye.focal
@@ -66,7 +66,7 @@ def set_up(thread, threads, triangles, eye, drawn):
                 _set_up_triangle(t, triangles.position, eye, drawn)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _set_up_triangle(t, position, eye, drawn):
     drawn.rows[t, 0] = 1
     drawn.rows[t, 1] = 0
@@ -135,7 +135,7 @@ def _set_up_triangle(t, position, eye, drawn):
     drawn.rows[t, 1] = int(bottom)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _widen(xa, za, xb, zb, low, high):
     """Return (low, high) widened by the slopes z / x of the part of the edge a - b that lies beyond the near plane."""
     if xa >= NEAR_M:
@@ -146,7 +146,7 @@ def _widen(xa, za, xb, zb, low, high):
     return low, high
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def sort_into_bands(triangles, drawn, bands):
     """Return (start, items): band k holds triangles items[start[k]:start[k + 1]], in the order of the scene."""
     start = np.zeros(bands + 1, np.int64)
@@ -174,7 +174,7 @@ def sort_into_bands(triangles, drawn, bands):
     return start, items
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def draw_bands(thread, threads, drawn, start, items, samples):
     """Write the nearest triangle (or NOTHING) of every sample in this thread's bands of `samples` (2 H + 1, 2 W + 1).
 
@@ -205,7 +205,7 @@ def draw_bands(thread, threads, drawn, start, items, samples):
             )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, samples, count_up):
     right = samples.shape[1] - 1.0
     name = np.int32(t)
@@ -244,7 +244,7 @@ def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, sample
             sample_row[i] = name if closer else sample_row[i]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _cut(a, inverse, rest, low, high):
     """Return the part of [low, high] in which a·i + rest ≥ 0; `inverse` is -1 / a."""
     if a > 0.0:

@@ -1,0 +1,42 @@
+"""The walls between the rooms, and what a base install without the simulator must be able to import."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_import_contracts_hold():
+    linter = [Path(sys.executable).parent / "lint-imports", "--no-cache"]
+    run = subprocess.run(linter, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout
+
+
+def test_a_base_install_imports_agent_link_logger_and_verifier_without_the_simulator():
+    """numba, embreex and matplotlib belong to [sim]; a Raspberry Pi has none of our use of them."""
+    code = """
+import importlib.abc, sys
+class Refuse(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in ('numba', 'embreex', 'matplotlib', 'trimesh'):
+            raise ImportError(name)
+sys.meta_path.insert(0, Refuse())
+import dronecats.agent.loop, dronecats.agent.chat, hil.link, hil.transport, hil.http_camera
+import dronecats.judge.episode, dronecats.logger.estimate_process, dronecats.logger.recorder
+import dronecats.run.connected, dronecats.pilots.pilot_process, dronecats.pilots.vision
+import dronecats.cli.fly, dronecats.cli.judge, dronecats.cli.doctor
+"""
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+
+
+def test_no_source_file_outgrows_its_purpose():
+    rooms = ("dronecats", "autopilot", "vehicles", "episodes", "hil")
+    long = {
+        str(path.relative_to(ROOT)): lines
+        for room in rooms
+        for path in (ROOT / room).rglob("*.py")
+        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > 400
+    }
+    assert not long

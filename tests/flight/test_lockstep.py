@@ -1,0 +1,94 @@
+"""Whole flights through the command line on the lockstep clock."""
+
+import json
+
+import pytest
+
+from dronecats.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def fly(tmp_path_factory):
+    """Fly with the given arguments and return (result object, episode folder); each set of arguments flies once."""
+    flown = {}
+
+    def run(capsys, *arguments, again=0):
+        key = (*arguments, again)
+        if key not in flown:
+            out = tmp_path_factory.mktemp("run")
+            assert main(["fly", "--sitl", "--speed", "max", "--out", str(out), "--json", *arguments]) == 0
+            result = json.loads(capsys.readouterr().out.splitlines()[-1])
+            flown[key] = result, out / result["episode"]
+        return flown[key]
+
+    return run
+
+
+FIXED = ("--latency", "fixed:0.5", "--seed", "3")
+
+
+def test_the_vision_pilot_finds_the_cyan_suv_and_leaves_everything_a_run_folder_holds(fly, capsys):
+    result, folder = fly(capsys, "--pilot", "vision", *FIXED)
+    assert result["success"]
+    assert result["ne_m"] <= 5.0
+    assert result["real_time_factor"] > 1.0
+    names = {path.name for path in folder.iterdir()}
+    assert {"episode.json", "decisions.jsonl", "truth.jsonl", "flight.tlog", "frames", "verdict.json"} <= names
+    assert (folder / "flight.png").stat().st_size > 50_000
+    assert len(list((folder / "frames").iterdir())) >= result["steps"]
+    run = json.loads((folder.parent / "run.json").read_text())
+    assert len(run["prompt_sha256"]) == 64
+    assert run["clock"] == "lockstep"
+    assert run["served_rate_hz"] > 0
+    for line in (folder / "decisions.jsonl").read_text().splitlines():
+        decision = json.loads(line)
+        assert decision["t_decided"] == pytest.approx(decision["t_frame"] + 0.5, abs=0.11)
+
+
+def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
+    result, folder = fly(capsys, "--pilot", "vision", *FIXED)
+    assert main(["judge", str(folder.parent), "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)["episodes"][result["episode"]]
+    assert verdict["stored_agrees"] is True
+    assert verdict["ne_m"] == result["ne_m"]
+    assert main(["judge", str(folder), "--delta", "0.5", "--json"]) == 0
+    assert not json.loads(capsys.readouterr().out)["episodes"][folder.name]["success"]
+
+
+def test_one_seed_gives_the_same_bytes_and_another_gives_others(fly, capsys):
+    _, first = fly(capsys, "--pilot", "vision", *FIXED)
+    _, second = fly(capsys, "--pilot", "vision", *FIXED, again=1)
+    _, other = fly(capsys, "--pilot", "vision", "--latency", "fixed:0.5", "--seed", "4")
+    for name in ("truth.jsonl", "decisions.jsonl"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+        assert (first / name).read_bytes() != (other / name).read_bytes()
+
+
+def test_the_tlog_is_read_by_pymavlink(fly, capsys):
+    from pymavlink import mavutil
+
+    _, folder = fly(capsys, "--pilot", "vision", *FIXED)
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
+    kinds = set()
+    while (message := log.recv_msg()) is not None:
+        kinds.add(message.get_type())
+    assert {"HIL_STATE_QUATERNION", "HEARTBEAT", "ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= kinds
+
+
+@pytest.mark.parametrize(
+    "episode", ["residential-approaching-02", "residential-searching-01", "residential-search-and-track-01"]
+)
+def test_the_oracle_solves_every_cell(fly, capsys, episode):
+    result, _ = fly(capsys, "--pilot", "oracle", "--episode", episode)
+    assert result["success"]
+
+
+@pytest.mark.slow
+def test_the_blind_pilot_flies_to_the_cap_and_fails(fly, capsys):
+    result, folder = fly(capsys, "--pilot", "blind", "--latency", "fixed:0.5")
+    assert not result["success"]
+    assert result["outcome"] == "failure"
+    assert result["declarations"] == 0
+    assert result["sim_seconds"] >= 300.0
+    poses = [json.loads(row) for row in (folder / "truth.jsonl").read_text().splitlines()]
+    assert sum(p["kind"] == "pose" for p in poses) == pytest.approx(601, abs=2)  # 2 Hz over 300 s

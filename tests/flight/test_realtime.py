@@ -1,0 +1,97 @@
+"""Real processes, real sockets, and what happens when one of them is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import psutil
+import pytest
+
+
+class Flight:
+    """`dronecats fly --sitl` as a user starts it."""
+
+    def __init__(self, out, *arguments):
+        command = [sys.executable, "-m", "dronecats.cli.main", "fly", "--sitl", "--out", str(out), "--json", *arguments]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.out = out
+        self.children = []
+
+    def until(self, text):
+        for line in self.process.stdout:
+            if text in line:
+                self.children = psutil.Process(self.process.pid).children(recursive=True)
+                return
+        raise AssertionError(f"'{text}' never came; {self.process.stderr.read()}")
+
+    def child(self, kind):
+        return next(c for c in self.children if c.cmdline()[-1] == kind)
+
+    def ends(self, timeout=90):
+        out, errors = self.process.communicate(timeout=timeout)
+        assert not [c for c in self.children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
+        return self.process.returncode, out, errors
+
+
+@pytest.fixture
+def fly(tmp_path):
+    flights = []
+
+    def start(*arguments):
+        flights.append(Flight(tmp_path / "run", *arguments))
+        return flights[-1]
+
+    yield start
+    for flight in flights:
+        if flight.process.poll() is None:
+            flight.process.kill()
+            flight.process.wait()
+
+
+def test_a_flight_in_real_time_succeeds(fly):
+    code, out, errors = fly("--speed", "3").ends(240)
+    assert code == 0, errors
+    result = json.loads(out.splitlines()[-1])
+    assert result["success"]
+    assert result["real_time_factor"] == pytest.approx(3.0, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["logger", "camera", "pilot", "simulator"])
+def test_killing_a_part_in_flight_is_status_3_with_a_sentence(fly, kind):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until("   0  t=")
+    os.kill(flight.child(kind).pid, signal.SIGKILL)
+    code, out, errors = flight.ends()
+    assert code == 3
+    assert kind in errors
+    assert len(errors.strip().splitlines()) == 1
+    result = json.loads(out.splitlines()[-1])
+    assert result["outcome"] == "error"
+    verdict = json.loads((flight.out / result["episode"] / "verdict.json").read_text())
+    assert verdict["outcome"] == "error"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["waiting until", "taking off", "   1  t="])
+def test_ctrl_c_lands_closes_everything_and_leaves_a_readable_folder(fly, when):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until(when)
+    flight.process.send_signal(signal.SIGINT)
+    code, out, errors = flight.ends()
+    assert code == 130
+    assert "interrupted" in errors
+    if when != "waiting until":
+        assert "landing" in out
+    assert json.loads(out.splitlines()[-1])["outcome"] == "error"
+
+
+@pytest.mark.slow
+def test_a_killed_agent_leaves_no_process(fly):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until("   0  t=")
+    flight.process.kill()
+    _, alive = psutil.wait_procs(flight.children, timeout=10)
+    assert not alive
