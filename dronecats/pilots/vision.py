@@ -18,9 +18,9 @@ from dronecats.pilots.briefing import PastAction
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 
 # Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
-_ARRIVED_M = 4.6
-_TARGET_M = 4.1  # where strides are meant to end
-_CAREFUL_M = 8.0  # within this, only short strides: the estimate may be off, and a target may come towards the drone
+_ARRIVED_M = 4.7
+_TARGET_M = 4.2  # where strides are meant to end; a body in flight runs on for about half a metre after one
+_CAREFUL_M = 9.0  # within this, only short strides: the estimate may be off, and a target may come towards the drone
 _CLAIMS = 2  # so many claims in a row from the outer part of the radius, and it comes closer for the next
 _ROOM_M = 1.75  # between the drone and the nearest the thing's end can be, for coming closer
 
@@ -92,10 +92,11 @@ def _depth_for(there: ranging.Range) -> float:
     if there.distance_m >= _CAREFUL_M:
         depth = max(there.depth_m, _NEAR_M)
         return depth if abs(depth - _WANDER_M) > 0.5 else _WANDER_M - 1.0
-    longest_near = _NEAR_SCALE * _STRIDE_M
-    if travel >= longest_near:
-        return min(there.depth_m, _NEAR_M - 0.05)
-    return max(travel, _SHORTEST_M) / _NEAR_SCALE + 0.01
+    longest = _NEAR_SCALE * _STRIDE_M
+    # what two short strides can cover is halved, so that the last one is not too short to be flown
+    stride = travel if travel <= longest else 0.5 * travel
+    depth = min(max(stride, _SHORTEST_M), longest) / _NEAR_SCALE + 0.01
+    return min(depth, _NEAR_M - 0.05)
 
 
 def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:
