@@ -63,6 +63,7 @@ def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Exte
     if picture is not None and extent is not None:
         north_min, north_max, east_min, east_max = extent
         axes.imshow(picture, extent=(east_min, east_max, north_min, north_max), origin="upper", zorder=0)
+        axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # beside the picture: its mean colour
     else:
         axes.set_facecolor("#eef0ea")
         axes.grid(color="white", linewidth=1.2)
