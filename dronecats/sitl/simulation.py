@@ -5,27 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from autopilot.autopilot import Autopilot
-from autopilot.flight_core import FlightCore, update
+from autopilot.flight_core import FlightCore
 from dronecats.border.airframe import Airframe
-from dronecats.border.compiled import njit
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import Packer
 from dronecats.border.terrain import FLAT, HeightField
 from dronecats.border.truth import TRUTH_COMPONENT, Origin, truth_message
 from dronecats.sitl.bus import TruthBus
-from vehicles.multirotor import Multirotor, step
+from dronecats.sitl.fused import Fused
+from vehicles.multirotor import Multirotor
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
 TRUTH_US = 20_000  # 50 Hz
-
-
-@njit(cache=True)
-def fly(steps, plant, core):
-    """Advance one vehicle and its inner loop by `steps` milliseconds."""
-    for _ in range(steps):
-        step(*plant)
-        update(*core)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +56,14 @@ class SimulatedVehicle:
             parameter_file=parameter_file,
             actuators=self.plant.actuators,
         )
-        self._core_args = self.core.kernel_args(self.plant.sensors, self.plant.actuators)
+        self._fused = Fused(
+            self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators)
+        )
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
 
     def advance(self) -> None:
         """Advance by one tick."""
-        fly(TICK_US // STEP_US, self.plant.kernel_args, self._core_args)
+        self._fused.advance(TICK_US // STEP_US)
         self.autopilot.update()
 
     @property

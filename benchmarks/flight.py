@@ -1,0 +1,288 @@
+"""How fast our flight stack flies, and how well it holds real time.
+
+    python -m benchmarks.flight [--json] [--repeat N] [--seconds S] [--quick] [--peers --peers-dir DIR]
+
+prints times faster than real time (`…_rtf`) for the plant with its autopilot, for the same flown through MAVLink by an
+agent-like client, and for a fleet of four; the memory of one simulator process; how long a first run compiles; and how
+well real-time mode holds its rate. The task is the same everywhere: hover and steps of 1 m/s.
+
+Every `…_rtf` is a median over the repetitions, of vehicle seconds per wall second; `…_rtf_cpu` beside it counts the
+seconds of processor time instead, which other programs on a shared machine disturb less.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from autopilot.modes.setpoint import FREE, NAN
+from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
+from benchmarks import flight_peers
+from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
+from dronecats.sitl.lockstep import Lockstep
+from dronecats.sitl.pace import RateKeeper
+from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle, Simulation
+from hil.link import Link
+from vehicles import airframe
+
+ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
+HEIGHT_M = 5.0
+STEP_S = 2.0  # s each part of the task lasts
+STEPS_NED = ((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.0, -1.0))  # m/s
+MOVES: tuple[Setpoint, ...] = (Hold(), Velocity(1.0, None), Hold(), Turn(0.5), Hold(), Velocity(1.0, None))
+SETTLE_S = 25.0  # s for the estimator to find itself before a take-off
+PACE_LATE_S = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """One timed stretch of flight."""
+
+    flown_s: float  # vehicle time
+    wall_s: float
+    cpu_s: float
+
+
+def stretch(clock_us: Callable[[], int], fly_on: Callable[[float], None], seconds: float) -> Stretch:
+    """Return how long `fly_on(seconds)` took."""
+    began_us, wall, cpu = clock_us(), time.perf_counter(), time.process_time()
+    fly_on(seconds)
+    return Stretch((clock_us() - began_us) / 1e6, time.perf_counter() - wall, time.process_time() - cpu)
+
+
+def simulation(count: int, seed: int) -> Simulation:
+    """Return `count` X500s side by side on flat ground."""
+    frame = airframe.load("x500")
+    return Simulation(
+        [
+            SimulatedVehicle(i, frame, Place((0.0, 3.0 * i, 0.0), 0.0), seed=seed + i, origin=ORIGIN)
+            for i in range(count)
+        ]
+    )
+
+
+class CoreFlight:
+    """Plant and autopilot with no port open: setpoints are handed to the commander as its MAVLink service would."""
+
+    def __init__(self, seed: int) -> None:
+        self.vehicle = simulation(1, seed).vehicles[0]
+        commander = self.vehicle.autopilot.commander
+        while commander.arming_failures() and self.vehicle.time_us < 60_000_000:
+            self.vehicle.advance()
+        for _ in range(300):
+            self.vehicle.advance()
+        commander.take_off(-HEIGHT_M)
+        commander.arm()
+        for _ in range(1000):
+            self.vehicle.advance()
+        self._stream(0)
+        commander.set_mode("OFFBOARD")
+        self.vehicle.advance()
+        if commander.mode != "OFFBOARD" or commander.landed:
+            raise RuntimeError(f"the vehicle does not fly: mode {commander.mode}, landed {commander.landed}")
+
+    def _stream(self, step: int) -> None:
+        offboard = self.vehicle.autopilot.commander.flight.offboard
+        north, east = STEPS_NED[step % len(STEPS_NED)]
+        offboard.setpoint = CascadeSetpoint(
+            position_ned=(NAN, NAN, -HEIGHT_M), velocity_ned=(north, east, NAN), acceleration_ned=FREE, yaw=0.0
+        )
+        offboard.time_us = self.vehicle.autopilot.state.time_us
+
+    def fly(self, seconds: float) -> None:
+        """Advance, with a setpoint every 50 ms."""
+        for tick in range(round(seconds * 1e6) // TICK_US):
+            if tick % 5 == 0:
+                self._stream(int(tick * TICK_US / 1e6 / STEP_S))
+            self.vehicle.advance()
+        if self.vehicle.autopilot.commander.mode != "OFFBOARD":
+            raise RuntimeError("the vehicle fell out of offboard")
+
+    def run(self, seconds: float) -> Stretch:
+        return stretch(lambda: self.vehicle.time_us, self.fly, seconds)
+
+
+class LinkedFlight:
+    """A fleet flown through `hil.link.Link`, 20 Hz each: every message encoded, decoded and acted upon."""
+
+    def __init__(self, count: int, seed: int, profile: str = "onboard") -> None:
+        self.clock = Lockstep(simulation(count, seed))
+        self.links = [Link(self.clock.transport(i, profile)) for i in range(count)]
+        self.messages = 0
+        for link in self.links:
+            link.connect()
+            link.on_message = self._count
+        for link in self.links:
+            link.wait_for(lambda state: state.healthy, 60.0, "getting ready")
+        for i, link in enumerate(self.links):
+            link.arm()
+            link.set_mode("TAKEOFF")
+            link.wait_for(lambda state: state.landed is False, 15.0, f"take-off of vehicle {i}")
+        for link in self.links:
+            link.wait_for(lambda s: s.position_ned is not None and s.position_ned[2] < -1.5, 20.0, "climbing")
+            link.fly(Hold())
+            link.start_offboard()
+
+    def _count(self, message: Any) -> None:
+        self.messages += 1
+
+    def fly(self, seconds: float) -> None:
+        """Tick all links until the time has passed, each with the same moves."""
+        began = self.clock.simulation.time_us
+        end, step = began + round(seconds * 1e6), -1
+        while (now := self.clock.simulation.time_us) < end:
+            wanted = int((now - began) / 1e6 / STEP_S)
+            for link in self.links:
+                if wanted != step:
+                    link.fly(MOVES[wanted % len(MOVES)])
+                link.tick()
+            step = wanted
+        if any(link.state.mode != "OFFBOARD" for link in self.links):
+            raise RuntimeError("a vehicle fell out of offboard")
+
+    def run(self, seconds: float) -> Stretch:
+        return stretch(lambda: self.clock.simulation.time_us, self.fly, seconds)
+
+
+def figures(name: str, runs: list[Stretch]) -> dict[str, float]:
+    """Return the medians of times-real-time, by the wall and by the processor."""
+    return {
+        f"{name}_rtf": round(statistics.median(r.flown_s / r.wall_s for r in runs), 1),
+        f"{name}_rtf_cpu": round(statistics.median(r.flown_s / r.cpu_s for r in runs), 1),
+    }
+
+
+def pace(seconds: float, period_s: float) -> dict[str, float]:
+    """Return how well one vehicle with a client is held to real time, as shares and ms. Waits that long."""
+    clock = LinkedFlight(1, seed=7).clock
+    keeper = RateKeeper(period_s)
+    steps = max(1, round(period_s * 1e6) // TICK_US)
+    for tick in range(round(seconds / period_s)):
+        if tick * period_s * 1e6 % (TICK_US * steps) < period_s * 1e6 - 1:
+            clock.simulation.advance()
+        keeper.wait()
+    return {
+        "ticks": keeper.ticks,
+        "within_2ms": round(1.0 - keeper.late / keeper.ticks, 5),
+        "lag_max_ms": round(1e3 * keeper.lag_max_s, 2),
+    }
+
+
+def empty_ticks(seconds: float, period_s: float) -> dict[str, float]:
+    """Return how well the machine and the keeper hold a period in which nothing is done."""
+    keeper = RateKeeper(period_s)
+    for _ in range(round(seconds / period_s)):
+        keeper.wait()
+    return {
+        "ticks": keeper.ticks,
+        "within_2ms": round(1.0 - keeper.late / keeper.ticks, 5),
+        "lag_max_ms": round(1e3 * keeper.lag_max_s, 2),
+    }
+
+
+CHILD = """
+import json, time
+began = time.perf_counter()
+from benchmarks.flight import simulation
+fleet = simulation(1, 1)
+loaded = time.perf_counter()
+fleet.advance()
+compiled = time.perf_counter()
+port = fleet.vehicles[0].autopilot.open_port("onboard")
+for _ in range(500):
+    fleet.advance()
+    port.take()
+import psutil
+print(json.dumps({"load_s": loaded - began, "first_step_s": compiled - loaded,
+                  "rss_mb": psutil.Process().memory_info().rss / 1e6,
+                  "cpu_s": time.process_time()}))
+"""
+
+
+def child(cache: str | None) -> dict[str, float]:
+    """Return what a fresh simulator process needs: seconds to its first step, megabytes. `cache`: of compiled code."""
+    environment = dict(os.environ) | ({"NUMBA_CACHE_DIR": cache} if cache else {})
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD],
+        env=environment,
+        cwd=Path(__file__).resolve().parents[1],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def processes() -> dict[str, float]:
+    """Return the figures of a process that compiles everything, and of the next one, which finds it compiled."""
+    with tempfile.TemporaryDirectory() as cache:
+        cold, warm = child(cache), child(cache)
+    return {
+        "cold_compile_s": round(cold["load_s"] + cold["first_step_s"] - warm["load_s"] - warm["first_step_s"], 1),
+        "cold_compile_cpu_s": round(cold["cpu_s"] - warm["cpu_s"], 1),
+        "warm_start_s": round(warm["load_s"] + warm["first_step_s"], 2),
+        "rss_mb": round(warm["rss_mb"]),
+        "rss_cold_mb": round(cold["rss_mb"]),
+    }
+
+
+def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
+    """Return every figure of our own stack."""
+    found: dict[str, Any] = {"seconds": seconds, "repeat": repeat, "airframe": "x500", "task": "hover and 1 m/s steps"}
+    core = CoreFlight(1)
+    found |= figures("core", [core.run(seconds) for _ in range(repeat)])
+    linked = LinkedFlight(1, 1)
+    linked.messages = 0
+    found |= figures("mavlink", [linked.run(seconds) for _ in range(repeat)])
+    found["mavlink_messages_per_s"] = round(linked.messages / (repeat * seconds))
+    found |= figures("mavlink_minimal", _runs(LinkedFlight(1, 1, "minimal"), repeat, seconds))
+    found |= figures("fleet4", _runs(LinkedFlight(4, 1), repeat, seconds / 2))
+    if not quick:
+        found |= processes()
+        found["pace_10ms"] = pace(10.0, 0.010)
+        found["pace_4ms"] = empty_ticks(5.0, 0.004)
+    found["machine"] = {
+        "cpus": os.cpu_count(),
+        "load_1min": round(psutil.getloadavg()[0], 2),
+        "python": platform.python_version(),
+    }
+    return found
+
+
+def _runs(flight: LinkedFlight, repeat: int, seconds: float) -> list[Stretch]:
+    return [flight.run(seconds) for _ in range(repeat)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--repeat", type=int, default=5, help="repetitions of which the median is given")
+    parser.add_argument("--seconds", type=float, default=20.0, help="vehicle seconds of one repetition")
+    parser.add_argument("--quick", action="store_true", help="only how many times faster than real time")
+    parser.add_argument("--peers", action="store_true", help="also the same task in other simulators, as ratios")
+    parser.add_argument("--peers-dir", type=Path, default=Path(".peers"), help="folder with one venv per peer")
+    chosen = parser.parse_args()
+    found = measure(max(1, chosen.repeat), max(1.0, chosen.seconds), chosen.quick)
+    if chosen.peers:
+        found["peers"] = flight_peers.compare(chosen.peers_dir, found["core_rtf"])
+    if chosen.json:
+        print(json.dumps(found))
+    else:
+        for name, value in found.items():
+            print(f"{name:24} {value}")
+
+
+if __name__ == "__main__":
+    main()
