@@ -1,0 +1,220 @@
+"""The flight log: a ULog file from arming to disarming (SDLOG_MODE), written from the telemetry's own numbers."""
+
+import contextlib
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from autopilot.logging import ulog
+from autopilot.logging.directory import LogDirectory
+from autopilot.logging.readings import Readings
+from autopilot.logging.topics import TABLE, Sources, Topic
+from autopilot.mavlink.status_makers import FLIGHT_SW_VERSION
+from autopilot.mavlink.vehicle import Vehicle
+
+FLUSH_US = 500_000  # what a kill may cost
+SYSTEM = "DroneCATS"
+
+# SDLOG_MODE
+DISABLED, FROM_BOOT, FROM_BOOT_ON = -1, 1, 2
+
+
+@dataclass(slots=True)
+class _Logged:
+    """One topic of the open log."""
+
+    topic: Topic
+    packer: ulog.DataPacker
+    stamp: int = 0  # of the last sample
+
+
+@dataclass(slots=True)
+class _Group:
+    """Topics that are due together."""
+
+    interval_us: int
+    due_us: int
+    members: list[_Logged]
+
+
+class FlightLog:
+    """Call `tick` once per tick of the autopilot. A disk that refuses costs data, never the flight.
+
+    `failed` tells the reason of the last refusal, None while all is well; `lost` counts the samples that did not fit
+    their fields.
+    """
+
+    def __init__(self, vehicle: Vehicle, directory: LogDirectory) -> None:
+        self.directory = directory
+        self.failed: str | None = None
+        self.lost = 0
+        self._vehicle = vehicle
+        self._sources = Sources(
+            vehicle,
+            Readings(vehicle.state.sensors),
+            Readings(vehicle.actuators) if vehicle.actuators is not None else None,
+        )
+        self._logged = [_Logged(topic, _packer(i, topic)) for i, topic in enumerate(TABLE)]
+        self._groups = [
+            _Group(round(1e6 / rate), 0, [x for x in self._logged if x.topic.rate_hz == rate])
+            for rate in sorted({topic.rate_hz for topic in TABLE}, reverse=True)
+        ]
+        self._state_group = next(g for g in self._groups if any(x.topic.name == "vehicle_status" for x in g.members))
+        self._shown: tuple[Any, ...] | None = None
+        self._was_armed = False
+        self._file: int | None = None
+        self._size = 0  # bytes of whole messages in the file
+        self._pending = bytearray()
+        self._flush_due_us = 0
+        self._lost_since_us: int | None = None
+        self._parameters: dict[str, int | float] = {}
+        self._closed = False  # until the next arming, or boot
+
+    @property
+    def path(self) -> Path | None:
+        """The log being written, None while there is none."""
+        return self.directory.active
+
+    def tick(self) -> None:
+        """Begin, continue or end the log."""
+        armed, mode = self._vehicle.commander.armed, self._vehicle.parameters["SDLOG_MODE"]
+        wanted = mode != DISABLED and (armed or mode in (FROM_BOOT, FROM_BOOT_ON))
+        if self._file is None:
+            if not wanted:
+                self._closed = False
+            elif not self._closed:
+                self._begin()
+            if self._file is None:
+                return
+        self._write_due()
+        just_disarmed = self._was_armed and not armed
+        self._was_armed = armed
+        if not wanted or (just_disarmed and mode == FROM_BOOT):
+            self.close()
+            self._closed = wanted
+        elif self._vehicle.state.time_us >= self._flush_due_us:
+            self._flush()
+
+    def say(self, severity: int, words: str) -> None:
+        """Put a text into the log, if one is open."""
+        if self._file is not None:
+            self._pending += ulog.text(severity, self._vehicle.state.time_us, words)
+
+    def close(self) -> None:
+        """End the log that is open, if any."""
+        if self._file is None:
+            return
+        self._flush()
+        os.close(self._file)
+        self._file = None
+        self.directory.active = None
+
+    def _begin(self) -> None:
+        path = self.directory.next_path()
+        self.failed, self._lost_since_us, self._size, self._was_armed = None, None, 0, False
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        except OSError as error:
+            self.failed, self._closed = error.strerror, True
+            return
+        self.directory.active = path
+        now = self._vehicle.state.time_us
+        self._parameters = dict(self._all_parameters())
+        self._pending = bytearray(ulog.header(now))
+        for part in self._definitions():
+            self._pending += part
+        for group in self._groups:
+            group.due_us = now
+        for each in self._logged:
+            each.stamp = 0
+        self._flush()
+        if self.failed is not None:  # a log without its head cannot be read
+            self.close()
+            self._closed = True
+            path.unlink(missing_ok=True)
+
+    def _definitions(self) -> Iterator[bytes]:
+        vehicle = self._vehicle
+        for topic in TABLE:
+            yield ulog.definition(topic.name, f"uint64_t timestamp;{topic.fields}")
+        yield ulog.information("sys_name", SYSTEM)
+        yield ulog.information("ver_hw", vehicle.airframe.name)
+        yield ulog.information("ver_sw_release", FLIGHT_SW_VERSION)
+        yield ulog.information("ver_data_format", 1)
+        for name, value in self._parameters.items():
+            yield ulog.parameter(name, value)
+        for number, topic in enumerate(TABLE):
+            yield ulog.subscription(number, topic.name)
+
+    def _all_parameters(self) -> Iterator[tuple[str, int | float]]:
+        parameters = self._vehicle.parameters
+        return ((name, parameters[name]) for name in parameters.names)
+
+    def _write_due(self) -> None:
+        vehicle, sources = self._vehicle, self._sources
+        now, c = vehicle.state.time_us, vehicle.commander
+        shown = (c.mode, c.intended, c.in_failsafe, c.landed, c.armed)
+        if shown != self._shown:  # changes of state are logged when they happen
+            self._shown = shown
+            self._state_group.due_us = now
+        fresh = False
+        for group in self._groups:
+            late = now - group.due_us
+            if late < 0:
+                continue
+            group.due_us = group.due_us + group.interval_us if late < group.interval_us else now + group.interval_us
+            if not fresh:
+                sources.sensors.refresh()
+                if sources.actuators is not None:
+                    sources.actuators.refresh()
+                fresh = True
+            for each in group.members:
+                self._write(each, now)
+
+    def _write(self, each: _Logged, now: int) -> None:
+        topic = each.topic
+        if topic.stamp is not None:
+            stamp = getattr(self._sources.sensors, topic.stamp)
+            if stamp == each.stamp:
+                return
+            each.stamp = stamp
+        values = topic.values(self._sources)
+        if values is None:
+            return
+        try:
+            self._pending += each.packer.pack((now, *values))
+        except (struct.error, OverflowError):  # a number beyond its field
+            self.lost += 1
+
+    def _flush(self) -> None:
+        """Write what has gathered. A refusal loses it, and the loss is marked as soon as the disk takes data again."""
+        assert self._file is not None
+        now = self._vehicle.state.time_us
+        self._flush_due_us = now + FLUSH_US
+        for name, value in self._all_parameters():
+            if value != self._parameters[name]:
+                self._parameters[name] = value
+                self._pending += ulog.parameter(name, value)
+        data = bytes(self._pending)
+        self._pending.clear()
+        if self._lost_since_us is not None:
+            data = ulog.dropout((now - self._lost_since_us) // 1000) + data
+        try:
+            if os.write(self._file, data) != len(data):
+                raise OSError(28, "the disk is full")
+            self._size += len(data)
+            self._lost_since_us = None
+        except OSError as error:
+            self.failed = error.strerror
+            if self._lost_since_us is None:
+                self._lost_since_us = now - FLUSH_US
+            with contextlib.suppress(OSError):  # no half message at the end
+                os.ftruncate(self._file, self._size)
+                os.lseek(self._file, self._size, os.SEEK_SET)
+
+
+def _packer(number: int, topic: Topic) -> ulog.DataPacker:
+    return ulog.DataPacker(number, f"uint64_t timestamp;{topic.fields}")
