@@ -8,6 +8,7 @@ from pathlib import Path
 from dronecats.agent import action as actions
 from dronecats.agent.controller import Segment, plan
 from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.history import LENGTH as HISTORY_LENGTH
 from dronecats.agent.history import History
 from dronecats.agent.latency import Asking, Latency
 from dronecats.agent.model import Model, Request
@@ -100,12 +101,16 @@ class Agent:
             suffix = f"_d{frame.drone}" if frame.drone else ""
             (self.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
         thinking = any(isinstance(drone.history.last, actions.Think) for drone in self.drones)
-        history = self.drones[0].history
         text = self.pilot.prompt.render(
-            self.pilot.instruction, history.render(), history.length, self.pilot.axis_order
+            self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order
         )
         request = Request(text, pictures, thinking)
         return Asking(self.pilot.model, request, self.executor, self.pilot.latency, self.now_s), thinking
+
+    def _histories(self) -> str:
+        if len(self.drones) == 1:
+            return self.drones[0].history.render()
+        return "\n".join(f"Drone {drone.index + 1}:\n{drone.history.render()}" for drone in self.drones)
 
     def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
         reply, now_s = asking.reply(), self.now_s

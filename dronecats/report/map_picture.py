@@ -15,23 +15,25 @@ from episodes.world import World
 
 Extent = tuple[float, float, float, float]  # north min, north max, east min, east max, m NED
 HFOV_DEG = 20.0  # a long lens from high above: little parallax, so roofs stay over their houses
-SIZE_PX = 1000
+WIDTH_PX, HEIGHT_PX = 1600, 1000
 MARGIN_M = 12.0
 
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
-    """Return a square picture (H, W, 3) RGB, north up, around everything that an episode's truth.jsonl mentions."""
+    """Return a picture (H, W, 3) RGB, north up, around everything that an episode's truth.jsonl mentions."""
     points = [p for r in _truth(folder) for p in (r.get("position_ned"), r.get("target_ned")) if p]
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]
     north, east = (min(norths) + max(norths)) / 2, (min(easts) + max(easts)) / 2
-    half = max(max(norths) - min(norths), max(easts) - min(easts)) / 2 + MARGIN_M
-    camera = CameraModel(SIZE_PX, SIZE_PX, HFOV_DEG, (0.0, 0.0, 0.0))
-    height = half / math.tan(math.radians(HFOV_DEG / 2))
+    high = (max(norths) - min(norths)) / 2 + MARGIN_M  # m, half the picture's height on the ground
+    wide = max(high * WIDTH_PX / HEIGHT_PX, (max(easts) - min(easts)) / 2 + MARGIN_M)
+    high = wide * HEIGHT_PX / WIDTH_PX
+    camera = CameraModel(WIDTH_PX, HEIGHT_PX, HFOV_DEG, (0.0, 0.0, 0.0))
+    height = wide / math.tan(math.radians(HFOV_DEG / 2))
     ground = world.ground_down(north, east)
     pose = CameraPose((north, east, ground - height), quat_from_euler(0.0, -math.pi / 2, 0.0))
     view = Renderer(world.scene, camera).render(pose, world.moved(0.0))
-    return view.rgb, (north - half, north + half, east - half, east + half)
+    return view.rgb, (north - high, north + high, east - wide, east + wide)
 
 
 def _truth(folder: Path) -> list[dict]:  # type: ignore[type-arg]

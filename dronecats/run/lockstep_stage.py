@@ -39,6 +39,7 @@ class LockstepStage:
             clock.followers.append(lambda port=port: self._recorder.telemetry(port.take()))
         self.camera = WorldCamera(world, camera, lambda data: announce(data))
         announce = clock.follow(self.camera.feed)
+        self.camera.warm_up()
         self._server: PilotServer | None = None
         self._oracle: OracleModel | None = None
         self.model = self._model(plan, world, camera, clock)

@@ -37,7 +37,7 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
         model.check()
         model.close()
     folder = folders.create(args.out, plan.pilot_name, plan.record.id)
-    folders.write_json(folder / "episode.json", plan.record.to_json())
+    (folder / "episode.json").write_text(plan.record.to_json(), encoding="utf-8")
     folders.write_run(folder.parent, configuration(plan, prompt))
     say(f'episode {plan.record.id}: "{plan.record.instruction}", pilot {plan.pilot_name}{_disclaimer(plan)}')
     flown = _fly(plan, prompt, folder, say)
