@@ -61,9 +61,19 @@ def preflight_failures(state: VehicleState, parameters: Parameters) -> list[str]
 
 
 def mode_failures(
-    mode: str, state: VehicleState, parameters: Parameters, *, home: bool, sticks: bool, offboard: bool, mission: bool
+    mode: str,
+    state: VehicleState,
+    parameters: Parameters,
+    *,
+    home: bool,
+    sticks: bool,
+    offboard: bool,
+    mission: list[str],
 ) -> list[str]:
-    """Return the reasons why `mode` cannot run now; the flags say what is available. PX4 mode_requirements."""
+    """Return the reasons why `mode` cannot run now; the flags say what is available. PX4 mode_requirements.
+
+    `mission`: what is wrong with the loaded mission.
+    """
     reasons = []
     if mode in POSITION_MODES and not (state.position_valid and state.position_std_h < parameters["COM_POS_FS_EPH"]):
         reasons.append("position not converged")
@@ -73,8 +83,4 @@ def mode_failures(
         reasons.append("no manual control")
     if mode == "OFFBOARD" and not offboard:
         reasons.append("no offboard signal")
-    if mode == "MISSION" and not mission:
-        reasons.append("no valid mission")
-    if mode == "FOLLOW":
-        reasons.append("no target to follow")
-    return reasons
+    return reasons + mission

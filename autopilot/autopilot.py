@@ -4,6 +4,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from autopilot.commander import Commander
+from autopilot.logging.directory import LogDirectory
+from autopilot.logging.flight_log import FlightLog
+from autopilot.mavlink import mission
+from autopilot.mavlink.mission import Uploads
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Vehicle
@@ -26,11 +30,12 @@ class Core(Protocol):
 
 
 class Autopilot:
-    """Flies one vehicle. Call `update` every 20 ms of vehicle time, after the inner loop has run.
+    """Flies one vehicle. Call `update` every 10 ms of vehicle time, after the inner loop has run.
 
     Pure: no socket, no thread, no wall clock. Time is `core.estimate.time_us`, or the sensors' before the first
     estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
-    Raises UsageError when `parameter_file` exists but cannot be read.
+    `log_dir` (one per vehicle) receives a ULog file for every flight; without it nothing is logged.
+    Raises UsageError when `parameter_file` exists but cannot be read, or `log_dir` cannot be made.
     """
 
     def __init__(
@@ -41,6 +46,7 @@ class Autopilot:
         *,
         system_id: int = 1,
         parameter_file: Path | None = None,
+        log_dir: Path | None = None,
         actuators: Any | None = None,
     ) -> None:
         self._core = core
@@ -50,16 +56,27 @@ class Autopilot:
         self.parameters.set("MAV_TYPE", airframe.mav_type)
         self.state = VehicleState(core.estimate, sensors)
         self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._say)
-        self.node = Node(Vehicle(airframe, self.state, self.commander, self.parameters, actuators), system_id)
+        vehicle = Vehicle(airframe, self.state, self.commander, self.parameters, actuators)
+        self.log = FlightLog(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
+        self.node = Node(vehicle, system_id, Uploads(), self.log)
 
     def update(self) -> None:
         """Run the commander once and queue the telemetry that is due on every port."""
         self.state.refresh()
         self.commander.tick()
         self._tell_core()
+        if self.log is not None:
+            self.log.tick()
         self.node.show_mode()
+        mission.tell_progress(self.node)
+        self.node.uploads.tick(self.state.time_us)
         for port in self.node.ports:
             port.tick()
+
+    def close(self) -> None:
+        """End the flight log that is being written, if any."""
+        if self.log is not None:
+            self.log.close()
 
     def open_port(self, profile: str) -> Port:
         """Return a new port with the stream rates of 'onboard' (PX4's 14540), 'gcs' (14550) or 'minimal'.

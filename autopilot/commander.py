@@ -16,6 +16,8 @@ from autopilot.modes.roster import behaviours
 from autopilot.modes.setpoint import IDLE, Setpoint, SetpointWriter
 from autopilot.modes.takeoff_ramp import TakeoffRamp, wants_climb
 from autopilot.parameters import Parameters
+from autopilot.plan.checks import mission_failures
+from autopilot.plan.items import MISSION, Item
 from autopilot.vehicle_state import VehicleState
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import MODES, dialect
@@ -40,19 +42,19 @@ class Commander:
         self.intended = "HOLD"
         self.mode = "HOLD"
         self.failsafe: Failsafe = QUIET
-        self.mission_loaded = False
         self.station_heard_us: int | None = None  # last heartbeat of a ground station
+        self.armed_us = 0  # vehicle time of the last arming
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
         self.demand: Setpoint = IDLE  # what the active mode asks
         self.passed: Setpoint = IDLE  # what went to the inner loop
         self._behaviours = behaviours()
         self.hold, self.takeoff, self.orbit = self._behaviours.hold, self._behaviours.takeoff, self._behaviours.orbit
+        self.mission = self._behaviours.mission
         self._active: Mode | None = None
         self._writer = writer
         self._say = say
         self._detector = LandDetector(parameters)
         self._ramp = TakeoffRamp(parameters)
-        self._armed_us = 0
         self._landed_us = 0
         self._flown = False
         self._armed_with_sticks = False
@@ -101,7 +103,7 @@ class Commander:
                 return REJECTED
         now = self.flight.state.time_us
         self.intended = mode
-        self.armed, self._armed_us, self._flown = True, now, False
+        self.armed, self.armed_us, self._flown = True, now, False
         self._overridden = frozenset()
         self._armed_with_sticks = self._sticks_fresh()
         self._battery_at_arming = self._battery()
@@ -182,6 +184,22 @@ class Commander:
             return ACCEPTED
         return self.set_mode("ORBIT")
 
+    def replace_plan(self, kind: int, items: tuple[Item, ...]) -> None:
+        """Put a mission (0), fence (1) or rally points (2) in force; another mission is flown from its first item."""
+        if self.flight.plans.replace(kind, items) and kind == MISSION:
+            self.mission.rewind()
+            if self._active is self.mission and items:
+                self.mission.enter(self.flight)
+
+    def fly_item(self, number: int) -> bool:
+        """Go on with this item of the mission. Returns False when there is none of that number."""
+        if not 0 <= number < len(self.flight.plans.mission):
+            return False
+        self.mission.rewind(number)
+        if self._active is self.mission:
+            self.mission.enter(self.flight)
+        return True
+
     def change_speed(self, speed: float) -> None:
         """Fly at another horizontal speed (m/s) until the mode changes; not positive or nan = leave it."""
         if math.isfinite(speed) and speed > 0.0:
@@ -228,11 +246,13 @@ class Commander:
         self._follow_ground(now, demand)
 
     def _finish(self, following: str) -> None:
-        target = self.takeoff.target
+        rest = self._active.rest if self._active is not None else None
+        if self._active is self.mission and self.mission.complete:
+            self._say(dialect.MAV_SEVERITY_INFO, "Mission finished")
         self.intended = self.mode = following
         self._activate()
-        if following == "HOLD":
-            self.hold.go_to(target, math.nan)
+        if following == "HOLD" and rest is not None:
+            self.hold.go_to(rest, math.nan)
 
     def _follow_ground(self, now: int, demand: Setpoint) -> None:
         state, was = self.flight.state, self.flight.landed
@@ -251,7 +271,7 @@ class Commander:
         after_landing, before_flight = float(self.parameters["COM_DISARM_LAND"]), self.parameters["COM_DISARM_PRFLT"]
         if self._flown and 0.0 < after_landing * 1e6 <= now - self._landed_us:
             self.disarm(why="after landing")
-        elif not self._flown and 0.0 < before_flight * 1e6 <= now - self._armed_us and not wants_climb(demand, state):
+        elif not self._flown and 0.0 < before_flight * 1e6 <= now - self.armed_us and not wants_climb(demand, state):
             self.disarm(why="without a take-off")
 
     def _supervise(self, now: int) -> None:
@@ -328,7 +348,7 @@ class Commander:
             home=self.flight.home is not None,
             sticks=self._sticks_fresh(),
             offboard=self._offboard_usable(),
-            mission=self.mission_loaded,
+            mission=mission_failures(self.flight) if mode == "MISSION" else [],
         )
 
     def _mode_after_arming(self) -> str:

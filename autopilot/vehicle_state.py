@@ -38,6 +38,8 @@ class VehicleState:
     accel_frd: Vec3
     velocity_ned: Vec3
     position_ned: Vec3
+    gyro_bias: Vec3
+    accel_bias: Vec3
     origin_lat_deg: float
     origin_lon_deg: float
     origin_alt_m: float

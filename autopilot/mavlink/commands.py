@@ -202,10 +202,24 @@ def _terminate(node: Node, port: "Port", c: Command) -> int:
 
 def _mission_start(node: Node, port: "Port", c: Command) -> int:
     commander = node.vehicle.commander
-    if not commander.mission_loaded:
+    if not commander.flight.plans.mission:
+        return int(DENIED)
+    first = c.number(1) or 0
+    if first > 0 and not commander.fly_item(first):
         return int(DENIED)
     result = commander.set_mode("MISSION")
     return result if result != ACCEPTED else commander.arm()
+
+
+def _set_current_item(node: Node, port: "Port", c: Command) -> int:
+    number, commander = c.number(1), node.vehicle.commander
+    if number == -1:
+        number = commander.mission.current  # reset only
+    if number is None or not commander.fly_item(0 if c.number(2) == 1 else number):
+        return int(DENIED)
+    node.forget_telemetry()
+    port.send_telemetry(BY_NAME["MISSION_CURRENT"].message_id)
+    return int(ACCEPTED)
 
 
 def _reboot(node: Node, port: "Port", c: Command) -> int:
@@ -233,6 +247,7 @@ HANDLERS: dict[int, Handler] = {
     dialect.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
     dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     dialect.MAV_CMD_MISSION_START: _mission_start,
+    dialect.MAV_CMD_DO_SET_MISSION_CURRENT: _set_current_item,
     dialect.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     dialect.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,
     dialect.MAV_CMD_GET_HOME_POSITION: _get_home,

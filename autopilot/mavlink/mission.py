@@ -1,53 +1,243 @@
-"""Missions, geofences and rally points: the place for the transfer protocol. Holds nothing yet, and answers at once."""
+"""The mission protocol for missions, geofences and rally points: upload, download, clearing, the current item.
 
+A download is answered item by item from the plan in force and needs no memory. An upload is collected apart and put in
+force as a whole; every client has its own, so two of them do not disturb each other.
+Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
+"""
+
+import math
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.vehicle import Message
+from autopilot.plan import checks
+from autopilot.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, Item
+from autopilot.plan.plans import CAPACITY
 from dronecats.border.mavlink import dialect
 
 if TYPE_CHECKING:
     from autopilot.mavlink.port import Port
 
+RETRY_US = 250_000
+TIMEOUT_US = 5_000_000
+MOST_UPLOADS = 16  # at once, of all clients; a hostile client cannot fill the memory
+ACCEPTED, UNSUPPORTED = int(dialect.MAV_MISSION_ACCEPTED), int(dialect.MAV_MISSION_UNSUPPORTED)
+NO_SPACE, INVALID_SEQUENCE = int(dialect.MAV_MISSION_NO_SPACE), int(dialect.MAV_MISSION_INVALID_SEQUENCE)
+CANCELLED, ERROR = int(dialect.MAV_MISSION_OPERATION_CANCELLED), int(dialect.MAV_MISSION_ERROR)
+
+Key = tuple[int, int, int, int]  # port, system, component, mission type
+
+
+@dataclass(slots=True)
+class Upload:
+    """A plan on its way in."""
+
+    port: "Port"
+    client: tuple[int, int]
+    kind: int
+    count: int
+    heard_us: int
+    asked_us: int
+    items: list[Item] = field(default_factory=list)
+    taken_us: int | None = None  # when it was complete: a repeated last item is then acknowledged again
+
+    def ask(self, now_us: int) -> None:
+        """Request the next item."""
+        self.asked_us = now_us
+        self.port.send(dialect.MAVLink_mission_request_int_message(*self.client, len(self.items), self.kind))
+
+    def acknowledge(self, result: int) -> None:
+        self.port.send(dialect.MAVLink_mission_ack_message(*self.client, result, self.kind))
+
+
+class Uploads:
+    """The uploads of all clients."""
+
+    def __init__(self) -> None:
+        self._open: dict[Key, Upload] = {}
+
+    def begin(self, key: Key, upload: Upload) -> bool:
+        """Start an upload in the place of an older one of the same client. Returns False when there are too many."""
+        if key not in self._open and len(self._open) >= MOST_UPLOADS:
+            return False
+        self._open[key] = upload
+        return True
+
+    def get(self, key: Key) -> Upload | None:
+        return self._open.get(key)
+
+    def end(self, key: Key) -> None:
+        self._open.pop(key, None)
+
+    def tick(self, now_us: int) -> None:
+        """Ask again for what did not come; give up on a client that has gone."""
+        for key, upload in list(self._open.items()):
+            if now_us - upload.heard_us >= TIMEOUT_US:
+                if upload.taken_us is None:
+                    upload.acknowledge(CANCELLED)
+                self.end(key)
+            elif upload.taken_us is None and now_us - upload.asked_us >= RETRY_US:
+                upload.ask(now_us)
+
+
+def _client(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _key(port: "Port", message: Message) -> Key:
+    return (id(port), *_client(message), message.mission_type)
+
 
 def _acknowledge(port: "Port", message: Message, result: int) -> None:
-    port.send(
-        dialect.MAVLink_mission_ack_message(
-            message.get_srcSystem(), message.get_srcComponent(), result, getattr(message, "mission_type", 0)
-        )
-    )
+    port.send(dialect.MAVLink_mission_ack_message(*_client(message), result, getattr(message, "mission_type", 0)))
+
+
+def _say_current(node: Node) -> None:
+    node.forget_telemetry()
+    for port in node.ports:
+        port.send_telemetry(BY_NAME["MISSION_CURRENT"].message_id)
+
+
+def _replace(node: Node, kind: int, items: tuple[Item, ...]) -> None:
+    node.vehicle.commander.replace_plan(kind, items)
+    if kind == MISSION:
+        _say_current(node)
+
+
+# download
 
 
 def request_list(node: Node, port: "Port", message: Message) -> None:
-    """Answer how many items there are: none."""
-    port.send(
-        dialect.MAVLink_mission_count_message(
-            message.get_srcSystem(), message.get_srcComponent(), 0, message.mission_type
-        )
-    )
+    """Answer how many items there are."""
+    if message.mission_type not in KINDS:
+        _acknowledge(port, message, UNSUPPORTED)
+        return
+    count = len(node.vehicle.commander.flight.plans.items[message.mission_type])
+    port.send(dialect.MAVLink_mission_count_message(*_client(message), count, message.mission_type))
 
 
 def request_item(node: Node, port: "Port", message: Message) -> None:
-    """There is no such item."""
-    _acknowledge(port, message, dialect.MAV_MISSION_INVALID_SEQUENCE)
+    """Answer with one item, in the form that was asked for."""
+    if message.mission_type not in KINDS:
+        _acknowledge(port, message, UNSUPPORTED)
+        return
+    commander, kind, seq = node.vehicle.commander, message.mission_type, message.seq
+    items = commander.flight.plans.items[kind]
+    if seq >= len(items):
+        _acknowledge(port, message, INVALID_SEQUENCE)
+        return
+    item = items[seq]
+    current = int(kind == MISSION and seq == commander.mission.current)
+    head = (*_client(message), seq, item.frame, item.command, current, item.autocontinue, *item.p)
+    if message.get_type() == "MISSION_REQUEST_INT":
+        port.send(dialect.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, kind))
+    else:
+        scale = 1e-7 if item.frame in GLOBAL_FRAMES else 1.0
+        port.send(dialect.MAVLink_mission_item_message(*head, item.x * scale, item.y * scale, item.z, kind))
+
+
+# upload
 
 
 def count(node: Node, port: "Port", message: Message) -> None:
-    """Accept an empty upload (that clears), refuse every other."""
-    _acknowledge(port, message, dialect.MAV_MISSION_UNSUPPORTED if message.count else dialect.MAV_MISSION_ACCEPTED)
+    """Begin an upload, from the start when it is repeated; one of no items clears."""
+    kind = message.mission_type
+    if kind not in KINDS:
+        _acknowledge(port, message, UNSUPPORTED)
+    elif message.count > CAPACITY[kind]:
+        _acknowledge(port, message, NO_SPACE)
+    elif not message.count:
+        node.uploads.end(_key(port, message))
+        _replace(node, kind, ())
+        _acknowledge(port, message, ACCEPTED)
+    else:
+        upload = Upload(port, _client(message), kind, message.count, node.time_us, node.time_us)
+        if node.uploads.begin(_key(port, message), upload):
+            upload.ask(node.time_us)
+        else:
+            _acknowledge(port, message, ERROR)
+
+
+def take_item(node: Node, port: "Port", message: Message) -> None:
+    """Take the item that was asked for; ask again for it when another came."""
+    upload = node.uploads.get(_key(port, message))
+    if upload is None:
+        _acknowledge(port, message, ERROR)
+        return
+    upload.heard_us = node.time_us
+    if upload.taken_us is not None:
+        upload.acknowledge(ACCEPTED)  # the acknowledgement was lost
+        return
+    if message.seq != len(upload.items):
+        upload.ask(node.time_us)
+        return
+    item = _item(message)
+    result = checks.refusal(upload.kind, item, upload.count)
+    upload.items.append(item)
+    if result == ACCEPTED and len(upload.items) == upload.count:
+        result = checks.plan_refusal(upload.kind, tuple(upload.items))
+        if result == ACCEPTED:
+            upload.taken_us = node.time_us
+            _replace(node, upload.kind, tuple(upload.items))
+            upload.items = []
+            upload.acknowledge(ACCEPTED)
+            return
+    if result != ACCEPTED:
+        node.complain(f"Plan refused: item {message.seq}")
+        upload.acknowledge(result)
+        node.uploads.end(_key(port, message))
+    else:
+        upload.ask(node.time_us)
+
+
+def _item(m: Message) -> Item:
+    x, y = m.x, m.y
+    if m.get_type() == "MISSION_ITEM":
+        scale = 1e7 if m.frame in GLOBAL_FRAMES else 1.0
+        x, y = (round(v * scale) if math.isfinite(v) and abs(v * scale) < NOT_GIVEN else NOT_GIVEN for v in (x, y))
+    return Item(m.command, m.frame, (m.param1, m.param2, m.param3, m.param4), x, y, m.z, m.autocontinue)
+
+
+def acknowledged(node: Node, port: "Port", message: Message) -> None:
+    """The client's end of a download, or its cancelling of an upload."""
+    if message.type == CANCELLED:
+        node.uploads.end(_key(port, message))
 
 
 def refuse(node: Node, port: "Port", message: Message) -> None:
-    """Refuse a write."""
-    _acknowledge(port, message, dialect.MAV_MISSION_UNSUPPORTED)
+    """Refuse a partial write: a plan is replaced as a whole, as on PX4."""
+    _acknowledge(port, message, UNSUPPORTED)
+
+
+# the rest
 
 
 def clear_all(node: Node, port: "Port", message: Message) -> None:
-    """Nothing is left."""
-    _acknowledge(port, message, dialect.MAV_MISSION_ACCEPTED)
+    """Empty one plan or all of them."""
+    kind = message.mission_type
+    kinds = KINDS if kind == dialect.MAV_MISSION_TYPE_ALL else (kind,)
+    if any(each not in KINDS for each in kinds):
+        _acknowledge(port, message, UNSUPPORTED)
+        return
+    for each in kinds:
+        _replace(node, each, ())
+    _acknowledge(port, message, ACCEPTED)
 
 
 def set_current(node: Node, port: "Port", message: Message) -> None:
-    """Answer with the item in force."""
-    port.send_telemetry(BY_NAME["MISSION_CURRENT"].message_id)
+    """Go on with an item, and tell everybody which is in force."""
+    if not node.vehicle.commander.fly_item(message.seq):
+        node.complain(f"Mission item {message.seq} does not exist")
+    _say_current(node)
+
+
+def tell_progress(node: Node) -> None:
+    """Announce the items that the mission has reached since the last tick."""
+    mission = node.vehicle.commander.mission
+    if mission.reached:
+        for seq in mission.reached:
+            node.broadcast(dialect.MAVLink_mission_item_reached_message(seq))
+        mission.reached.clear()
+        _say_current(node)

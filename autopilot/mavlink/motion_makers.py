@@ -4,6 +4,7 @@ import math
 
 from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, heading_cdeg, int16, int32, whole
 from autopilot.records import KIND_TRAJECTORY
+from autopilot.vehicle_state import VehicleState
 from dronecats.border.frames import rotate_inverse
 from dronecats.border.mavlink import dialect
 
@@ -107,8 +108,8 @@ def odometry(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def estimator_status(v: Vehicle) -> Message:
-    s = v.state
+def estimator_flags(s: VehicleState) -> int:
+    """Return ESTIMATOR_STATUS_FLAGS."""
     flags = 0x1 if s.attitude_valid else 0
     if s.velocity_valid:
         flags |= 0x2 | 0x4
@@ -120,10 +121,13 @@ def estimator_status(v: Vehicle) -> Message:
         flags |= 0x20
     if math.isfinite(s.range_m()):
         flags |= 0x40
-    if not s.velocity_valid:
-        flags |= 0x80
+    return flags if s.velocity_valid else flags | 0x80
+
+
+def estimator_status(v: Vehicle) -> Message:
+    s = v.state
     return dialect.MAVLink_estimator_status_message(
-        s.time_us, flags, s.ratio_gps_velocity, s.ratio_gps_position, s.ratio_baro, s.ratio_mag, 0.0, 0.0,
+        s.time_us, estimator_flags(s), s.ratio_gps_velocity, s.ratio_gps_position, s.ratio_baro, s.ratio_mag, 0.0, 0.0,
         s.position_std_h, s.position_std_v,
     )  # fmt: skip
 

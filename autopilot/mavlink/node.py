@@ -7,6 +7,8 @@ from autopilot.mavlink.vehicle import Message, Vehicle
 from dronecats.border.mavlink import dialect
 
 if TYPE_CHECKING:
+    from autopilot.logging.flight_log import FlightLog
+    from autopilot.mavlink.mission import Uploads
     from autopilot.mavlink.port import Port
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
@@ -17,12 +19,14 @@ REPEAT_US = 1_000_000  # a complaint about a stream of bad setpoints is said onc
 class Node:
     """What every service may use."""
 
-    def __init__(self, vehicle: Vehicle, system_id: int) -> None:
+    def __init__(self, vehicle: Vehicle, system_id: int, uploads: "Uploads", log: "FlightLog | None" = None) -> None:
         self.vehicle = vehicle
+        self.log = log
         self.system_id = system_id
         self.ports: list[Port] = []
         self.reboot_requested = False
         self.handler_errors = 0
+        self.uploads = uploads
         self._text_id = 0
         self._shown = (vehicle.commander.mode, vehicle.commander.armed)
         self._complained: dict[str, int] = {}
@@ -68,6 +72,8 @@ class Node:
         """Send a STATUSTEXT on every port, in chunks when it is longer than one message holds."""
         for message in self.texts(severity, text):
             self.broadcast(message)
+        if self.log is not None:
+            self.log.say(severity, text)
 
     def complain(self, text: str) -> None:
         """Say something about a client's traffic, the same text at most once a second of vehicle time."""

@@ -141,8 +141,24 @@ def current_mode(v: Vehicle) -> Message:
     return dialect.MAVLink_current_mode_message(standard_mode(c.mode), c.custom_mode, MODES[c.intended].custom_mode)
 
 
+def mission_state(v: Vehicle) -> int:
+    """Return MISSION_STATE."""
+    c = v.commander
+    if not c.flight.plans.mission:
+        return int(dialect.MISSION_STATE_NO_MISSION)
+    if c.mission.complete:
+        return int(dialect.MISSION_STATE_COMPLETE)
+    if not c.mission.begun:
+        return int(dialect.MISSION_STATE_NOT_STARTED)
+    return int(dialect.MISSION_STATE_ACTIVE if c.armed and c.mode == "MISSION" else dialect.MISSION_STATE_PAUSED)
+
+
 def mission_current(v: Vehicle) -> Message:
-    return dialect.MAVLink_mission_current_message(0, 0, 1 if not v.commander.mission_loaded else 2)
+    total, current = len(v.commander.flight.plans.mission), v.commander.mission.current
+    mode = 1 if v.commander.mode == "MISSION" else 2
+    return dialect.MAVLink_mission_current_message(
+        min(current, max(total - 1, 0)), total or 65535, mission_state(v), mode
+    )
 
 
 def autopilot_version(v: Vehicle) -> Message:

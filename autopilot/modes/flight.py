@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 from autopilot.modes.setpoint import Setpoint
 from autopilot.parameters import Parameters
+from autopilot.plan.fence import Fence
+from autopilot.plan.plans import Plans
 from autopilot.vehicle_state import VehicleState
 from dronecats.border.frames import Vec3
 
@@ -67,6 +69,8 @@ class Flight:
     cruise_speed: float = math.nan  # m/s, set by DO_CHANGE_SPEED until the mode changes; nan = MPC_XY_CRUISE
     sticks: Sticks = field(default_factory=Sticks)
     offboard: OffboardSignal = field(default_factory=OffboardSignal)
+    plans: Plans = field(default_factory=Plans)
+    fence: Fence = field(default_factory=Fence)
 
     def height_above_ground(self) -> float:
         """Return the best guess (m): a fresh range, else the height above home, else the height above the origin."""
@@ -85,6 +89,7 @@ class Mode:
     """A flight mode's behaviour. `enter` is called once when it becomes active, `setpoint` at every tick after that."""
 
     next_mode: str | None = None  # set by a mode that has finished
+    rest: Vec3 | None = None  # m, local frame: where HOLD stays when it follows a finished mode
 
     def enter(self, flight: Flight) -> None:
         """Take over from where the vehicle is."""

@@ -6,6 +6,7 @@ from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.hold import Hold
 from autopilot.modes.land import Descend, Land
 from autopilot.modes.manual import AltitudeControl, PositionControl, Stabilized
+from autopilot.modes.mission import Mission
 from autopilot.modes.offboard import Offboard
 from autopilot.modes.orbit import Orbit
 from autopilot.modes.return_home import ReturnHome
@@ -27,15 +28,17 @@ class Behaviours:
     hold: Hold
     takeoff: Takeoff
     orbit: Orbit
+    mission: Mission
     by_name: dict[str, Mode]
 
 
 def behaviours() -> Behaviours:
-    """Return fresh modes. Without missions, followed targets and a rate mode yet, those names fly their nearest kin."""
+    """Return fresh modes. Without followed targets and a rate mode yet, those names fly their nearest kin."""
     hold, takeoff, orbit, land, stabilized = Hold(), Takeoff(), Orbit(), Land(), Stabilized()
+    mission = Mission()
     by_name: dict[str, Mode] = {
         "HOLD": hold,
-        "MISSION": hold,
+        "MISSION": mission,
         "FOLLOW": hold,
         "TAKEOFF": takeoff,
         "LAND": land,
@@ -51,4 +54,4 @@ def behaviours() -> Behaviours:
         "ACRO": stabilized,
         "TERMINATION": Terminated(),
     }
-    return Behaviours(hold, takeoff, orbit, by_name)
+    return Behaviours(hold, takeoff, orbit, mission, by_name)

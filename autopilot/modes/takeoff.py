@@ -32,12 +32,8 @@ class Takeoff(Mode):
             # in the air already: climb to the altitude above home, never down
             target = min(flight.home.position_ned[2] - float(flight.parameters["MIS_TAKEOFF_ALT"]), z)
         self._asked_z = math.nan
-        self._target, self._yaw = (n, e, target), flight.state.yaw
-
-    @property
-    def target(self) -> Vec3:
-        """m, local frame: where the climb ends."""
-        return self._target
+        self.rest = self._target = (n, e, target)
+        self._yaw = flight.state.yaw
 
     def setpoint(self, flight: Flight) -> Setpoint:
         if not flight.landed and flight.state.position_ned[2] - self._target[2] < ARRIVED_M:

@@ -1,0 +1,1 @@
+"""What a ground station loads before or during a flight: mission, geofence, rally points."""

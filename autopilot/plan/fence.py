@@ -1,0 +1,119 @@
+"""The geofence: polygons and circles to stay in or out of, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST.
+
+As on PX4 a place must lie in at least one inclusion area, if there is any, and in no exclusion area.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from autopilot.plan.items import Item, horizontal
+from dronecats.border.frames import Vec3
+from dronecats.border.mavlink import dialect
+
+if TYPE_CHECKING:
+    from autopilot.modes.flight import Flight
+
+RETURN_POINT = int(dialect.MAV_CMD_NAV_FENCE_RETURN_POINT)
+POLYGON_IN = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION)
+POLYGON_OUT = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+CIRCLE_IN = int(dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
+CIRCLE_OUT = int(dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
+POLYGONS = frozenset({POLYGON_IN, POLYGON_OUT})
+COMMANDS = POLYGONS | {RETURN_POINT, CIRCLE_IN, CIRCLE_OUT}
+MOST_VERTICES = 250
+
+Point = tuple[float, float]  # m north, m east
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A polygon (vertices) or a circle (one centre and a radius)."""
+
+    inclusion: bool
+    vertices: tuple[Point, ...]
+    radius: float = 0.0  # m, circles only
+
+    def contains(self, north: float, east: float) -> bool:
+        """Return whether the point lies inside."""
+        if len(self.vertices) == 1:
+            centre = self.vertices[0]
+            return math.hypot(north - centre[0], east - centre[1]) < self.radius
+        return in_polygon(self.vertices, north, east)
+
+
+def in_polygon(vertices: tuple[Point, ...], north: float, east: float) -> bool:
+    """Return whether a point lies in a simple polygon: a ray to the east crosses its edges an odd number of times."""
+    inside = False
+    n1, e1 = vertices[-1]
+    for n2, e2 in vertices:
+        if (n1 > north) != (n2 > north) and east < e1 + (north - n1) / (n2 - n1) * (e2 - e1):
+            inside = not inside
+        n1, e1 = n2, e2
+    return inside
+
+
+def well_formed(items: tuple[Item, ...]) -> bool:
+    """Return whether every polygon has as many consecutive vertices as its first one announces, and at least three."""
+    i = 0
+    while i < len(items):
+        item = items[i]
+        if item.command not in POLYGONS:
+            i += 1
+            continue
+        count = item.p[0]
+        if not 3 <= count <= MOST_VERTICES or i + int(count) > len(items):
+            return False
+        if any((v.command, v.p[0]) != (item.command, count) for v in items[i : i + int(count)]):
+            return False
+        i += int(count)
+    return True
+
+
+def areas(items: tuple[Item, ...], flight: "Flight") -> tuple[Area, ...]:
+    """Return the areas of a well-formed fence in the local frame."""
+    found: list[Area] = []
+    i = 0
+    while i < len(items):
+        item = items[i]
+        count = int(item.p[0]) if item.command in POLYGONS else 1
+        if item.command != RETURN_POINT:
+            # a place of (0, 0) is a real one here, though no vehicle is near it
+            points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, flight.state) for v in items[i : i + count])
+            radius = item.p[0] if item.command not in POLYGONS else 0.0
+            found.append(Area(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))
+        i += count
+    return tuple(found)
+
+
+class Fence:
+    """The areas in force, worked out once per plan and origin."""
+
+    def __init__(self) -> None:
+        self._of: tuple[int, float, float] | None = None
+        self._areas: tuple[Area, ...] = ()
+
+    def areas(self, flight: "Flight") -> tuple[Area, ...]:
+        """Return the areas of the plan in force."""
+        key = (flight.plans.version, flight.state.origin_lat_deg, flight.state.origin_lon_deg)
+        if key != self._of:
+            self._of, self._areas = key, areas(flight.plans.fence, flight)
+        return self._areas
+
+
+def breach(flight: "Flight", place_ned: Vec3) -> str:
+    """Return which limit a local place breaks: 'height', 'distance' or 'area'; empty when none."""
+    home, p = flight.home, flight.parameters
+    if home is not None:
+        n, e, z = home.position_ned
+        if 0.0 < p["GF_MAX_VER_DIST"] < z - place_ned[2]:
+            return "height"
+        if 0.0 < p["GF_MAX_HOR_DIST"] < math.hypot(place_ned[0] - n, place_ned[1] - e):
+            return "distance"
+    if not flight.plans.fence or not flight.state.origin_set:
+        return ""
+    inclusions = [area for area in flight.fence.areas(flight) if area.inclusion]
+    exclusions = [area for area in flight.fence.areas(flight) if not area.inclusion]
+    if inclusions and not any(area.contains(place_ned[0], place_ned[1]) for area in inclusions):
+        return "area"
+    return "area" if any(area.contains(place_ned[0], place_ned[1]) for area in exclusions) else ""
