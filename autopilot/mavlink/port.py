@@ -1,6 +1,7 @@
 """One wire to the outside: its own stream rates, its own sequence numbers, its own queue of bytes to send."""
 
 import struct
+from collections.abc import Iterator
 
 from autopilot.mavlink import dispatch
 from autopilot.mavlink.node import COMPONENT_ID, Node
@@ -10,6 +11,8 @@ from dronecats.border.errors import UsageError
 from dronecats.border.mavlink import Packer, Parser
 
 PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
+TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
+TRANSFER_BACKLOG = 200  # messages waiting on the wire, at which downloads pause
 FASTEST_US = 1_000
 QUEUE_LIMIT = 20_000  # messages: a port that nobody empties forgets the oldest
 
@@ -23,6 +26,7 @@ class Port:
         self.profile = profile
         self.received = 0  # messages understood
         self.lost = 0  # messages that could not be encoded, or were dropped because nobody took them
+        self.transfers: dict[str, Iterator[Message]] = {}  # service → what its download has still to send
         self._node = node
         self._parser = Parser()
         self._packer = Packer(node.system_id, COMPONENT_ID)
@@ -117,6 +121,19 @@ class Port:
                     self.send(message)
         if self._parameter_cursor is not None:
             self._send_parameters(self._parameter_cursor)
+        if self.transfers:
+            self._send_transfers()
+
+    def _send_transfers(self) -> None:
+        for service, messages in list(self.transfers.items()):
+            for _ in range(TRANSFERS_PER_TICK):
+                if len(self._out) >= TRANSFER_BACKLOG:
+                    return
+                message = next(messages, None)
+                if message is None:
+                    self.transfers.pop(service, None)
+                    break
+                self.send(message)
 
     def _send_parameters(self, start: int) -> None:
         parameters = self._node.vehicle.parameters
