@@ -1,5 +1,6 @@
 """The folder of the flight logs: a new name for the next one, and the list that clients are shown."""
 
+import contextlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,7 +64,8 @@ class LogDirectory:
         return logs
 
     def erase(self) -> None:
-        """Remove every log but the one being written."""
+        """Remove every log but the one being written, as far as the disk lets it."""
         for log in self.logs():
             if log.path != self.active:
-                log.path.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):
+                    log.path.unlink()

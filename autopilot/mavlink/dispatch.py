@@ -44,6 +44,8 @@ HANDLERS: dict[str, Handler] = {
     "FILE_TRANSFER_PROTOCOL": file_transfer.request,
     "LOG_REQUEST_LIST": logs.request_list,
     "LOG_REQUEST_DATA": logs.request_data,
+    "LOG_REQUEST_END": logs.request_end,
+    "LOG_ERASE": logs.erase,
 }
 _COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # answer even when meant for somebody else
 
