@@ -66,20 +66,26 @@ def _say(line: str) -> None:
     print(line, flush=True)
 
 
+def _verdict(result: dict[str, Any]) -> str:
+    if result["success"] is None:
+        return "NOT JUDGED: nobody measured the truth"
+    if result["success"]:
+        return f"SUCCESS: {result['ne_m']:.2f} m from the target at the deciding declaration"
+    if result["ne_m"] is None:
+        return "FAILURE: no action was taken"
+    return f"FAILURE: {result['ne_m']:.2f} m from the target at the last action"
+
+
 def _report(result: dict[str, Any], as_json: bool) -> int:
     reason, status = result.pop("reason"), result.pop("status")
     if result.get("error"):
         print(f"dronecats fly: {result['error']}", file=sys.stderr)
     if reason == "interrupted":
         print("dronecats fly: interrupted; the run folder holds what was flown", file=sys.stderr)
-    ne_m = "unknown" if result["ne_m"] is None else f"{result['ne_m']:.2f} m"
-    verdict = {True: "SUCCESS", False: "FAILURE", None: "NOT JUDGED (nobody measured the truth)"}[result["success"]]
     if reason in ("cap", "decided"):
-        where = "at the deciding declaration" if result["success"] else "at the last action"
         print(
-            f"\n{verdict}: {ne_m} from the target {where}; {result['steps']} steps,"
-            f" {result['declarations']} declarations, {result['sim_seconds']:.1f} s of flight"
-            f" at {result['real_time_factor']:.1f} × real time"
+            f"\n{_verdict(result)}; {result['steps']} steps, {result['declarations']} declarations,"
+            f" {result['sim_seconds']:.1f} s of flight at {result['real_time_factor']:.1f} × real time"
         )
     print(f"run folder: {result['run_dir']}", flush=True)
     if as_json:
