@@ -5,10 +5,9 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 """
 
 import math
-from collections.abc import Callable
 
 from autopilot.arming import NO_ARMING_MODES, mode_failures, preflight_failures
-from autopilot.failsafe import QUIET, Action, Conditions, Failsafe, evaluate, gather, reaction
+from autopilot.failsafe import Action, Failsafe, reaction
 from autopilot.home import home_at, moved
 from autopilot.land_detector import LandDetector
 from autopilot.modes.flight import Flight, Mode
@@ -16,8 +15,11 @@ from autopilot.modes.roster import behaviours
 from autopilot.modes.setpoint import IDLE, Setpoint, SetpointWriter
 from autopilot.modes.takeoff_ramp import TakeoffRamp, wants_climb
 from autopilot.parameters import Parameters
+from autopilot.plan import fence
 from autopilot.plan.checks import mission_failures
 from autopilot.plan.items import MISSION, Item
+from autopilot.stick_override import StickOverride, overridable
+from autopilot.supervision import Say, Supervision
 from autopilot.vehicle_state import VehicleState
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import MODES, dialect
@@ -26,10 +28,7 @@ ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 
-Say = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
-# causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them
-UNDENIABLE = frozenset({"offboard signal lost", "position lost"})
-SUPERVISION_US = 100_000  # slow conditions (battery, links, fence) are looked at 10 times a second
+HOME_LOOK_US = 1_000_000  # a vehicle carried about takes its home with it
 
 
 class Commander:
@@ -41,8 +40,7 @@ class Commander:
         self.armed = False
         self.intended = "HOLD"
         self.mode = "HOLD"
-        self.failsafe: Failsafe = QUIET
-        self.station_heard_us: int | None = None  # last heartbeat of a ground station
+        self.supervision = Supervision(parameters, say)
         self.armed_us = 0  # vehicle time of the last arming
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
         self.demand: Setpoint = IDLE  # what the active mode asks
@@ -57,11 +55,9 @@ class Commander:
         self._ramp = TakeoffRamp(parameters)
         self._landed_us = 0
         self._flown = False
-        self._armed_with_sticks = False
-        self._battery_at_arming = 1.0
         self._mode_chosen_disarmed = True
-        self._overridden: frozenset[str] = frozenset()
-        self._supervised_us = 0
+        self._home_looked_us = 0
+        self._override = StickOverride()
 
     # what others may ask
 
@@ -75,6 +71,11 @@ class Commander:
         return MODES[self.mode].custom_mode
 
     @property
+    def failsafe(self) -> Failsafe:
+        """What the vehicle does by itself now."""
+        return self.supervision.failsafe
+
+    @property
     def in_failsafe(self) -> bool:
         return self.failsafe.action > Action.WARN
 
@@ -83,7 +84,10 @@ class Commander:
         mode = self._mode_after_arming()
         if mode in NO_ARMING_MODES:
             return [f"mode {mode} cannot arm"]
-        return preflight_failures(self.flight.state, self.parameters) + self._mode_failures(mode)
+        failures = preflight_failures(self.flight.state, self.parameters) + self._mode_failures(mode)
+        if self.parameters["GF_ACTION"] > Action.WARN and fence.breach(self.flight, self.flight.state.position_ned):
+            failures.append("outside the geofence")
+        return failures
 
     # what others may order
 
@@ -104,9 +108,7 @@ class Commander:
         now = self.flight.state.time_us
         self.intended = mode
         self.armed, self.armed_us, self._flown = True, now, False
-        self._overridden = frozenset()
-        self._armed_with_sticks = self._sticks_fresh()
-        self._battery_at_arming = self._battery()
+        self.supervision.begin(self.flight)
         self._active = None
         self._ramp.arm(now)
         self.set_home()
@@ -122,7 +124,7 @@ class Commander:
             self._say(dialect.MAV_SEVERITY_CRITICAL, "Disarming denied: not landed")
             return DENIED
         self.armed, self.takeoff_us = False, 0
-        self.failsafe = QUIET
+        self.supervision.end()
         self._mode_chosen_disarmed = False
         self.mode = self.intended
         self._active = None
@@ -141,18 +143,20 @@ class Commander:
             if reasons:
                 self._say(dialect.MAV_SEVERITY_CRITICAL, f"Mode {mode} refused: {reasons[0]}")
                 return REJECTED
-        if self.in_failsafe and self.failsafe.cause not in UNDENIABLE:
-            self._overridden |= {self.failsafe.cause}  # the pilot takes over
-        self._mode_chosen_disarmed = True
-        self.flight.cruise_speed = math.nan
-        if mode != self.intended or self.mode != mode:
-            self.intended = mode
-            self._active = None
+        self._choose(mode)
         if self.armed:
             self._supervise(self.flight.state.time_us)
         else:
             self.mode = mode
         return ACCEPTED
+
+    def _choose(self, mode: str) -> None:
+        self.supervision.overrule()
+        self._mode_chosen_disarmed = True
+        self.flight.cruise_speed = math.nan
+        if mode != self.intended or self.mode != mode:
+            self.intended = mode
+            self._active = None
 
     def take_off(self, z_ned: float) -> int:
         """Go to TAKEOFF; nan = to MIS_TAKEOFF_ALT above the ground."""
@@ -278,14 +282,8 @@ class Commander:
         """Choose the mode that flies: the intended one, or the failsafe's."""
         if self.intended == "TERMINATION":
             return
-        offboard_lost = self.intended == "OFFBOARD" and not self._offboard_usable()
-        urgent = offboard_lost or self.failsafe.cause == "offboard signal lost"
-        if urgent or now - self._supervised_us >= SUPERVISION_US:
-            self._supervised_us = now
-            found = evaluate(self._conditions(), self.parameters, self._overridden)
-            if found != self.failsafe:
-                self._announce(found)
-                self.failsafe = found
+        self.supervision.look(self.flight, self.intended, self._offboard_usable(), self.takeoff_us)
+        self._yield_to_sticks()
         shown, behaviour = self._reaction()
         if self.failsafe.action == Action.DISARM:
             self.disarm(force=True, why=f"by failsafe: {self.failsafe.cause}")
@@ -308,15 +306,16 @@ class Commander:
             home=self.flight.home is not None,
         )
 
-    def _announce(self, found: Failsafe) -> None:
-        if found.action == Action.WARN:
-            self._say(dialect.MAV_SEVERITY_WARNING, f"Warning: {found.cause}")
-        elif found.action > Action.WARN:
-            self._say(dialect.MAV_SEVERITY_CRITICAL, f"Failsafe: {found.cause}")
-        elif self.in_failsafe:
-            self._say(dialect.MAV_SEVERITY_INFO, f"Failsafe over: {self.failsafe.cause}")
-        if found.action == Action.NONE:
-            self._overridden = frozenset()
+    def _yield_to_sticks(self) -> None:
+        """Give the vehicle to a pilot who moves the sticks in an automatic mode."""
+        sticks = self.flight.sticks
+        if sticks.time_us < 0 or self.flight.landed or not self._sticks_fresh():
+            return
+        if not overridable(self.mode, self.parameters) or (self.in_failsafe and self.supervision.waiting):
+            return
+        if self._override.moved(self.mode, sticks, self.parameters):
+            self._say(dialect.MAV_SEVERITY_INFO, "Pilot took over using sticks")
+            self._choose("POSCTL" if self.flight.state.position_valid else "ALTCTL")
 
     def _activate(self) -> None:
         self._active = self._behaviours.by_name[self._reaction()[1]]
@@ -327,18 +326,6 @@ class Commander:
         self._writer.write(IDLE, self.armed)
 
     # what the vehicle has
-
-    def _conditions(self) -> Conditions:
-        return gather(
-            self.flight,
-            self.intended,
-            offboard_signal=self._offboard_usable(),
-            armed_with_sticks=self._armed_with_sticks,
-            station_heard_us=self.station_heard_us,
-            battery=self._battery(),
-            battery_at_arming=self._battery_at_arming,
-            takeoff_us=self.takeoff_us,
-        )
 
     def _mode_failures(self, mode: str) -> list[str]:
         return mode_failures(
@@ -366,16 +353,12 @@ class Commander:
         return offboard.fresh(state.time_us, self.parameters["COM_OF_LOSS_T"]) and offboard.supported(state)
 
     def _sticks_fresh(self) -> bool:
-        return self.flight.sticks.fresh(self.flight.state.time_us, self.parameters["COM_RC_LOSS_T"])
-
-    def _battery(self) -> float:
-        sensors = self.flight.state.sensors
-        return float(sensors["battery_remaining"]) if int(sensors["battery_time_us"]) else math.nan
+        return self.supervision.sticks_fresh(self.flight)
 
     def _follow_home_on_ground(self, now: int) -> None:
         """Keep home where the vehicle stands, so that clients have one before arming."""
-        if now - self._supervised_us < 1_000_000:
+        if now - self._home_looked_us < HOME_LOOK_US:
             return
-        self._supervised_us = now
+        self._home_looked_us = now
         if self.flight.home is None or moved(self.flight.home, self.flight.state):
             self.set_home()

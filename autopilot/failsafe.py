@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from autopilot.arming import POSITION_MODES, STICK_MODES
-from autopilot.modes.flight import Flight
 from autopilot.parameters import Parameters
 
 
@@ -33,15 +32,18 @@ class Conditions:
 
     mode: str  # the mode that was asked for
     offboard_signal: bool
+    sticks: bool  # somebody holds them
     sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan when the flight began without sticks
     station_lost_s: float  # s since the last ground station heartbeat; nan when there never was one
     battery: float  # 0 … 1, nan when unknown
     battery_at_arming: float
     position_valid: bool
     velocity_valid: bool
+    altitude_valid: bool
     flight_time_s: float
-    home_distance_m: float  # horizontal; nan without a home
-    home_height_m: float
+    fence_breach: str  # which limit, empty when none
+    attitude_failed: bool
+    just_armed: bool  # within COM_LKDOWN_TKO of the spool-up
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +53,20 @@ class Failsafe:
     cause: str = ""
     action: Action = Action.NONE
     shown: str = ""  # the manual mode that STICKS shows
+    delayed: bool = True  # COM_FAIL_ACT_T of HOLD come first; not where the mode itself can no longer be flown
+    sticky: bool = False  # lasts until another mode is chosen, although the condition has passed
 
 
 QUIET = Failsafe()
+FENCE_BREACHED, OFFBOARD_LOST, POSITION_LOST = "geofence breached", "offboard signal lost", "position lost"
+FLIGHT_TERMINATION_BREAKER = 121212  # CBRK_FLIGHTTERM: termination by the failure detector is switched off
 _LINK_ACTIONS = {1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
 _OFFBOARD_ACTIONS = {3: Action.RETURN, 4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM}
 _OFFBOARD_STICKS = {0: "POSCTL", 1: "ALTCTL", 2: "STABILIZED"}
 _FENCE_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RETURN, 4: Action.TERMINATE, 5: Action.LAND}
-_EXEMPT_BIT = {"MISSION": 1, "HOLD": 2, "TAKEOFF": 2, "LAND": 2, "RETURN": 2, "OFFBOARD": 4}  # COM_RCL_EXCEPT
+_LANDING = frozenset({"LAND", "PRECLAND"})
+_AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
+_EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
 
 
 def _offboard_loss(c: Conditions, p: Parameters) -> Failsafe:
@@ -66,17 +74,21 @@ def _offboard_loss(c: Conditions, p: Parameters) -> Failsafe:
         return QUIET
     choice = int(p["COM_OBL_RC_ACT"])
     action = _OFFBOARD_ACTIONS.get(choice, Action.STICKS)
-    return Failsafe("offboard signal lost", action, _OFFBOARD_STICKS.get(choice, "POSCTL"))
+    return Failsafe(OFFBOARD_LOST, action, _OFFBOARD_STICKS.get(choice, "POSCTL"), delayed=False)
 
 
 def _manual_control_loss(c: Conditions, p: Parameters) -> Failsafe:
-    if not c.sticks_lost_s > p["COM_RC_LOSS_T"] or int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
+    if not c.sticks_lost_s > p["COM_RC_LOSS_T"] or p["COM_RC_IN_MODE"] == 4:
+        return QUIET
+    if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _LANDING:
         return QUIET
     return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Action.NONE))
 
 
 def _station_loss(c: Conditions, p: Parameters) -> Failsafe:
-    if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode == "LAND":
+    if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode in _LANDING:
+        return QUIET
+    if int(p["COM_DLL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
         return QUIET
     return Failsafe("ground station lost", _LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]), Action.NONE))
 
@@ -96,22 +108,36 @@ def _battery(c: Conditions, p: Parameters) -> Failsafe:
 
 
 def _position_loss(c: Conditions, p: Parameters) -> Failsafe:
+    if c.mode == "ALTCTL" and not c.altitude_valid:
+        return Failsafe("altitude lost", Action.STICKS, "STABILIZED", delayed=False)
     if c.position_valid or c.mode not in POSITION_MODES:
         return QUIET
-    return Failsafe("position lost", Action.LAND if c.velocity_valid else Action.DESCEND)
+    if c.mode == "POSCTL" and c.sticks:
+        shown = "ALTCTL" if c.altitude_valid else "STABILIZED"
+        return Failsafe(POSITION_LOST, Action.STICKS, shown, delayed=False)
+    return Failsafe(POSITION_LOST, Action.LAND if c.velocity_valid else Action.DESCEND, delayed=False)
 
 
 def _flight_time(c: Conditions, p: Parameters) -> Failsafe:
-    if not 0 < p["COM_FLT_TIME_MAX"] < c.flight_time_s:
-        return QUIET
-    return Failsafe("flight time over", Action.RETURN if p["COM_FLTT_LOW_ACT"] == 3 else Action.WARN)
+    over = 0 < p["COM_FLT_TIME_MAX"] < c.flight_time_s
+    return Failsafe("flight time over", Action.RETURN) if over else QUIET
 
 
 def _fence(c: Conditions, p: Parameters) -> Failsafe:
-    beyond = 0 < p["GF_MAX_HOR_DIST"] < c.home_distance_m or 0 < p["GF_MAX_VER_DIST"] < c.home_height_m
-    if not beyond:
+    if not c.fence_breach:
         return QUIET
-    return Failsafe("geofence breached", _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Action.NONE))
+    action = _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Action.NONE)
+    return Failsafe(FENCE_BREACHED, action, sticky=action in (Action.RETURN, Action.LAND))
+
+
+def _attitude_failure(c: Conditions, p: Parameters) -> Failsafe:
+    if not c.attitude_failed:
+        return QUIET
+    if c.just_armed:
+        return Failsafe("attitude failure", Action.DISARM)
+    if p["CBRK_FLIGHTTERM"] == FLIGHT_TERMINATION_BREAKER:
+        return Failsafe("attitude failure", Action.WARN)
+    return Failsafe("attitude failure", Action.TERMINATE)
 
 
 TABLE: tuple[Callable[[Conditions, Parameters], Failsafe], ...] = (
@@ -122,6 +148,7 @@ TABLE: tuple[Callable[[Conditions, Parameters], Failsafe], ...] = (
     _position_loss,
     _flight_time,
     _fence,
+    _attitude_failure,
 )
 
 
@@ -130,7 +157,9 @@ def evaluate(conditions: Conditions, parameters: Parameters, overridden: frozens
     worst = QUIET
     for rule in TABLE:
         found = rule(conditions, parameters)
-        if found.cause in overridden and found.action > Action.WARN:
+        if found.action == Action.RETURN and (conditions.mode == "RETURN" or conditions.mode in _LANDING):
+            found = Failsafe(found.cause, Action.WARN)  # it is on its way already
+        if found.cause in overridden and Action.WARN < found.action < Action.DISARM:
             found = Failsafe(found.cause, Action.WARN)
         if found.action > worst.action:
             worst = found
@@ -158,32 +187,3 @@ def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool,
 def seconds_since(now_us: int, stamp_us: int | None) -> float:
     """Return the age in s, nan when it never happened."""
     return math.nan if stamp_us is None or stamp_us < 0 else (now_us - stamp_us) * 1e-6
-
-
-def gather(
-    flight: Flight,
-    intended: str,
-    *,
-    offboard_signal: bool,
-    armed_with_sticks: bool,
-    station_heard_us: int | None,
-    battery: float,
-    battery_at_arming: float,
-    takeoff_us: int,
-) -> Conditions:
-    """Return the conditions of this tick; times are vehicle µs, 0 or None = never."""
-    state, home = flight.state, flight.home
-    now, (n, e, z) = state.time_us, state.position_ned
-    return Conditions(
-        mode=intended,
-        offboard_signal=offboard_signal,
-        sticks_lost_s=seconds_since(now, flight.sticks.time_us) if armed_with_sticks else math.nan,
-        station_lost_s=seconds_since(now, station_heard_us),
-        battery=battery,
-        battery_at_arming=battery_at_arming,
-        position_valid=bool(state.position_valid),
-        velocity_valid=bool(state.velocity_valid),
-        flight_time_s=seconds_since(now, takeoff_us or None),
-        home_distance_m=math.hypot(n - home.position_ned[0], e - home.position_ned[1]) if home else math.nan,
-        home_height_m=home.position_ned[2] - z if home else math.nan,
-    )

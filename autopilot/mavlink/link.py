@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def heartbeat(node: Node, port: "Port", message: Message) -> None:
     """Remember when a ground station was last heard."""
     if message.type == dialect.MAV_TYPE_GCS:
-        node.vehicle.commander.station_heard_us = node.time_us
+        node.vehicle.commander.supervision.station_heard_us = node.time_us
 
 
 def ping(node: Node, port: "Port", message: Message) -> None:

@@ -70,7 +70,7 @@ def sys_status(v: Vehicle) -> Message:
     if v.commander.flight.sticks.time_us >= 0:
         present |= SENSOR_RC
     good = EXTENSION_USED | CONTROL_BITS
-    if v.commander.failsafe.cause != "geofence breached":
+    if not v.commander.supervision.breach:
         good |= SENSOR_FENCE
     if health.imu:
         good |= SENSOR_GYRO | SENSOR_ACCEL

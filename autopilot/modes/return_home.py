@@ -4,7 +4,7 @@ import math
 
 from autopilot.modes.flight import Flight, Home, Mode
 from autopilot.modes.land import Land
-from autopilot.modes.setpoint import Setpoint
+from autopilot.modes.setpoint import IDLE, Setpoint
 from autopilot.modes.travel import approach_speed
 from dronecats.border.frames import Vec3
 
@@ -49,6 +49,8 @@ class ReturnHome(Mode):
         return home.position_ned if home is not None else flight.state.position_ned
 
     def setpoint(self, flight: Flight) -> Setpoint:
+        if flight.landed:
+            return IDLE  # a vehicle that stands on the ground does not take off to return
         state, home, p = flight.state, self._home(flight), flight.parameters
         n, e, z = state.position_ned
         distance = math.hypot(home[0] - n, home[1] - e)

@@ -1,0 +1,318 @@
+"""Each failsafe provoked: what the vehicle does, when, and what it says."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from commander_bench import Bench
+from test_mission_protocol import item, upload
+
+from autopilot.failsafe import Action, Conditions, Failsafe, evaluate, reaction
+from autopilot.parameters import Parameters
+from dronecats.border.frames import quat_from_euler
+from dronecats.border.mavlink import dialect
+
+HEARTBEAT = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
+FENCE_BIT = 0x100000
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench(profile="minimal")
+
+
+def put(bench: Bench, **parameters: float) -> None:
+    for name, value in parameters.items():
+        bench.autopilot.parameters.set(name, value)
+
+
+def sticks(bench: Bench, x: int = 0, y: int = 0, z: int = 500, r: int = 0) -> None:
+    bench.client.send(dialect.MAVLink_manual_control_message(1, x, y, z, r, 0))
+
+
+def said(bench: Bench, *words: str) -> bool:
+    return any(all(word in text for word in words) for text in bench.client.texts())
+
+
+def fence_healthy(bench: Bench) -> bool:
+    bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_SYS_STATUS)
+    return bool(bench.client.of("SYS_STATUS")[-1].onboard_control_sensors_health & FENCE_BIT)
+
+
+def after_delay(bench: Bench, mode: str, cause: str, name: str) -> None:
+    """The vehicle holds for COM_FAIL_ACT_T, then acts; both are said."""
+    bench.until(lambda: bench.commander.in_failsafe, 3)
+    began = bench.time_us
+    assert bench.commander.mode == "HOLD"
+    assert said(bench, f"Failsafe: {cause}, {name} in 5 s")
+    bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
+    assert bench.client.of("HEARTBEAT")[-1].system_status == dialect.MAV_STATE_CRITICAL
+    bench.until(lambda: bench.commander.mode == mode, 8)
+    assert (bench.time_us - began) * 1e-6 == pytest.approx(5.0, abs=0.3)
+    assert any(text == f"Failsafe: {cause}, {name}" for text in bench.client.texts())
+
+
+@pytest.mark.parametrize(("choice", "mode", "name"), [(2, "RETURN", "Return"), (3, "LAND", "Land")])
+def test_manual_control_loss(bench: Bench, choice: int, mode: str, name: str) -> None:
+    put(bench, NAV_RCL_ACT=choice)
+    sticks(bench)
+    bench.client.arm()
+    bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
+    bench.until(lambda: bench.commander.mode == "HOLD", 30, lambda: sticks(bench))
+    after_delay(bench, mode, "manual control lost", name)
+    bench.run(0.3, lambda: sticks(bench))
+    assert bench.commander.mode == "HOLD"
+    assert said(bench, "Failsafe over")
+
+
+@pytest.mark.parametrize("exception", [{"COM_RCL_EXCEPT": 2}, {"COM_RC_IN_MODE": 4}, {"NAV_RCL_ACT": 0}])
+def test_manual_control_loss_that_does_not_matter(bench: Bench, exception: dict[str, float]) -> None:
+    put(bench, **exception)
+    sticks(bench)
+    bench.client.arm()
+    bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
+    bench.run(15.0)
+    assert bench.commander.mode == "HOLD"
+    assert not bench.commander.in_failsafe
+
+
+def test_sticks_that_were_never_there_are_not_missed(bench: Bench) -> None:
+    bench.fly()
+    bench.run(3.0)
+    assert not bench.commander.in_failsafe
+
+
+@pytest.mark.parametrize(("choice", "mode"), [(5, "TERMINATION"), (6, None)])
+def test_terminating_and_disarming_wait_for_nothing(bench: Bench, choice: int, mode: str | None) -> None:
+    put(bench, NAV_DLL_ACT=choice)
+    bench.fly()
+    bench.client.send(HEARTBEAT)
+    bench.run(11.0)
+    if mode is None:
+        assert not bench.commander.armed
+        assert said(bench, "Disarmed by failsafe")
+    else:
+        assert bench.commander.mode == mode
+        assert bench.core.setpoint["kind"] == 0
+
+
+def test_ground_station_loss_returns(bench: Bench) -> None:
+    put(bench, NAV_DLL_ACT=2)
+    bench.fly()
+    bench.client.send(HEARTBEAT)
+    bench.run(9.0)
+    assert not bench.commander.in_failsafe
+    after_delay(bench, "RETURN", "ground station lost", "Return")
+    bench.client.command(dialect.MAV_CMD_NAV_LAND)
+    bench.run(1.0)
+    assert bench.commander.mode == "LAND"  # a landing vehicle is left alone
+
+
+@pytest.mark.parametrize(
+    ("choice", "level", "mode", "cause", "name"),
+    [(2, 0.06, "LAND", "battery at critical level", "Land"), (3, 0.06, "RETURN", "battery at critical level", "Return"),
+     (3, 0.04, "LAND", "battery at emergency level", "Land")],
+)  # fmt: skip
+def test_battery(bench: Bench, choice: int, level: float, mode: str, cause: str, name: str) -> None:
+    put(bench, COM_LOW_BAT_ACT=choice)
+    bench.fly()
+    bench.sensors["battery_remaining"] = 0.12
+    bench.run(0.5)
+    assert said(bench, "Warning: battery low")
+    assert not bench.commander.in_failsafe
+    bench.sensors["battery_remaining"] = level
+    after_delay(bench, mode, cause, name)
+
+
+def test_flight_time(bench: Bench) -> None:
+    put(bench, COM_FLT_TIME_MAX=12)
+    bench.fly()
+    bench.until(lambda: bench.commander.in_failsafe, 15)
+    assert (bench.time_us - bench.commander.takeoff_us) * 1e-6 == pytest.approx(12.0, abs=0.3)
+    after_delay(bench, "RETURN", "flight time over", "Return")
+
+
+@pytest.mark.parametrize(("action", "mode"), [(2, "HOLD"), (3, "RETURN"), (5, "LAND"), (4, "TERMINATION")])
+def test_geofence_by_distance(bench: Bench, action: int, mode: str) -> None:
+    put(bench, GF_ACTION=action, GF_MAX_HOR_DIST=20)
+    bench.fly()
+    assert fence_healthy(bench)
+    bench.client.velocity(6.0, 0.0, 0.0)
+    bench.client.mode(6)
+    bench.until(lambda: bench.commander.in_failsafe, 15, lambda: bench.client.velocity(6.0, 0.0, 0.0))
+    assert 20.0 < bench.core.estimate["position_ned"][0] < 23.0
+    assert said(bench, "Failsafe: geofence breached")
+    assert not fence_healthy(bench)
+    bench.run(5.5, lambda: bench.client.velocity(6.0, 0.0, 0.0))
+    assert bench.commander.mode == mode
+
+
+def test_geofence_action_lasts_until_another_mode_is_chosen(bench: Bench) -> None:
+    put(bench, GF_ACTION=3, GF_MAX_HOR_DIST=20, RTL_RETURN_ALT=6)
+    bench.fly()
+    bench.client.velocity(6.0, 0.0, 0.0)
+    bench.client.mode(6)
+    bench.until(lambda: bench.commander.mode == "RETURN", 25, lambda: bench.client.velocity(6.0, 0.0, 0.0))
+    bench.until(lambda: bench.core.estimate["position_ned"][0] < 15.0, 25)
+    assert bench.commander.mode == "RETURN"  # inside again
+    assert fence_healthy(bench)
+    assert bench.client.mode(4, 3) == 0
+    bench.run(1.0)
+    assert bench.commander.mode == "HOLD"
+    assert not bench.commander.in_failsafe
+
+
+def test_geofence_polygon_with_a_hole(bench: Bench) -> None:
+    put(bench, GF_ACTION=1)
+    corners = [(-30, -30), (30, -30), (30, 30), (-30, 30)]
+    plan = [item(i, 5001, p=(4, 0, 0, 0), north=n, east=e, kind=1) for i, (n, e) in enumerate(corners)]
+    plan += [item(4, 5004, p=(5, 0, 0, 0), east=20.0, kind=1), item(5, 5003, p=(0, 0, 0, 0), north=4e6, kind=1)]
+    assert upload(bench.client, plan, 1) == 0
+    bench.fly()
+    outside = {(0.0, 0.0): False, (29.0, 29.0): False, (31.0, 0.0): True, (0.0, -31.0): True, (0.0, 21.0): True,
+               (0.0, 14.0): False}  # fmt: skip
+    for (north, east), breached in outside.items():
+        bench.core.estimate["position_ned"][:2] = north, east
+        bench.run(0.2)
+        assert bool(bench.commander.supervision.breach) is breached, (north, east)
+        assert fence_healthy(bench) is not breached
+    assert not bench.commander.in_failsafe  # GF_ACTION 1 warns
+    assert said(bench, "Warning: geofence breached")
+
+
+def test_arming_outside_the_geofence_is_refused(bench: Bench) -> None:
+    put(bench, GF_ACTION=3)
+    assert upload(bench.client, [item(0, 5003, p=(10, 0, 0, 0), north=50.0, kind=1)], 1) == 0
+    assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    assert said(bench, "outside the geofence")
+
+
+def test_position_loss_lands(bench: Bench) -> None:
+    bench.fly()
+    bench.core.estimate["position_valid"] = 0
+    bench.run(0.5)
+    assert bench.commander.mode == "LAND"
+    assert said(bench, "Failsafe: position lost")
+
+
+def test_position_loss_leaves_the_pilot_the_altitude(bench: Bench) -> None:
+    bench.fly()
+    sticks(bench)
+    assert bench.client.mode(3) == 0
+    bench.core.estimate["position_valid"] = 0
+    bench.run(0.5, lambda: sticks(bench))
+    assert bench.commander.mode == "ALTCTL"
+    assert said(bench, "Failsafe: position lost")
+    bench.core.estimate["altitude_valid"] = 0
+    bench.run(0.5, lambda: sticks(bench))
+    assert bench.commander.mode == "STABILIZED"
+    bench.core.converge()
+    bench.run(0.5, lambda: sticks(bench))
+    assert bench.commander.mode == "POSCTL"
+
+
+def tilt(bench: Bench, degrees: float) -> None:
+    bench.core.estimate["attitude"] = quat_from_euler(math.radians(degrees), 0.0, 0.0)
+    bench.core.step = lambda time_us: bench.core.estimate.__setitem__("time_us", time_us)  # nothing rights it
+
+
+@pytest.mark.parametrize(("breaker", "outcome"), [(0, "TERMINATION"), (121212, "HOLD")])
+def test_attitude_failure_in_flight(bench: Bench, breaker: int, outcome: str) -> None:
+    put(bench, CBRK_FLIGHTTERM=breaker)
+    bench.fly()
+    tilt(bench, 70.0)
+    bench.run(0.2)
+    assert bench.commander.mode == "HOLD"  # FD_FAIL_R_TTRI
+    bench.run(0.4)
+    assert bench.commander.mode == outcome
+    assert said(bench, "attitude failure")
+
+
+def test_attitude_failure_on_take_off_disarms(bench: Bench) -> None:
+    bench.client.arm()
+    bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
+    bench.run(1.0)
+    tilt(bench, -70.0)
+    bench.run(0.6)
+    assert not bench.commander.armed
+    assert said(bench, "Disarmed by failsafe: attitude failure")
+
+
+def test_no_delay_when_it_is_switched_off(bench: Bench) -> None:
+    put(bench, COM_LOW_BAT_ACT=2, COM_FAIL_ACT_T=0)
+    bench.fly()
+    bench.sensors["battery_remaining"] = 0.06
+    bench.run(0.3)
+    assert bench.commander.mode == "LAND"
+
+
+def test_a_failsafe_on_the_ground_never_takes_off(bench: Bench) -> None:
+    put(bench, COM_LOW_BAT_ACT=3, COM_FAIL_ACT_T=0)
+    bench.client.arm()
+    bench.sensors["battery_remaining"] = 0.06
+    bench.run(8.0)
+    assert bench.height == 0.0
+    bench.run(4.0)
+    assert not bench.commander.armed
+
+
+@pytest.mark.parametrize(("choice", "mode"), [(1, "POSCTL"), (0, "HOLD"), (2, "HOLD")])
+def test_the_pilot_takes_over_by_the_sticks(bench: Bench, choice: int, mode: str) -> None:
+    put(bench, COM_RC_OVERRIDE=choice)
+    bench.fly()
+    bench.run(1.0, lambda: sticks(bench, x=100))
+    assert bench.commander.mode == "HOLD"
+    bench.run(1.0, lambda: sticks(bench, x=250))
+    assert bench.commander.mode == "HOLD"  # less than COM_RC_STICK_OV
+    bench.run(1.0, lambda: sticks(bench, x=500))
+    assert bench.commander.mode == mode
+    assert said(bench, "Pilot took over") is (mode == "POSCTL")
+
+
+def test_the_sticks_wait_while_a_failsafe_counts_down(bench: Bench) -> None:
+    put(bench, COM_LOW_BAT_ACT=3)
+    bench.fly()
+    bench.run(0.5, lambda: sticks(bench))
+    bench.sensors["battery_remaining"] = 0.06
+    bench.run(1.0, lambda: sticks(bench, x=900))
+    assert bench.commander.mode == "HOLD"
+    bench.run(5.0, lambda: sticks(bench))
+    assert bench.commander.mode == "RETURN"
+    bench.run(0.5, lambda: sticks(bench, x=900))
+    assert bench.commander.mode == "POSCTL"
+    bench.run(1.0, lambda: sticks(bench))
+    assert not bench.commander.in_failsafe
+
+
+QUIET = Conditions(
+    mode="HOLD", offboard_signal=True, sticks=False, sticks_lost_s=math.nan, station_lost_s=math.nan, battery=0.9,
+    battery_at_arming=0.9, position_valid=True, velocity_valid=True, altitude_valid=True, flight_time_s=1.0,
+    fence_breach="", attitude_failed=False, just_armed=False,
+)  # fmt: skip
+
+
+def test_the_more_severe_action_wins() -> None:
+    p = Parameters()
+    for name, value in {"COM_LOW_BAT_ACT": 3, "NAV_DLL_ACT": 1, "GF_ACTION": 5, "CBRK_FLIGHTTERM": 0}.items():
+        p.set(name, value)
+    assert evaluate(QUIET, p).action == Action.NONE
+    c = replace(QUIET, battery=0.1)
+    assert evaluate(c, p).action == Action.WARN
+    c = replace(c, station_lost_s=11.0)
+    assert evaluate(c, p).action == Action.HOLD
+    c = replace(c, battery=0.06)
+    assert evaluate(c, p).action == Action.RETURN
+    c = replace(c, fence_breach="area")
+    assert evaluate(c, p).action == Action.LAND
+    c = replace(c, attitude_failed=True)
+    assert evaluate(c, p).action == Action.TERMINATE
+    assert evaluate(replace(c, just_armed=True), p).action == Action.DISARM
+
+
+def test_what_cannot_be_done_falls_back() -> None:
+    back = Failsafe("x", Action.RETURN)
+    assert reaction(back, "HOLD", sticks=False, position=True, home=True) == ("RETURN", "RETURN")
+    assert reaction(back, "HOLD", sticks=False, position=True, home=False) == ("LAND", "LAND")
+    assert reaction(back, "HOLD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")
+    hold = Failsafe("x", Action.HOLD)
+    assert reaction(hold, "OFFBOARD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")
