@@ -1,8 +1,28 @@
-"""MAVLink FTP: the place for it. There is no file yet, and every request is answered at once so that nobody waits."""
+"""MAVLink FTP, server side: every request is answered at once, with an ACK and its data or a NAK and its reason.
+
+Source: mavlink.io, services/ftp. A repeated request is answered as before and not carried out again.
+"""
 
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, BinaryIO
 
+from autopilot.mavlink.file_sessions import Client, FileSessions
+from autopilot.mavlink.file_tree import (
+    END_OF_FILE,
+    FAIL,
+    FAIL_ERRNO,
+    FILE_EXISTS,
+    FILE_NOT_FOUND,
+    FILE_PROTECTED,
+    INVALID_DATA_SIZE,
+    LARGEST,
+    UNKNOWN_COMMAND,
+    Entry,
+    FileTree,
+    Refusal,
+)
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.vehicle import Message
 from dronecats.border.mavlink import dialect
@@ -11,26 +31,264 @@ if TYPE_CHECKING:
     from autopilot.mavlink.port import Port
 
 ACK, NAK = 128, 129
-TERMINATE_SESSION, RESET_SESSIONS = 1, 2
-LAST_OPCODE = 15  # BurstReadFile
-UNKNOWN_COMMAND, FILE_NOT_FOUND = 7, 10
+NONE, TERMINATE_SESSION, RESET_SESSIONS, LIST_DIRECTORY, OPEN_TO_READ, READ, CREATE, WRITE = range(8)
+REMOVE_FILE, MAKE_FOLDER, REMOVE_FOLDER, OPEN_TO_WRITE, TRUNCATE, RENAME, CHECKSUM, BURST_READ = range(8, 16)
+LIST_DIRECTORY_WITH_TIME = 16
+OPENING = frozenset({OPEN_TO_READ, CREATE, OPEN_TO_WRITE})
+
 _HEADER = struct.Struct("<HBBBBBBI")  # seq, session, opcode, size, requested opcode, burst complete, padding, offset
 PAYLOAD = 251
+DATA = PAYLOAD - _HEADER.size  # 239 bytes
+BURST_MESSAGES = 200  # of one burst: 48 kB, then the client asks for more
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request as it came."""
+
+    sequence: int
+    session: int
+    opcode: int
+    size: int
+    offset: int
+    data: bytes
+
+    @property
+    def name(self) -> bytes:
+        """The first name in the data, with or without the zero that ends it."""
+        return self.data.partition(b"\0")[0]
+
+
+def parsed(payload: bytes) -> Request:
+    """Return the request in FILE_TRANSFER_PROTOCOL.payload (251 bytes)."""
+    sequence, session, opcode, size, _, _, _, offset = _HEADER.unpack_from(payload)
+    return Request(sequence, session, opcode, size, offset, payload[_HEADER.size : _HEADER.size + size])
+
+
+@dataclass(slots=True)
+class Server:
+    """What the answers are made from: the files, and one client's place among the sessions."""
+
+    tree: FileTree
+    sessions: FileSessions
+    client: Client
+    now_us: int
+    opened: int | None = None  # the session that this request has opened
 
 
 def request(node: Node, port: "Port", message: Message) -> None:
-    """Answer one request of the protocol (mavlink.io, services/ftp)."""
-    sequence, session, opcode, *_ = _HEADER.unpack_from(bytes(message.payload))
-    if opcode in (ACK, NAK):
+    """Answer one request, and let a burst begin."""
+    payload = bytes(message.payload)
+    wish = parsed(payload)
+    if wish.opcode in (ACK, NAK):  # an answer meant for somebody else
         return
-    if opcode in (TERMINATE_SESSION, RESET_SESSIONS):
-        answer, data = ACK, b""
-    else:
-        answer, data = NAK, bytes([FILE_NOT_FOUND if 0 < opcode <= LAST_OPCODE else UNKNOWN_COMMAND])
-    head = _HEADER.pack((sequence + 1) & 0xFFFF, session, answer, len(data), opcode, 0, 0, 0)
-    payload = (head + data).ljust(PAYLOAD, b"\0")
-    port.send(
-        dialect.MAVLink_file_transfer_protocol_message(
-            0, message.get_srcSystem(), message.get_srcComponent(), list(payload)
+    address = (message.get_srcSystem(), message.get_srcComponent())
+    server = Server(node.files, node.file_sessions, (port, *address), node.time_us)
+    if wish.opcode == BURST_READ:
+        _begin_burst(server, port, address, wish)
+        return
+    if wish.opcode in (TERMINATE_SESSION, RESET_SESSIONS):
+        port.transfers.pop(_burst_name(address), None)
+    answer = server.sessions.answered(server.client, payload)
+    if answer is None:
+        answer = _answer(server, wish)
+        server.sessions.remember(server.client, payload, answer)
+    port.send(_message(address, answer))
+
+
+def _message(address: tuple[int, int], payload: bytes) -> Message:
+    return dialect.MAVLink_file_transfer_protocol_message(0, *address, list(payload.ljust(PAYLOAD, b"\0")))
+
+
+def _pack(wish: Request, opcode: int, data: bytes, *, session: int | None = None, complete: bool = False,
+          later: int = 0, offset: int | None = None) -> bytes:  # fmt: skip
+    return (
+        _HEADER.pack(
+            (wish.sequence + 1 + later) & 0xFFFF, wish.session if session is None else session, opcode, len(data),
+            wish.opcode, complete, 0, wish.offset if offset is None else offset,
         )
-    )
+        + data
+    )  # fmt: skip
+
+
+def _answer(server: Server, wish: Request) -> bytes:
+    """Return the payload of the answer, whatever happens."""
+    try:
+        if wish.size > DATA:
+            raise Refusal(INVALID_DATA_SIZE)
+        handler = HANDLERS.get(wish.opcode)
+        if handler is None:
+            raise Refusal(UNKNOWN_COMMAND)
+        if wish.opcode in OPENING:
+            server.sessions.make_room(server.now_us)
+        data = handler(server, wish)
+    except (Refusal, OSError, ValueError) as reason:
+        return _pack(wish, NAK, _refusal(reason))
+    return _pack(wish, ACK, data, session=server.opened)
+
+
+def _refusal(reason: Exception) -> bytes:
+    """Return the data of a NAK."""
+    if isinstance(reason, Refusal):
+        return reason.data
+    if isinstance(reason, FileNotFoundError | NotADirectoryError):
+        return bytes([FILE_NOT_FOUND])
+    if isinstance(reason, FileExistsError):
+        return bytes([FILE_EXISTS])
+    if isinstance(reason, PermissionError):
+        return bytes([FILE_PROTECTED])
+    if isinstance(reason, OSError) and reason.errno:
+        return bytes([FAIL_ERRNO, reason.errno & 0xFF])
+    return bytes([FAIL])
+
+
+def _open(server: Server, wish: Request, file: BinaryIO, writable: bool) -> None:
+    server.opened = server.sessions.open(server.client, wish.session, file, writable, server.now_us)
+
+
+def _open_to_read(server: Server, wish: Request) -> bytes:
+    file, size = server.tree.open_to_read(wish.name)
+    _open(server, wish, file, writable=False)
+    return struct.pack("<I", min(size, 0xFFFFFFFF))
+
+
+def _create(server: Server, wish: Request) -> bytes:
+    _open(server, wish, server.tree.open_to_write(wish.name, empty=True), writable=True)
+    return b""
+
+
+def _open_to_write(server: Server, wish: Request) -> bytes:
+    _open(server, wish, server.tree.open_to_write(wish.name, empty=False), writable=True)
+    return b""
+
+
+def _read(server: Server, wish: Request) -> bytes:
+    file = server.sessions.get(server.client, wish.session, server.now_us).file
+    if not file.readable():
+        raise Refusal(FAIL)
+    file.seek(wish.offset)
+    data = file.read(wish.size)
+    if not data:
+        raise Refusal(END_OF_FILE if wish.size else INVALID_DATA_SIZE)
+    return data
+
+
+def _write(server: Server, wish: Request) -> bytes:
+    session = server.sessions.get(server.client, wish.session, server.now_us)
+    if not session.writable or wish.offset + wish.size > LARGEST:
+        raise Refusal(FAIL)
+    session.file.seek(wish.offset)
+    session.file.write(wish.data)
+    session.file.flush()
+    return b""
+
+
+def _list(server: Server, wish: Request) -> bytes:
+    """Return as many lines of the directory as fit, from the one that the offset counts to."""
+    lines = b""
+    for entry in server.tree.entries(wish.name)[wish.offset :]:
+        line = _line(entry, wish.opcode == LIST_DIRECTORY_WITH_TIME)
+        if len(lines) + len(line) > DATA:
+            break
+        lines += line
+    if not lines:
+        raise Refusal(END_OF_FILE)
+    return lines
+
+
+def _line(entry: Entry, with_time: bool) -> bytes:
+    text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
+    if with_time:  # a folder has a size as well, so that the time is always the third word
+        text += ("\t0" if entry.size is None else "") + f"\t{entry.time_utc}"
+    line = text.encode() + b"\0"
+    return line if len(line) <= DATA else b"S\0"  # counts as a line, names nothing
+
+
+def _terminate(server: Server, wish: Request) -> bytes:
+    server.sessions.close(server.client, wish.session)
+    return b""
+
+
+def _reset(server: Server, wish: Request) -> bytes:
+    server.sessions.reset(server.client)
+    return b""
+
+
+def _truncate(server: Server, wish: Request) -> bytes:
+    server.tree.truncate(wish.name, wish.offset)
+    return b""
+
+
+def _rename(server: Server, wish: Request) -> bytes:
+    old, _, rest = wish.data.partition(b"\0")
+    server.tree.rename(old, rest.partition(b"\0")[0])
+    return b""
+
+
+def _checksum(server: Server, wish: Request) -> bytes:
+    return struct.pack("<I", server.tree.checksum(wish.name))
+
+
+def _on_name(change: Callable[[FileTree, bytes], None]) -> "Handler":
+    def handler(server: Server, wish: Request) -> bytes:
+        change(server.tree, wish.name)
+        return b""
+
+    return handler
+
+
+Handler = Callable[[Server, Request], bytes]
+HANDLERS: dict[int, Handler] = {
+    NONE: lambda server, wish: b"",
+    TERMINATE_SESSION: _terminate,
+    RESET_SESSIONS: _reset,
+    LIST_DIRECTORY: _list,
+    OPEN_TO_READ: _open_to_read,
+    READ: _read,
+    CREATE: _create,
+    WRITE: _write,
+    REMOVE_FILE: _on_name(FileTree.remove_file),
+    MAKE_FOLDER: _on_name(FileTree.make_folder),
+    REMOVE_FOLDER: _on_name(FileTree.remove_folder),
+    OPEN_TO_WRITE: _open_to_write,
+    TRUNCATE: _truncate,
+    RENAME: _rename,
+    CHECKSUM: _checksum,
+    LIST_DIRECTORY_WITH_TIME: _list,
+}
+
+
+def _burst_name(address: tuple[int, int]) -> str:
+    return f"file burst {address}"
+
+
+def _begin_burst(server: Server, port: "Port", address: tuple[int, int], wish: Request) -> None:
+    """Let the port stream a file from an offset, a bounded number of messages per tick; or refuse."""
+    try:
+        session = server.sessions.get(server.client, wish.session, server.now_us)
+        if not session.file.readable():
+            raise Refusal(FAIL)
+    except Refusal as reason:
+        port.send(_message(address, _pack(wish, NAK, reason.data)))
+        return
+    step = wish.size if 0 < wish.size <= DATA else DATA
+    port.transfers[_burst_name(address)] = (_message(address, payload) for payload in _burst(session.file, wish, step))
+
+
+def _burst(file: BinaryIO, wish: Request, step: int) -> Iterator[bytes]:
+    offset = wish.offset
+    for i in range(BURST_MESSAGES):
+        try:
+            file.seek(offset)
+            data = file.read(step)
+        except (OSError, ValueError) as reason:  # ValueError: closed in between
+            yield _pack(wish, NAK, _refusal(reason), later=i, offset=offset)
+            return
+        if not data:
+            yield _pack(wish, NAK, bytes([END_OF_FILE]), later=i, offset=min(offset, 0xFFFFFFFF), complete=True)
+            return
+        last = len(data) < step or i == BURST_MESSAGES - 1
+        yield _pack(wish, ACK, data, later=i, offset=offset, complete=last)
+        if last:
+            return
+        offset += len(data)

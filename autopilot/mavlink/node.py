@@ -2,6 +2,9 @@
 
 from typing import TYPE_CHECKING
 
+from autopilot.mavlink.file_sessions import FileSessions
+from autopilot.mavlink.file_tree import FileTree
+from autopilot.mavlink.packed_parameters import packed
 from autopilot.mavlink.streams import BY_ID
 from autopilot.mavlink.vehicle import Message, Vehicle
 from dronecats.border.mavlink import dialect
@@ -22,6 +25,8 @@ class Node:
     def __init__(self, vehicle: Vehicle, system_id: int, uploads: "Uploads", log: "FlightLog | None" = None) -> None:
         self.vehicle = vehicle
         self.log = log
+        self.files = FileTree(log.directory if log is not None else None, lambda: packed(vehicle.parameters))
+        self.file_sessions = FileSessions()
         self.system_id = system_id
         self.ports: list[Port] = []
         self.reboot_requested = False
