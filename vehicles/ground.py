@@ -13,7 +13,7 @@ from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY, Quat, Vec3
 from dronecats.border.terrain import HeightField
 from vehicles.compiled_frames import rotate, rotate_inverse
-from vehicles.records import STEP_S, Grid, Record
+from vehicles.records import STEP_S, Grid, Load, Record
 
 # rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
 # limit of RK4 at 1 kHz (2.8 rad per step) on every airframe, whose tips weigh about a tenth of the whole
@@ -24,6 +24,7 @@ TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
 DEEPEST = 0.2  # m, penetration beyond which the spring no longer hardens: steps in the height field do not catapult
 MARGIN = 0.005  # m, beyond the way of one step: what accelerations add to it
 STILL = 1e-5  # m/s, rad/s and m/s²: slower than this is standing
+STEADY = 1e-4  # of the weight (and of it at the vehicle's reach): a smaller change of the rotors' pull moves nothing
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, the same for a propeller or the hull
 
@@ -141,13 +142,22 @@ def support(
 
 
 @njit(cache=True)
-def at_rest(state: Record, force: Vec3, breeze: Vec3) -> bool:
-    """Return whether the vehicle stands, with nothing left that could move it but the ground and its weight.
+def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
+    """Return whether the vehicle stands, with nothing new that could move it.
 
-    `force` (N, FRD) is that of the rotors, `breeze` (m/s, NED) the wind. Friction has then stopped all but a creep
-    far below every sensor's noise, and the motion need not be integrated.
+    `load` is what the rotors do, `breeze` (m/s, NED) the wind. Friction has then stopped all but a creep far below
+    every sensor's noise; as long as idling rotors pull as they did when it stopped, the motion need not be integrated.
     """
-    if state.on_ground == 0 or force[2] != 0.0:
+    if state.on_ground == 0:
+        return False
+    force, moment, _ = load
+    weight = params.mass * GRAVITY
+    if (
+        abs(force[2] - state.carried[0]) > STEADY * weight
+        or abs(moment[0] - state.carried[1]) > STEADY * weight * params.reach
+        or abs(moment[1] - state.carried[2]) > STEADY * weight * params.reach
+        or abs(moment[2] - state.carried[3]) > STEADY * weight * params.reach
+    ):
         return False
     restless = 0.0
     for i in range(3):
@@ -171,13 +181,15 @@ def hold(state: Record) -> None:
 
 
 @njit(cache=True)
-def settle(params: Record, state: Record, down: Grid, mask: int) -> None:
-    """After a step: move the anchors that slipped, note which points touch, and latch a crash."""
+def settle(params: Record, state: Record, down: Grid, load: Load, mask: int) -> None:
+    """After a step: note what the ground bore and which points touch, move anchors that slipped, latch a crash."""
     position = (state.position[0], state.position[1], state.position[2])
     velocity = (state.velocity[0], state.velocity[1], state.velocity[2])
     rates = (state.rates[0], state.rates[1], state.rates[2])
     attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
     state.on_ground = 0
+    state.carried[0] = load[0][2]
+    state.carried[1], state.carried[2], state.carried[3] = load[1]
     for k in range(params.contacts):
         if mask >> k & 1 == 0:
             state.contact[k] = 0

@@ -10,11 +10,14 @@ from dronecats.border.airframe import Airframe
 from dronecats.border.compiled import njit
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import GRAVITY, Vec3, quat_from_euler
+from dronecats.border.obstacles import OPEN, Obstacles
 from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
 from dronecats.border.terrain import FLAT, HeightField
 from vehicles import ground
 from vehicles.battery import PERIOD_US as BATTERY_PERIOD_US
 from vehicles.battery import drain, open_circuit
+from vehicles.collision import fresh_near, meet, solids_record
+from vehicles.collision_records import Grid32, Index
 from vehicles.compiled_frames import rotate_inverse
 from vehicles.faults import Fault, script, strike_rotors
 from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
@@ -40,6 +43,13 @@ def step(
     actuators: Record,
     sensors: Record,
     truth: Record,
+    solids: Record,
+    near: Record,
+    corners: Grid32,
+    bounds: Grid32,
+    start: Index,
+    index: Index,
+    owner: Index,
 ) -> None:
     """Advance one vehicle by exactly STEP_US: reads `actuators`, writes `state`, `air`, `memory`, `sensors`, `truth`.
 
@@ -68,11 +78,12 @@ def step(
     if state.time_us % BATTERY_PERIOD_US == 0:
         drain(params, state)
 
-    if mask != 0 and at_rest(state, load[0], breeze):
+    if mask != 0 and at_rest(params, state, load, breeze):
         hold(state)
     else:
         move(params, state, down, load, breeze, mask)
-        settle(params, state, down, mask)
+        settle(params, state, down, load, mask)
+    meet(params, state, solids, near, corners, bounds, start, index, owner)
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 
@@ -106,10 +117,20 @@ def run(
     actuators: Record,
     sensors: Record,
     truth: Record,
+    solids: Record,
+    near: Record,
+    corners: Grid32,
+    bounds: Grid32,
+    start: Index,
+    index: Index,
+    owner: Index,
 ) -> None:
     """Advance one vehicle by `steps` steps with the actuators as they are."""
     for _ in range(steps):
-        step(params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth)
+        step(
+            params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth,
+            solids, near, corners, bounds, start, index, owner,
+        )  # fmt: skip
 
 
 class Multirotor:
@@ -126,6 +147,8 @@ class Multirotor:
         seed: int,
         origin: tuple[float, float, float],  # latitude, longitude (degrees) and altitude (m) of the map's NED origin
         terrain: HeightField = FLAT,
+        obstacles: Obstacles = OPEN,
+        camera_frd: Vec3 | None = None,  # m, a camera that sticks out and is as solid as the rest
         position_ned: Vec3 = (0.0, 0.0, 0.0),
         yaw: float = 0.0,
         wind: Wind | None = None,
@@ -134,7 +157,8 @@ class Multirotor:
     ) -> None:
         """Put a vehicle at `position_ned` (m), level, heading `yaw` (rad), standing on the ground if not above it.
 
-        Raises UsageError for a pose that is not finite or a fault that cannot be.
+        Raises UsageError for a pose that is not finite, a fault that cannot be, or obstacles sorted for a smaller
+        vehicle.
         """
         if not all(math.isfinite(x) for x in (*position_ned, yaw, *origin)):
             raise UsageError(f"vehicle pose {position_ned}, yaw {yaw}, origin {origin} must be finite numbers")
@@ -155,6 +179,14 @@ class Multirotor:
         self.truth = np.zeros(1, TRUTH)[0]
         self._down = np.ascontiguousarray(terrain.down, dtype=np.float64)
         self._peak = peaks(terrain, float(self.params["reach"]))
+        self.obstacles = obstacles
+        self.solids = solids_record(self.params, obstacles, camera_frd)
+        self.near = fresh_near()
+        if len(obstacles.corners) and self.solids["reach"] > obstacles.reach_m:
+            raise UsageError(
+                f"airframe '{airframe.name}' reaches {self.solids['reach']:.2f} m from its origin, but the obstacles "
+                f"are sorted for {obstacles.reach_m:g} m: build them with a larger reach"
+            )
         self._place(terrain, position_ned, yaw)
 
     @property
@@ -172,11 +204,32 @@ class Multirotor:
             self.actuators,
             self.sensors,
             self.truth,
+            self.solids,
+            self.near,
+            self.obstacles.corners,
+            self.obstacles.bounds,
+            self.obstacles.start,
+            self.obstacles.index,
+            self.obstacles.owner,
         )
 
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds with the actuators as they are."""
         run(steps, *self.kernel_args)
+
+    def meet_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
+        """Say where the moving obstacle is at this vehicle's time (m, rad) and how it goes on (m/s, rad/s)."""
+        box, solids = self.obstacles.moving, self.solids
+        if box is None:
+            raise UsageError("these obstacles have no moving box: build them from a scene with a movable solid")
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y, z = box.centre_frd
+        x, y = c * x - s * y, s * x + c * y
+        solids["box_centre"] = (position_ned[0] + x, position_ned[1] + y, position_ned[2] + z)
+        solids["box_velocity"] = (velocity_ned[0] - yaw_rate * y, velocity_ned[1] + yaw_rate * x, velocity_ned[2])
+        solids["box_half"], solids["box_yaw"], solids["box_yaw_rate"] = box.half_m, yaw, yaw_rate
+        solids["box_reach"] = math.hypot(*box.half_m) + solids["reach"]
+        solids["box_time_us"], solids["box"] = self.state["time_us"], 1
 
     def _place(self, terrain: HeightField, position_ned: Vec3, yaw: float) -> None:
         north, east, down = position_ned

@@ -77,8 +77,12 @@ STATE = np.dtype(
         ("height", "f8"),  # m, body origin above the ground below it
         ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, where friction holds each contact point
         ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
+        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors that the ground last bore
         ("on_ground", "i8"),  # bool: any point touches
-        ("crashed", "i8"),  # bool, latched: a foot hit very hard, or another point hit hard
+        ("crashed", "i8"),  # bool, latched: a foot hit the ground very hard, or anything else hit anything hard
+        ("hits", "i8"),  # contacts with obstacles that came with any speed, so far
+        ("hit_speed", "f8"),  # m/s, with which the last one came
+        ("hit_owner", "i8"),  # row of `Obstacles.names`, or `collision.BOX`
         ("upside_down", "i8"),  # bool: body z axis points up
         ("external_force", "f8", (3,)),  # N, NED at the body origin: obstacles, ropes, hands; stays until rewritten
         ("external_torque", "f8", (3,)),  # N·m, FRD

@@ -1,0 +1,60 @@
+"""What the compiled collisions read and remember, field by field."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.sensors import MAX_ROTORS
+from vehicles.airframe import MAX_CONTACTS
+
+Grid32 = NDArray[np.float32]
+Index = NDArray[np.int32]
+
+BALLS = MAX_ROTORS + MAX_CONTACTS + 2  # rotors, feet and masts, hull, camera
+CANDIDATES = 4096  # triangles kept at hand; the thickest hedge of the maps has a quarter of that
+CONTACTS = 2 * BALLS  # every ball may touch the box and one triangle
+
+SOLIDS = np.dtype(
+    [
+        ("here", "i8"),  # bool: there is anything to meet
+        ("balls", "i8"),
+        ("ball", "f8", (BALLS, 4)),  # m, FRD centre and radius
+        ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc it is, -1 for none
+        ("ball_sound", "f8", (BALLS,)),  # m/s, fastest bump it survives
+        ("reach", "f8"),  # m, from the body origin to the farthest point of any ball
+        ("origin", "f8", (3,)),  # m, NED, and the rest: `border.obstacles.Obstacles`
+        ("cell", "f8"),
+        ("cells", "i8", (3,)),
+        ("box", "i8"),  # bool: there is a moving box
+        ("box_time_us", "i8"),  # µs, when the box was where the following says
+        ("box_half", "f8", (3,)),  # m
+        ("box_centre", "f8", (3,)),  # m, NED
+        ("box_velocity", "f8", (3,)),  # m/s, NED
+        ("box_yaw", "f8"),  # rad
+        ("box_yaw_rate", "f8"),  # rad/s
+        ("box_reach", "f8"),  # m, between the box's middle and a vehicle's origin beyond which they cannot touch
+    ],
+    align=True,
+)
+
+NEAR = np.dtype(
+    [
+        ("looked_at", "f8", (3,)),  # m, NED, position at the last look at every ball
+        ("looked_from", "f8", (4,)),  # attitude then
+        ("free", "f8"),  # m, way from there on which no ball can touch anything
+        ("gathered_at", "f8", (3,)),  # m, NED, position for which the candidates were gathered
+        ("holds", "f8"),  # m, way from there for which they are all there is
+        ("candidates", "i8"),
+        ("candidate", "i4", (CANDIDATES,)),  # triangle numbers
+        ("box_count", "i8"),  # contacts with the box, first of those below
+        ("ball", "i8", (CONTACTS,)),
+        ("owner", "i8", (CONTACTS,)),
+        ("depth", "f8", (CONTACTS,)),  # m, overlap
+        ("normal", "f8", (CONTACTS, 3)),  # unit, NED, out of the obstacle
+        ("point", "f8", (CONTACTS, 3)),  # m, NED
+        ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, of the obstacle there
+        ("leaving", "f8", (CONTACTS,)),  # m/s, speed with which to part
+        ("pressed", "f8", (CONTACTS,)),  # N·s, so far
+        ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, so far
+    ],
+    align=True,
+)
