@@ -41,7 +41,7 @@ def test_digest_is_of_the_template():
 def test_a_prompt_without_its_fields_is_refused(tmp_path):
     path = tmp_path / "prompt.txt"
     path.write_text("fly to {instruction}")
-    with pytest.raises(UsageError, match="lacks the field .history"):
+    with pytest.raises(UsageError, match=r"lacks the field .history"):
         Prompt.load(path)
     with pytest.raises(UsageError, match="cannot be read"):
         Prompt.load(tmp_path / "missing.txt")
