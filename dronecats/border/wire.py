@@ -1,0 +1,185 @@
+"""MAVLink 2 frames to messages and back, by tables made from pymavlink's message classes, several times as fast.
+
+Bytes and fields are pymavlink's own, which the tests prove for every message of the dialect. What is not plain MAVLink
+2 (version 1, signed, unknown or damaged frames) is not handled here: `dronecats.border.mavlink.Parser` gives it to
+pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
+"""
+
+import struct
+from operator import attrgetter
+from typing import Any
+
+from pymavlink.dialects.v20 import development as dialect
+
+MARKER = 0xFD
+HEADER_BYTES, CHECKSUM_BYTES = 10, 2
+SIGNATURE_BYTES = 13
+SIGNED = 0x01  # of the incompatibility flags
+
+_HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
+checksum = dialect.mcrf4xx or (lambda data: dialect.x25crc(data).crc)  # CRC-16/MCRF4XX
+
+
+class _OnDemand:
+    """An attribute that few readers want: made from the frame when it is first read."""
+
+    def __init__(self, name: str, make: Any) -> None:
+        self._name, self._make = name, make
+
+    def __get__(self, message: Any, owner: Any = None) -> Any:
+        value = message.__dict__[self._name] = self._make(message._frame)
+        return value
+
+
+def _header(frame: bytes) -> Any:
+    length, incompatible, compatible, sequence, system, component, low, high = _HEADER.unpack_from(frame, 1)
+    return dialect.MAVLink_header(low | high << 16, incompatible, compatible, length, sequence, system, component)
+
+
+def _decoded_class(base: Any) -> Any:
+    """Return a message class that behaves as `base` does after pymavlink has parsed it, but is made from a frame."""
+    members = {
+        "__doc__": base.__doc__,
+        "__module__": base.__module__,
+        "__slots__": (),
+        "_type": base.msgname,
+        "_fieldnames": base.fieldnames,
+        "_signed": False,
+        "_link_id": None,
+        "_instances": None,
+        "_instance_field": base.instance_field,
+        "_instance_offset": base.instance_offset,
+        "_header": _OnDemand("_header", _header),
+        "_msgbuf": _OnDemand("_msgbuf", bytearray),
+        # from byte 6, not from the end of the header, as pymavlink has it
+        "_payload": _OnDemand("_payload", lambda frame: bytearray(frame[6:-CHECKSUM_BYTES])),
+        "_crc": _OnDemand("_crc", lambda frame: frame[-2] | frame[-1] << 8),
+        "get_msgId": lambda message, number=base.id: number,
+        "get_srcSystem": lambda message: message._frame[5],
+        "get_srcComponent": lambda message: message._frame[6],
+        "get_seq": lambda message: message._frame[4],
+    }
+    return type(base.__name__, (base,), members)
+
+
+class Layout:
+    """One message on the wire. `extra`: CRC_EXTRA as a byte."""
+
+    def __init__(self, base: Any) -> None:
+        self.extra = bytes([base.crc_extra])
+        self.name = str(base.msgname)
+        self._struct = base.unpacker
+        self._class = _decoded_class(base)
+        wire = list(base.ordered_fieldnames)
+        kinds = dict(zip(base.fieldnames, base.fieldtypes, strict=True))
+        self._names = wire
+        self._texts = [name for name in wire if kinds[name] == "char"]
+        self._arrays = [(place, count) for place, count in enumerate(base.lengths) if count > 1]
+        self._arrays_reversed = self._arrays[::-1]
+        read = attrgetter(*(f"_{name}_raw" if kinds[name] == "char" else name for name in wire))
+        self._read = read if len(wire) > 1 else lambda message: (read(message),)
+        self._id = (base.id & 0xFFFF, base.id >> 16)
+
+    def payload(self, message: Any) -> bytes:
+        """Return the payload without its trailing zeros. Raises struct.error for a value its field cannot hold."""
+        values: Any = self._read(message)
+        if self._arrays:
+            values = list(values)
+            for place, count in self._arrays_reversed:
+                values[place : place + 1] = values[place][:count]
+        data: bytes = self._struct.pack(*values)
+        return data.rstrip(b"\0") or data[:1]
+
+    def frame(self, message: Any, sequence: int, system: int, component: int) -> bytes:
+        """Return the message as an unsigned MAVLink 2 frame. Raises struct.error."""
+        payload = self.payload(message)
+        checked = _HEADER.pack(len(payload), 0, 0, sequence, system, component, *self._id) + payload
+        check: bytes = checksum(checked + self.extra).to_bytes(2, "little")
+        return b"\xfd" + checked + check
+
+    def intact(self, frame: bytes) -> bool:
+        """Return whether the checksum fits the frame."""
+        found: int = checksum(frame[1:-CHECKSUM_BYTES] + self.extra)
+        return found == frame[-2] | frame[-1] << 8
+
+    def message(self, frame: bytes) -> Any:
+        """Return the message in an intact frame; what the sender trimmed or does not know yet is zero."""
+        layout = self._struct
+        values: Any
+        if frame[1] >= layout.size:
+            values = layout.unpack_from(frame, HEADER_BYTES)
+        else:
+            values = layout.unpack(frame[HEADER_BYTES:-CHECKSUM_BYTES].ljust(layout.size, b"\0"))
+        if self._arrays:
+            values = list(values)
+            for place, count in self._arrays:
+                values[place : place + count] = [values[place : place + count]]
+        fields = dict(zip(self._names, values, strict=True))
+        for name in self._texts:
+            raw = fields[f"_{name}_raw"] = fields[name].rstrip(b"\0")
+            fields[name] = raw.split(b"\0", 1)[0].decode("ascii", errors="replace")
+        fields["_frame"] = frame
+        message = object.__new__(self._class)
+        message.__dict__ = fields
+        return message
+
+
+class OwnPacking(Layout):
+    """A message whose class has a `pack` of its own, such as a parameter that carries an integer's bytes."""
+
+    def frame(self, message: Any, sequence: int, system: int, component: int) -> bytes:
+        mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        mav.seq = sequence
+        return bytes(message.pack(mav))
+
+
+class LayoutsById(dict[int, Layout]):
+    """Message id → layout, made when it is first needed. KeyError for an id that is not in the dialect."""
+
+    def __missing__(self, message_id: int) -> Layout:
+        layout = self[message_id] = Layout(dialect.mavlink_map[message_id])
+        return layout
+
+
+class LayoutsByClass(dict[Any, Layout]):
+    """Class of a message → layout, made when it is first needed. TypeError for what is no message of the dialect."""
+
+    def __missing__(self, kind: Any) -> Layout:
+        base = dialect.mavlink_map.get(getattr(kind, "id", None))
+        if base is None or not issubclass(kind, base):
+            raise TypeError(f"{kind.__name__} is no message of the dialect {dialect.DIALECT}")
+        layout = self[kind] = BY_ID[base.id] if kind.pack is base.pack else OwnPacking(base)
+        return layout
+
+
+BY_ID = LayoutsById()
+BY_CLASS = LayoutsByClass()
+
+
+def frames(data: bytes) -> tuple[list[Any], int]:
+    """Return the messages of the intact plain MAVLink 2 frames at the beginning of `data`, and where they end."""
+    messages, at, end = [], 0, len(data)
+    while end - at >= HEADER_BYTES + CHECKSUM_BYTES and data[at] == MARKER and data[at + 2] == 0:
+        stop = at + HEADER_BYTES + CHECKSUM_BYTES + data[at + 1]
+        if stop > end:
+            break
+        try:
+            layout = BY_ID[data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16]
+        except KeyError:
+            break
+        frame = data[at:stop]
+        if not layout.intact(frame):
+            break
+        messages.append(layout.message(frame))
+        at = stop
+    return messages, at
+
+
+def incomplete(data: bytes) -> bool:
+    """Return whether `data` is the beginning of a MAVLink 2 frame whose end has not come yet."""
+    if data[0] != MARKER:
+        return False
+    if len(data) < 3:
+        return True
+    signature = SIGNATURE_BYTES if data[2] & SIGNED else 0
+    return len(data) < HEADER_BYTES + data[1] + CHECKSUM_BYTES + signature
