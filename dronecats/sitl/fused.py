@@ -17,6 +17,7 @@ from autopilot.flight_core import update
 from autopilot.records import ESTIMATE, SETPOINT
 from dronecats.border.compiled import njit
 from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
+from vehicles.collision_records import NEAR, SOLIDS
 from vehicles.multirotor import step
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE
 from vehicles.sensors import SUITE
@@ -33,7 +34,7 @@ def _pointer(typingctx, address):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fly(steps, at, down, peak, covariance, history):
+def fly(steps, at, down, peak, corners, bounds, start, index, owner, covariance, history):
     """Advance one vehicle and its inner loop by `steps` milliseconds. Arguments: `Fused`'s."""
     params = carray(_pointer(at[0]), 1, PARAMS)[0]
     state = carray(_pointer(at[1]), 1, STATE)[0]
@@ -44,38 +45,45 @@ def fly(steps, at, down, peak, covariance, history):
     actuators = carray(_pointer(at[6]), 1, ACTUATORS)[0]
     sensors = carray(_pointer(at[7]), 1, SENSORS)[0]
     truth = carray(_pointer(at[8]), 1, TRUTH)[0]
-    control_params = carray(_pointer(at[9]), 1, CONTROL_PARAMS)[0]
-    control_state = carray(_pointer(at[10]), 1, CONTROL_STATE)[0]
-    filter_params = carray(_pointer(at[11]), 1, ESTIMATOR_PARAMS)[0]
-    filter_state = carray(_pointer(at[12]), 1, ESTIMATOR_STATE)[0]
-    setpoint = carray(_pointer(at[13]), 1, SETPOINT)[0]
-    estimate = carray(_pointer(at[14]), 1, ESTIMATE)[0]
+    solids = carray(_pointer(at[9]), 1, SOLIDS)[0]
+    near = carray(_pointer(at[10]), 1, NEAR)[0]
+    control_params = carray(_pointer(at[11]), 1, CONTROL_PARAMS)[0]
+    control_state = carray(_pointer(at[12]), 1, CONTROL_STATE)[0]
+    filter_params = carray(_pointer(at[13]), 1, ESTIMATOR_PARAMS)[0]
+    filter_state = carray(_pointer(at[14]), 1, ESTIMATOR_STATE)[0]
+    setpoint = carray(_pointer(at[15]), 1, SETPOINT)[0]
+    estimate = carray(_pointer(at[16]), 1, ESTIMATE)[0]
     for _ in range(steps):
-        step(params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth)
+        step(
+            params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth, solids, near, corners,
+            bounds, start, index, owner,
+        )  # fmt: skip
         update(
             control_params, control_state, filter_params, filter_state, covariance, history, setpoint, estimate,
             sensors, actuators,
         )  # fmt: skip
 
 
-PLANT_RECORDS = (PARAMS, STATE, AIR, SUITE, MEMORY, FAULTS, ACTUATORS, SENSORS, TRUTH)
-CORE_RECORDS = (CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE)
+PLANT_RECORDS = (PARAMS, STATE, AIR, SUITE, MEMORY, FAULTS, ACTUATORS, SENSORS, TRUTH, SOLIDS, NEAR)
+CORE_RECORDS = (CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS)
 
 
 class Fused:
     """One vehicle's plant and inner loop. The records belong to them; whoever replaces one makes a new Fused."""
 
     def __init__(self, plant: tuple[Any, ...], core: tuple[Any, ...]) -> None:
-        """Take `Multirotor.kernel_args` and `FlightCore.kernel_args`. Raises TypeError when a record is another's."""
-        params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth = plant
-        records = (params, state, air, suite, memory, faults, actuators, sensors, truth, *core[:4], *core[6:8])
-        for record, dtype in zip(records, (*PLANT_RECORDS, *CORE_RECORDS), strict=True):
-            if record.dtype != dtype:
-                raise TypeError(f"a record of {record.dtype.names} where one of {dtype.names} belongs")
+        """Take `Multirotor.kernel_args` and `FlightCore.kernel_args`, which share sensors and actuators.
+
+        Raises TypeError when a record is not the one that `fly` takes in its place.
+        """
+        records = [each for each in (*plant, *core) if isinstance(each, np.void)]
+        kinds = [record.dtype for record in records]
+        if kinds != [*PLANT_RECORDS, *CORE_RECORDS]:
+            raise TypeError("the arguments of the plant or of the inner loop have changed: bring sitl.fused.fly in line")
         self._kept_alive = records
         self._at = np.array([np.frombuffer(record, np.uint8).ctypes.data for record in records], np.int64)
-        self._grids = (down, peak, core[4], core[5])
+        self._arrays = tuple(each for each in (*plant, *core) if not isinstance(each, np.void))
 
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds."""
-        fly(steps, self._at, *self._grids)
+        fly(steps, self._at, *self._arrays)
