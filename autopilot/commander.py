@@ -176,14 +176,14 @@ class Commander:
         self.change_speed(speed)
         return result
 
-    def circle(self, centre_ned: Vec3, radius: float, speed: float) -> int:
-        """Go to ORBIT; nan coordinates of the centre mean the present place."""
+    def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
+        """Go to ORBIT; nan coordinates of the centre mean the present place. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR."""
         here = self.flight.state.position_ned
         n, e, z = (w if math.isfinite(w) else h for w, h in zip(centre_ned, here, strict=True))
         limit = float(self.parameters["MC_ORBIT_RAD_MAX"])
         if self.armed and not 1.0 <= abs(radius) <= limit:
             return DENIED
-        self.orbit.around((n, e, z), radius, speed)
+        self.orbit.around((n, e, z), radius, speed, yaw_behaviour)
         if self.mode == "ORBIT" and self.armed:
             return ACCEPTED
         return self.set_mode("ORBIT")

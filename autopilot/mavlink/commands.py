@@ -147,7 +147,10 @@ def _orbit(node: Node, port: "Port", c: Command) -> int:
     radius = c.p[0] if abs(c.p[0]) < 1e5 and c.p[0] != 0.0 else 10.0
     speed = c.p[1] if abs(c.p[1]) < 1e3 else 2.0
     # MAVSDK leaves the frame at its default while the altitude is above sea level: so it always is
-    return node.vehicle.commander.circle(_place(node, c, relative=False), radius, speed)
+    look = c.number(3)
+    if look is None or not 0 <= look <= 4:  # ORBIT_YAW_BEHAVIOUR; 5 = as the vehicle likes, nan = default
+        look = 0
+    return node.vehicle.commander.circle(_place(node, c, relative=False), radius, speed, look)
 
 
 def _change_speed(node: Node, port: "Port", c: Command) -> int:

@@ -3,7 +3,16 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink import commands, file_transfer, link, logs, manual_control, mission, offboard_setpoints
+from autopilot.mavlink import (
+    commands,
+    file_transfer,
+    follow_target,
+    link,
+    logs,
+    manual_control,
+    mission,
+    offboard_setpoints,
+)
 from autopilot.mavlink import parameter_protocol as parameter
 from autopilot.mavlink.node import COMPONENT_ID, Node
 from autopilot.mavlink.parameter_protocol import parameter_value
@@ -27,6 +36,7 @@ HANDLERS: dict[str, Handler] = {
     "SET_POSITION_TARGET_LOCAL_NED": offboard_setpoints.local_ned,
     "SET_POSITION_TARGET_GLOBAL_INT": offboard_setpoints.global_int,
     "SET_ATTITUDE_TARGET": offboard_setpoints.attitude_target,
+    "FOLLOW_TARGET": follow_target.follow_target,
     "MANUAL_CONTROL": manual_control.manual_control,
     "PARAM_REQUEST_LIST": parameter.request_list,
     "PARAM_REQUEST_READ": parameter.request_read,

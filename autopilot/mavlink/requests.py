@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 BROADCAST = frozenset({dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES})
-LISTED_MODES = tuple(mode for name, mode in MODES.items() if name not in ("READY", "FOLLOW", "TERMINATION"))
+LISTED_MODES = tuple(mode for name, mode in MODES.items() if name not in ("READY", "TERMINATION"))
 
 
 def _message_id(parameters: Sequence[float]) -> int:

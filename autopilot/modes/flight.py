@@ -59,6 +59,15 @@ class OffboardSignal:
 
 
 @dataclass(slots=True)
+class FollowedTarget:
+    """The newest FOLLOW_TARGET."""
+
+    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
+    position_ned: Vec3 = (math.nan, math.nan, math.nan)  # m, local frame
+    velocity_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s; zero when the sender does not know it
+
+
+@dataclass(slots=True)
 class Flight:
     """Everything the modes share. Owned by the commander."""
 
@@ -69,6 +78,7 @@ class Flight:
     cruise_speed: float = math.nan  # m/s, set by DO_CHANGE_SPEED until the mode changes; nan = MPC_XY_CRUISE
     sticks: Sticks = field(default_factory=Sticks)
     offboard: OffboardSignal = field(default_factory=OffboardSignal)
+    target: FollowedTarget = field(default_factory=FollowedTarget)
     plans: Plans = field(default_factory=Plans)
     fence: Fence = field(default_factory=Fence)
 

@@ -1,4 +1,4 @@
-"""RETURN: climb, fly home, land there. PX4's RTL_TYPE 0 without rally points."""
+"""RETURN: climb, fly to the nearest of home and the rally points, land there. PX4's RTL_TYPE 0."""
 
 import math
 
@@ -6,6 +6,7 @@ from autopilot.modes.flight import Flight, Home, Mode
 from autopilot.modes.land import Land
 from autopilot.modes.setpoint import IDLE, Setpoint
 from autopilot.modes.travel import approach_speed
+from autopilot.plan.items import local_place
 from dronecats.border.frames import Vec3
 
 ARRIVED_M = 1.0
@@ -26,45 +27,56 @@ def return_height(flight: Flight, distance: float, height: float) -> float:
     return max(wanted, height)
 
 
+def safe_places(flight: Flight) -> list[Vec3]:
+    """Return where the vehicle may land: home first, then the rally points that say where they are (m, NED)."""
+    home: Home | None = flight.home
+    places = [home.position_ned if home is not None else flight.state.position_ned]
+    for item in flight.plans.rally:
+        place = local_place(item, flight.state, home)
+        if all(math.isfinite(x) for x in place):
+            places.append(place)
+    return places
+
+
 class ReturnHome(Mode):
-    """Three legs: climb on the spot, cruise, land."""
+    """Climb on the spot, cruise, descend to RTL_DESCEND_ALT and wait RTL_LAND_DELAY (negative: for ever), land."""
 
     def __init__(self) -> None:
         self._leg = "climb"
         self._start: Vec3 = (0.0, 0.0, 0.0)
+        self._goal: Vec3 = (0.0, 0.0, 0.0)
         self._z = 0.0
         self._yaw = 0.0
+        self._since_us: int | None = None
         self._land = Land()
 
     def enter(self, flight: Flight) -> None:
         n, e, z = flight.state.position_ned
-        home = self._home(flight)
-        distance = math.hypot(home[0] - n, home[1] - e)
-        self._leg, self._start, self._yaw = "climb", (n, e, z), flight.state.yaw
-        self._z = home[2] - return_height(flight, distance, home[2] - z)
-
-    @staticmethod
-    def _home(flight: Flight) -> Vec3:
-        home: Home | None = flight.home
-        return home.position_ned if home is not None else flight.state.position_ned
+        self._goal = min(safe_places(flight), key=lambda place: math.hypot(place[0] - n, place[1] - e))
+        distance = math.hypot(self._goal[0] - n, self._goal[1] - e)
+        self._leg, self._start, self._yaw, self._since_us = "climb", (n, e, z), flight.state.yaw, None
+        self._z = self._goal[2] - return_height(flight, distance, self._goal[2] - z)
 
     def setpoint(self, flight: Flight) -> Setpoint:
         if flight.landed:
             return IDLE  # a vehicle that stands on the ground does not take off to return
-        state, home, p = flight.state, self._home(flight), flight.parameters
+        state, goal, p = flight.state, self._goal, flight.parameters
         n, e, z = state.position_ned
-        distance = math.hypot(home[0] - n, home[1] - e)
+        distance = math.hypot(goal[0] - n, goal[1] - e)
         if self._leg == "climb" and z - self._z < ARRIVED_M:
             self._leg = "cruise"
             if distance > 2.0:
-                self._yaw = math.atan2(home[1] - e, home[0] - n)
+                self._yaw = math.atan2(goal[1] - e, goal[0] - n)
         if self._leg == "cruise" and distance < ARRIVED_M:
-            self._leg = "land"
+            self._leg = "wait" if p["RTL_LAND_DELAY"] else "land"
+            self._z = max(self._z, goal[2] - float(p["RTL_DESCEND_ALT"]))
             self._land.enter(flight)
-            self._land.over(home)
+            self._land.over(goal)
+        if self._leg == "wait":
+            self._wait(flight)
         if self._leg == "land":
             return self._land.setpoint(flight)
-        place = self._start if self._leg == "climb" else home
+        place = self._start if self._leg == "climb" else goal
         return Setpoint(
             position_ned=(place[0], place[1], self._z),
             yaw=self._yaw,
@@ -72,3 +84,12 @@ class ReturnHome(Mode):
             speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
             speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
         )
+
+    def _wait(self, flight: Flight) -> None:
+        now, delay = flight.state.time_us, float(flight.parameters["RTL_LAND_DELAY"])
+        if abs(flight.state.position_ned[2] - self._z) > ARRIVED_M:
+            return
+        if self._since_us is None:
+            self._since_us = now
+        if 0.0 <= delay <= (now - self._since_us) * 1e-6:
+            self._leg = "land"

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.follow import Follow
 from autopilot.modes.hold import Hold
 from autopilot.modes.land import Descend, Land
-from autopilot.modes.manual import AltitudeControl, PositionControl, Stabilized
+from autopilot.modes.manual import Acro, AltitudeControl, PositionControl, Stabilized
 from autopilot.modes.mission import Mission
 from autopilot.modes.offboard import Offboard
 from autopilot.modes.orbit import Orbit
@@ -33,13 +34,13 @@ class Behaviours:
 
 
 def behaviours() -> Behaviours:
-    """Return fresh modes. Without followed targets and a rate mode yet, those names fly their nearest kin."""
+    """Return fresh modes. PRECLAND, without a beacon to aim at, lands where it is."""
     hold, takeoff, orbit, land, stabilized = Hold(), Takeoff(), Orbit(), Land(), Stabilized()
     mission = Mission()
     by_name: dict[str, Mode] = {
         "HOLD": hold,
         "MISSION": mission,
-        "FOLLOW": hold,
+        "FOLLOW": Follow(),
         "TAKEOFF": takeoff,
         "LAND": land,
         "PRECLAND": land,
@@ -51,7 +52,7 @@ def behaviours() -> Behaviours:
         "ALTCTL": AltitudeControl(),
         "STABILIZED": stabilized,
         "MANUAL": stabilized,
-        "ACRO": stabilized,
+        "ACRO": Acro(),
         "TERMINATION": Terminated(),
     }
     return Behaviours(hold, takeoff, orbit, mission, by_name)

@@ -120,8 +120,8 @@ def test_position_control_by_sticks(bench: Bench) -> None:
     assert bench.client.mode(3) == dialect.MAV_RESULT_TEMPORARILY_REJECTED  # nobody holds the sticks
     sticks(bench)
     assert bench.client.mode(3) == 0
-    bench.run(3.0, lambda: sticks(bench, x=200))
-    assert bench.velocity[0] == pytest.approx(2.0, abs=0.1)
+    bench.run(3.0, lambda: sticks(bench, x=550))  # half way beyond the deadzone: 0.4·0.5 + 0.6·0.5³ of 10 m/s
+    assert bench.velocity[0] == pytest.approx(2.75, abs=0.1)
     bench.run(3.0, lambda: sticks(bench, z=1000))
     assert bench.velocity[2] == pytest.approx(-3.0, abs=0.1)
     bench.run(4.0, lambda: sticks(bench))
