@@ -55,7 +55,7 @@ class UdpTransport:
     def receive(self, timeout_s: float) -> bytes:
         if not select.select([self._socket], [], [], timeout_s)[0]:
             return b""
-        parts = []
+        parts: list[bytes] = []
         # an ICMP refusal of something we sent surfaces here: the peer is not up yet, which silence will tell in time
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             while len(parts) < 256:

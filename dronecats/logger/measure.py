@@ -11,13 +11,20 @@ from dronecats.border.truth import TruthSample
 class Measured(Protocol):
     """`episodes.world.Measurement` is one."""
 
-    target_ned: Vec3 | None
-    distance_m: float | None
-    distance_box_m: float | None
-    visible: bool | None
-    visible_fraction: float | None
-    bearing_deg: float | None
-    oracle_depth_m: float | None
+    @property
+    def target_ned(self) -> Vec3 | None: ...
+    @property
+    def distance_m(self) -> float | None: ...
+    @property
+    def distance_box_m(self) -> float | None: ...
+    @property
+    def visible(self) -> bool | None: ...
+    @property
+    def visible_fraction(self) -> float | None: ...
+    @property
+    def bearing_deg(self) -> float | None: ...
+    @property
+    def oracle_depth_m(self) -> float | None: ...
 
 
 Measure = Callable[[float, TruthSample, CameraModel], Measured]  # (t in s, where the drone is, its camera)

@@ -51,7 +51,7 @@ class OracleModel:
             raise ModelError(f"the oracle has not heard where drone {drone} is")
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
-        velocity = tuple((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
+        north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
         return oracle.reply(
-            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, self._camera, here, velocity
+            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, self._camera, here, (north, east, down)
         )

@@ -101,9 +101,9 @@ def ascend(link: Link, start: Start, say: Callable[[str], None]) -> None:
     link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
     link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
     say("flying to the start pose …")
-    place = tuple(g + o for g, o in zip(ground, start.offset_ned, strict=True))
+    north, east, down = (g + o for g, o in zip(ground, start.offset_ned, strict=True))
     euler = link.state.euler
-    link.go_to(place, start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
+    link.go_to((north, east, down), start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
     link.stop_offboard()
 
 

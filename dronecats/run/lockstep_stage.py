@@ -1,8 +1,10 @@
 """Everything in one process on one clock that waits for whoever is slowest."""
 
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
+from autopilot.mavlink.port import Port
 from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import InlineExecutor
 from dronecats.agent.model import Model
@@ -36,7 +38,7 @@ class LockstepStage:
         for vehicle in simulation.vehicles:
             port = vehicle.autopilot.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
-            clock.followers.append(lambda port=port: self._recorder.telemetry(port.take()))
+            clock.followers.append(partial(self._log, port))
         self.camera = WorldCamera(world, camera, lambda data: announce(data))
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
@@ -45,6 +47,9 @@ class LockstepStage:
         self.model = self._model(plan, world, camera, clock)
         self.links = [Link(clock.transport(index)) for index in range(len(simulation.vehicles))]
         self.executor: Executor = InlineExecutor()
+
+    def _log(self, port: Port) -> None:
+        self._recorder.telemetry(port.take())
 
     def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep) -> Model:
         if plan.pilot == "oracle":

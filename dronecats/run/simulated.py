@@ -21,6 +21,7 @@ from dronecats.pilots import roster
 from dronecats.run import folder as folders
 from dronecats.run.episode import Flown, fly, start_of
 from dronecats.run.plan import Plan, latency_for, speed
+from dronecats.run.stage import Stage
 from episodes import catalogue
 from vehicles import airframe as airframes
 
@@ -91,7 +92,7 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say) -> Flown:
         say("lockstep: loading the flight core and the camera (compiled on the first run, about a minute) …")
         from dronecats.run.lockstep_stage import LockstepStage
 
-        stage = LockstepStage(plan, folder)
+        stage: Stage = LockstepStage(plan, folder)
     else:
         from dronecats.run.realtime_stage import RealtimeStage
 

@@ -12,10 +12,14 @@ from hil.link import Link
 class Stage(Protocol):
     """Lockstep in one process, or real time over sockets: the episode does not know which."""
 
-    links: Sequence[Link]
-    camera: Camera
-    model: Model
-    executor: Executor
+    @property
+    def links(self) -> Sequence[Link]: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def model(self) -> Model: ...
+    @property
+    def executor(self) -> Executor: ...
 
     def begin(self, t0_us: int) -> None:
         """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets."""
