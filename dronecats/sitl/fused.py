@@ -65,7 +65,9 @@ def fly(steps, at, down, peak, corners, bounds, start, index, owner, covariance,
 
 
 PLANT_RECORDS = (PARAMS, STATE, AIR, SUITE, MEMORY, FAULTS, ACTUATORS, SENSORS, TRUTH, SOLIDS, NEAR)
-CORE_RECORDS = (CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS)
+CORE_RECORDS = (
+    CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS,
+)  # fmt: skip
 
 
 class Fused:
@@ -79,7 +81,7 @@ class Fused:
         records = [each for each in (*plant, *core) if isinstance(each, np.void)]
         kinds = [record.dtype for record in records]
         if kinds != [*PLANT_RECORDS, *CORE_RECORDS]:
-            raise TypeError("the arguments of the plant or of the inner loop have changed: bring sitl.fused.fly in line")
+            raise TypeError("the arguments of the plant or the inner loop have changed: bring sitl.fused.fly in line")
         self._kept_alive = records
         self._at = np.array([np.frombuffer(record, np.uint8).ctypes.data for record in records], np.int64)
         self._arrays = tuple(each for each in (*plant, *core) if not isinstance(each, np.void))
