@@ -3,17 +3,19 @@
 from pathlib import Path
 from typing import Any, Protocol
 
+from autopilot.calibration import Calibration
 from autopilot.commander import Commander
 from autopilot.logging.directory import LogDirectory
 from autopilot.logging.flight_log import FlightLog
 from autopilot.mavlink import mission
 from autopilot.mavlink.mission import Uploads
-from autopilot.mavlink.node import Node
+from autopilot.mavlink.node import Inject, Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Vehicle
 from autopilot.modes.setpoint import SetpointWriter
 from autopilot.parameters import Parameters
 from autopilot.vehicle_state import VehicleState
+from autopilot.vibration import Vibration
 from dronecats.border.airframe import Airframe
 
 
@@ -35,6 +37,8 @@ class Autopilot:
     Pure: no socket, no thread, no wall clock. Time is `core.estimate.time_us`, or the sensors' before the first
     estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
     `log_dir` (one per vehicle) receives a ULog file for every flight; without it nothing is logged.
+    `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or mends a part of the simulated vehicle and
+    returns whether it could; without it failure injection is unsupported.
     Raises UsageError when `parameter_file` exists but cannot be read, or `log_dir` cannot be made.
     """
 
@@ -48,6 +52,7 @@ class Autopilot:
         parameter_file: Path | None = None,
         log_dir: Path | None = None,
         actuators: Any | None = None,
+        inject: Inject | None = None,
     ) -> None:
         self._core = core
         self._told_landed: bool | None = None
@@ -56,13 +61,19 @@ class Autopilot:
         self.parameters.set("MAV_TYPE", airframe.mav_type)
         self.state = VehicleState(core.estimate, sensors)
         self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._say)
-        vehicle = Vehicle(airframe, self.state, self.commander, self.parameters, actuators)
+        self.calibration = Calibration(self.state, self._say)
+        self.vibration = Vibration()
+        vehicle = Vehicle(
+            airframe, self.state, self.commander, self.parameters, actuators, self.calibration, self.vibration
+        )
         self.log = FlightLog(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
-        self.node = Node(vehicle, system_id, Uploads(), self.log)
+        self.node = Node(vehicle, system_id, Uploads(), self.log, inject)
 
     def update(self) -> None:
         """Run the commander once and queue the telemetry that is due on every port."""
         self.state.refresh()
+        self.vibration.take(self.state)
+        self.calibration.tick()
         self.commander.tick()
         self._tell_core()
         if self.log is not None:

@@ -102,6 +102,9 @@ def _arm_disarm(node: Node, port: "Port", c: Command) -> int | None:
         return None
     force = c.number(2) == FORCE_MAGIC
     commander = node.vehicle.commander
+    if wish and node.vehicle.calibration.running and not commander.armed:
+        node.say(dialect.MAV_SEVERITY_CRITICAL, "Arming denied: calibrating")
+        return int(REJECTED)
     return commander.arm(force) if wish else commander.disarm(force)
 
 
@@ -183,19 +186,22 @@ def _run_prearm_checks(node: Node, port: "Port", c: Command) -> int:
 
 
 def _calibrate(node: Node, port: "Port", c: Command) -> int:
-    """Gyro and level need no motion and are done at once; mag and accel have to be turned about, and fail."""
+    """All zero cancels. Clients ask for one sensor at a time: gyro 1, compass 2, accelerometer or level 5."""
+    calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
         return int(REJECTED)
-    wanted = {1: "gyro"} if c.number(1) == 1 else {}
-    if c.number(5) == 2:
-        wanted = {1: "level"}
-    for name in wanted.values():
-        for text in (f"calibration started: 2 {name}", "progress <50>", "progress <100>", f"calibration done: {name}"):
-            node.say(dialect.MAV_SEVERITY_INFO, f"[cal] {text}")
-    for name, asked in (("mag", c.number(2) == 1), ("accel", c.number(5) == 1)):
-        if asked:
-            node.say(dialect.MAV_SEVERITY_INFO, f"[cal] calibration started: 2 {name}")
-            node.say(dialect.MAV_SEVERITY_CRITICAL, "[cal] calibration failed: vehicle cannot be turned")
+    asked = {
+        "gyro": c.number(1) == 1,
+        "mag": c.number(2) == 1,
+        "accel": c.number(5) in (1, 4),
+        "level": c.number(5) == 2,
+    }
+    sensors = [name for name, wanted in asked.items() if wanted]
+    if sensors:
+        return int(ACCEPTED if calibration.start(sensors) else REJECTED)
+    if any(c.number(i) for i in range(1, 8)):
+        return int(UNSUPPORTED)
+    calibration.cancel()
     return int(ACCEPTED)
 
 
@@ -234,7 +240,13 @@ def _reboot(node: Node, port: "Port", c: Command) -> int:
 
 
 def _inject_failure(node: Node, port: "Port", c: Command) -> int:
-    return int(UNSUPPORTED if node.vehicle.parameters["SYS_FAILURE_EN"] else DENIED)
+    if not node.vehicle.parameters["SYS_FAILURE_EN"]:
+        return int(DENIED)
+    unit, kind, instance = c.number(1), c.number(2), c.number(3) or 0
+    if node.inject is None or unit is None or kind is None or not node.inject(unit, kind, instance):
+        return int(UNSUPPORTED)
+    node.say(dialect.MAV_SEVERITY_WARNING, f"Failure injected: unit {unit}, type {kind}, instance {instance}")
+    return int(ACCEPTED)
 
 
 HANDLERS: dict[int, Handler] = {

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
 
 
 def heartbeat(node: Node, port: "Port", message: Message) -> None:
-    """Remember when a ground station was last heard."""
+    """Remember when a ground station was last heard, and let the other links know of the sender."""
+    if message.get_srcSystem() != node.system_id:
+        node.forward(port, bytes(message.get_msgbuf()))
     if message.type == dialect.MAV_TYPE_GCS:
         node.vehicle.commander.supervision.station_heard_us = node.time_us
 

@@ -1,5 +1,6 @@
 """The autopilot as a MAVLink component: its ports, what they share, and the texts it sends to all of them."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from autopilot.mavlink.file_sessions import FileSessions
@@ -18,12 +19,22 @@ COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
 REPEAT_US = 1_000_000  # a complaint about a stream of bad setpoints is said once a second
 
+Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance (0 = all) → whether it can be done
+
 
 class Node:
     """What every service may use."""
 
-    def __init__(self, vehicle: Vehicle, system_id: int, uploads: "Uploads", log: "FlightLog | None" = None) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        system_id: int,
+        uploads: "Uploads",
+        log: "FlightLog | None" = None,
+        inject: Inject | None = None,
+    ) -> None:
         self.vehicle = vehicle
+        self.inject = inject
         self.log = log
         self.files = FileTree(log.directory if log is not None else None, lambda: packed(vehicle.parameters))
         self.file_sessions = FileSessions()
@@ -61,6 +72,12 @@ class Node:
         """Send on every port."""
         for port in self.ports:
             port.send(message)
+
+    def forward(self, source: "Port", data: bytes) -> None:
+        """Pass a message of somebody else on to the other links, as PX4 does; a minimal port hears the vehicle only."""
+        for port in self.ports:
+            if port is not source and port.profile != "minimal":
+                port.send_raw(data)
 
     def show_mode(self) -> None:
         """Send HEARTBEAT at once on every port if the mode or the armed state has changed since the last call."""

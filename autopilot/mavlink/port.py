@@ -67,6 +67,10 @@ class Port:
             self.lost += len(self._out) - QUEUE_LIMIT // 2
             del self._out[: -QUEUE_LIMIT // 2]
 
+    def send_raw(self, data: bytes) -> None:
+        """Queue a packed message of another component as it is."""
+        self._out.append(data)
+
     def send_heartbeat(self) -> None:
         """Queue a HEARTBEAT now; the next regular one follows a full interval later."""
         message = self._node.telemetry(HEARTBEAT_ID)

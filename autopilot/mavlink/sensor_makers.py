@@ -61,4 +61,7 @@ def scaled_pressure(v: Vehicle) -> Message | None:
 
 
 def vibration(v: Vehicle) -> Message:
-    return dialect.MAVLink_vibration_message(v.state.time_us, 0.0, 0.0, 0.0, 0, 0, 0)
+    # as PX4 fills it: coning (not measured here), gyro, accelerometer
+    return dialect.MAVLink_vibration_message(
+        v.state.time_us, 0.0, v.vibration.gyro, v.vibration.accel, *v.vibration.clipped
+    )

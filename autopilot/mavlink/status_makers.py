@@ -44,6 +44,8 @@ def system_status(v: Vehicle) -> int:
         return int(dialect.MAV_STATE_FLIGHT_TERMINATION)
     if c.armed:
         return int(dialect.MAV_STATE_CRITICAL if c.in_failsafe else dialect.MAV_STATE_ACTIVE)
+    if v.calibration.running:
+        return int(dialect.MAV_STATE_CALIBRATING)
     return int(dialect.MAV_STATE_UNINIT if c.arming_failures() else dialect.MAV_STATE_STANDBY)
 
 
@@ -171,6 +173,21 @@ def autopilot_version(v: Vehicle) -> Message:
 
 def flight_information(v: Vehicle) -> Message:
     return dialect.MAVLink_flight_information_message(boot_ms(v), 0, v.commander.takeoff_us, 0)
+
+
+def rc_channels(v: Vehicle) -> Message | None:
+    """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None until somebody has held them."""
+    sticks = v.commander.flight.sticks
+    if sticks.time_us < 0:
+        return None
+    axes = (sticks.right, sticks.forward, 2.0 * sticks.throttle - 1.0, sticks.yaw)
+    pulses = [whole(1500.0 + 500.0 * axis, 1000, 2000) for axis in axes]
+    fresh = sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"])
+    return dialect.MAVLink_rc_channels_message(boot_ms(v), 4, *pulses, *[65535] * 14, 100 if fresh else 0)
+
+
+def available_modes_monitor(v: Vehicle) -> Message:
+    return dialect.MAVLink_available_modes_monitor_message(0)  # the list of modes never changes
 
 
 def system_time(v: Vehicle) -> Message:

@@ -52,6 +52,7 @@ TABLE: tuple[Stream, ...] = (
     Stream("GPS_RAW_INT", 8, 5, sensor.gps_raw_int),
     Stream("SYS_STATUS", 5, 1, status.sys_status),
     Stream("EXTENDED_SYS_STATE", 5, 1, status.extended_sys_state),
+    Stream("RC_CHANNELS", 20, 20, status.rc_channels),
     Stream("ORBIT_EXECUTION_STATUS", 5, 2, motion.orbit_execution_status),
     Stream("ESTIMATOR_STATUS", 1, 0.5, motion.estimator_status),
     Stream("GPS_GLOBAL_ORIGIN", 1, 1, motion.gps_global_origin),
@@ -63,6 +64,7 @@ TABLE: tuple[Stream, ...] = (
     Stream("HOME_POSITION", 0.5, 0.5, motion.home_position),
     Stream("CURRENT_MODE", 0.5, 0.5, status.current_mode),
     Stream("VIBRATION", 0.5, 0.1, sensor.vibration),
+    Stream("AVAILABLE_MODES_MONITOR", 0.3, 0.3, status.available_modes_monitor),
     Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
     Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
 )

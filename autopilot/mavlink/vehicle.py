@@ -5,9 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from autopilot.calibration import Calibration
 from autopilot.commander import Commander
 from autopilot.parameters import Parameters
 from autopilot.vehicle_state import VehicleState
+from autopilot.vibration import Vibration
 from dronecats.border.airframe import Airframe
 
 Message: TypeAlias = Any  # dialect.MAVLink_message: pymavlink's generated classes carry no types a checker can use
@@ -22,6 +24,8 @@ class Vehicle:
     commander: Commander
     parameters: Parameters
     actuators: Any | None  # ACTUATORS record, None when nobody shares it
+    calibration: Calibration
+    vibration: Vibration
 
 
 def whole(value: float, low: int, high: int, unknown: int = 0) -> int:

@@ -221,13 +221,6 @@ def test_empty_services_answer_at_once(bench: Bench) -> None:
     assert (payload[0], payload[3], payload[5], payload[12]) == (6, 129, 4, 10)
 
 
-def test_calibration_speaks_the_protocol(bench: Bench) -> None:
-    assert bench.client.command(dialect.MAV_CMD_PREFLIGHT_CALIBRATION, 1, 0, 0, 0, 0, 0, 0) == ACCEPTED
-    texts = bench.client.texts()
-    assert texts[0] == "[cal] calibration started: 2 gyro"
-    assert texts[-1] == "[cal] calibration done: gyro"
-
-
 def test_two_ports_live_apart(bench: Bench) -> None:
     second = Client(bench.autopilot.open_port("minimal"), 255, 0)
     interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
