@@ -72,7 +72,7 @@ def meet(
 
 
 @njit(cache=True)
-def _ball(state: Record, solids: Record, k: int) -> Vec3:
+def ball_centre(state: Record, solids: Record, k: int) -> Vec3:
     """Return the centre (m, NED) of ball k."""
     q = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
     arm = rotate(q, (solids.ball[k, 0], solids.ball[k, 1], solids.ball[k, 2]))
@@ -107,7 +107,7 @@ def _look(
         return count
     free = near.holds - moved
     for k in range(solids.balls):
-        px, py, pz = _ball(state, solids, k)
+        px, py, pz = ball_centre(state, solids, k)
         radius = solids.ball[k, 3]
         best, which, bx, by, bz, face = free + radius, -1, 0.0, 0.0, 0.0, False
         for c in range(near.candidates):
@@ -218,7 +218,7 @@ def _meet_box(state: Record, solids: Record, near: Record) -> None:
     c, s = math.cos(yaw), math.sin(yaw)
     half = (solids.box_half[0], solids.box_half[1], solids.box_half[2])
     for k in range(solids.balls):
-        px, py, pz = _ball(state, solids, k)
+        px, py, pz = ball_centre(state, solids, k)
         ex, ey = px - mx, py - my
         local = (c * ex + s * ey, -s * ex + c * ey, pz - mz)
         gap, point, way = in_box(half, local)
@@ -257,7 +257,7 @@ def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]
 
 
 @njit(cache=True)
-def _mobility(params: Record, arm: Vec3, way: Vec3) -> float:
+def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
     """Return the speed (m/s) along the unit vector `way` (FRD) that one newton-second at `arm` (m, FRD) gives there."""
     x = arm[1] * way[2] - arm[2] * way[1]
     y = arm[2] * way[0] - arm[0] * way[2]
@@ -289,13 +289,13 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
         for i in range(3):
             near.rubbed[n, i] = 0.0
         if closing > BOUNCE_LEAST:
-            _remember(state, solids, near.ball[n], near.owner[n], closing)
+            remember(state, solids, near.ball[n], near.owner[n], closing)
     for _ in range(ROUNDS):
         for n in range(count):
             normal = (near.normal[n, 0], near.normal[n, 1], near.normal[n, 2])
             arm, moving = _approach(state, near, n, q)
             away = moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2]
-            ease = _mobility(params, arm, rotate_inverse(q, normal))
+            ease = mobility(params, arm, rotate_inverse(q, normal))
             total = max(near.pressed[n] + (near.leaving[n] - away) / ease, 0.0)
             push = total - near.pressed[n]
             near.pressed[n] = total
@@ -327,7 +327,7 @@ def _rub(params: Record, state: Record, near: Record, n: int, q: Quat, normal: V
     speed = math.sqrt(sx * sx + sy * sy + sz * sz)
     if speed < 1e-9:
         return
-    ease = speed * _mobility(params, arm, rotate_inverse(q, (sx / speed, sy / speed, sz / speed)))
+    ease = speed * mobility(params, arm, rotate_inverse(q, (sx / speed, sy / speed, sz / speed)))
     held = (near.rubbed[n, 0], near.rubbed[n, 1], near.rubbed[n, 2])
     x = held[0] - sx * speed / ease
     y = held[1] - sy * speed / ease
@@ -340,7 +340,7 @@ def _rub(params: Record, state: Record, near: Record, n: int, q: Quat, normal: V
 
 
 @njit(cache=True)
-def _remember(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
+def remember(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
     """Note a hit: who was hit and how hard; latch a crash and break a propeller when it was hard enough for that."""
     state.hits += 1
     state.hit_speed = closing

@@ -4,10 +4,13 @@ import math
 from pathlib import Path
 
 from dronecats.border.truth import Origin
+from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
 from episodes import catalogue
+from episodes.obstacles import obstacles
 from episodes.world import World
 from vehicles import airframe as airframes
+from vehicles.wind import CALM, Wind
 
 
 def origin(world: World) -> Origin:
@@ -31,8 +34,10 @@ def build(
     seed: int = 0,
     count: int | None = None,
     parameter_dir: Path | None = None,
+    wind: Wind = CALM,
 ) -> Simulation:
     """Return the simulation of a record's drones, or of `count` of them. Raises UsageError for an unknown airframe."""
+    solid = obstacles(world.scene)
     frame = airframes.load(airframe)
     places = ground_places(world)
     while count is not None and len(places) < count:  # more than the record has: beside one another, two metres apart
@@ -48,10 +53,13 @@ def build(
                 seed=seed * 1000 + index,
                 origin=origin(world),
                 terrain=world.scene.terrain,
+                obstacles=solid,
+                wind=wind,
                 parameter_file=parameter_dir / f"parameters-{index + 1}.json" if parameter_dir else None,
             )
             for index, place in enumerate(places[:count])
-        ]
+        ],
+        Traffic(world.target_pose) if solid.moving else None,
     )
 
 

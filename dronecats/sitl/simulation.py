@@ -7,13 +7,17 @@ from pathlib import Path
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore
 from dronecats.border.airframe import Airframe
+from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import Packer
+from dronecats.border.obstacles import OPEN, Obstacles
 from dronecats.border.terrain import FLAT, HeightField
 from dronecats.border.truth import TRUTH_COMPONENT, Origin, truth_message
 from dronecats.sitl.bus import TruthBus
+from dronecats.sitl.collisions import CollisionReport, Encounters, Traffic
 from dronecats.sitl.fused import Fused
 from vehicles.multirotor import Multirotor
+from vehicles.wind import CALM, Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
@@ -40,12 +44,22 @@ class SimulatedVehicle:
         seed: int,
         origin: Origin,
         terrain: HeightField = FLAT,
+        obstacles: Obstacles = OPEN,
+        wind: Wind = CALM,
         parameter_file: Path | None = None,
     ) -> None:
         self.index = index
         self.origin = origin
         self.plant = Multirotor(
-            airframe, seed=seed, origin=origin, terrain=terrain, position_ned=place.position_ned, yaw=place.yaw
+            airframe,
+            seed=seed,
+            origin=origin,
+            terrain=terrain,
+            obstacles=obstacles,
+            camera_frd=CameraModel().offset_frd,
+            position_ned=place.position_ned,
+            yaw=place.yaw,
+            wind=wind,
         )
         self.core = FlightCore(airframe)
         self.autopilot = Autopilot(
@@ -56,10 +70,9 @@ class SimulatedVehicle:
             parameter_file=parameter_file,
             actuators=self.plant.actuators,
         )
-        self._fused = Fused(
-            self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators)
-        )
+        self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
+        self._collisions = CollisionReport(self.plant)
 
     def advance(self) -> None:
         """Advance by one tick."""
@@ -85,22 +98,39 @@ class SimulatedVehicle:
             )
         )
 
+    def collisions(self) -> bytes:
+        """Return a STATUSTEXT about what was hit since the last call as bytes, empty when nothing was."""
+        message = self._collisions.message()
+        return self._packer.pack(message) if message else b""
+
 
 class Simulation:
-    """A fleet on one clock, and the bus its truth goes out on."""
+    """A fleet on one clock, what moves in its world, and the bus its truth goes out on."""
 
-    def __init__(self, vehicles: Sequence[SimulatedVehicle]) -> None:
+    def __init__(self, vehicles: Sequence[SimulatedVehicle], traffic: Traffic | None = None) -> None:
         self.vehicles = tuple(vehicles)
         self.bus = TruthBus()
+        self.traffic = traffic
+        self._plants = tuple(vehicle.plant for vehicle in vehicles)
+        self._encounters = Encounters(self._plants)
+
+    def begin(self, t0_us: int) -> None:
+        """From this vehicle time on the target moves."""
+        if self.traffic:
+            self.traffic.begin(t0_us)
 
     @property
     def time_us(self) -> int:
         return self.vehicles[0].time_us
 
     def advance(self) -> None:
-        """Advance every vehicle by one tick and publish its truth when due."""
+        """Advance every vehicle by one tick, and publish what it hit and, when due, where it is."""
+        if self.traffic:
+            self.traffic.place(self._plants)
+        self._encounters.part(TICK_US / 1e6)
         for vehicle in self.vehicles:
             vehicle.advance()
+            self.bus.publish(vehicle.collisions())
         if self.time_us % TRUTH_US == 0:
             for vehicle in self.vehicles:
                 self.bus.publish(vehicle.truth())

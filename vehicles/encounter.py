@@ -1,0 +1,140 @@
+"""Two vehicles that meet: both are pushed, equally and oppositely, by what parts them.
+
+Each is one ball around its rotors. The fleet looks at every pair between two ticks, and where the balls will touch
+within the coming one, both get the impulse of that contact as a force over it, so that the accelerometers feel it.
+"""
+
+import math
+
+from dronecats.border.compiled import njit
+from dronecats.border.frames import Quat, Vec3
+from vehicles.collision import BOUNCE_LEAST, BREAKING, FRICTION, RESTITUTION, mobility
+from vehicles.compiled_frames import rotate, rotate_inverse
+from vehicles.ground import CRASH_BODY
+from vehicles.multirotor import Multirotor
+from vehicles.records import Record
+
+DRONE = -2  # owner number of another vehicle, beside `collision.BOX`
+FAR = 3.0  # m, between vehicles that cannot touch within a tick
+PARTING = 3.0  # 1/s, speed with which an overlap is undone, over its depth
+
+
+@njit(cache=True)
+def _first_touch(gap: Vec3, speed: Vec3, reach: float, tick_s: float) -> float:
+    """Return when (s, within the tick) two balls `reach` apart between middles touch; -1 when they do not."""
+    apart = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] - reach * reach
+    if apart <= 0.0:
+        return 0.0
+    closing = gap[0] * speed[0] + gap[1] * speed[1] + gap[2] * speed[2]
+    square = speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2]
+    inside = closing * closing - square * apart
+    if closing >= 0.0 or inside <= 0.0:
+        return -1.0
+    when = (-closing - math.sqrt(inside)) / square
+    return when if when < tick_s else -1.0
+
+
+@njit(cache=True)
+def _attitude(state: Record) -> Quat:
+    return state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3]
+
+
+@njit(cache=True)
+def _moving(state: Record, arm: Vec3) -> Vec3:
+    """Return the velocity (m/s, NED) of a point at `arm` (m, NED) from the vehicle's origin."""
+    x, y, z = rotate(_attitude(state), (state.rates[0], state.rates[1], state.rates[2]))
+    return (
+        state.velocity[0] + y * arm[2] - z * arm[1],
+        state.velocity[1] + z * arm[0] - x * arm[2],
+        state.velocity[2] + x * arm[1] - y * arm[0],
+    )
+
+
+@njit(cache=True)
+def _push(state: Record, arm: Vec3, force: Vec3, sign: float) -> None:
+    turn = (
+        arm[1] * force[2] - arm[2] * force[1],
+        arm[2] * force[0] - arm[0] * force[2],
+        arm[0] * force[1] - arm[1] * force[0],
+    )
+    moment = rotate_inverse(_attitude(state), turn)
+    for i in range(3):
+        state.external_force[i] += sign * force[i]
+        state.external_torque[i] += sign * moment[i]
+
+
+@njit(cache=True)
+def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
+    """Note a hit; a hard one is a crash and costs the propeller nearest to it."""
+    state.hits += 1
+    state.hit_speed = closing
+    state.hit_owner = DRONE
+    if closing > CRASH_BODY:
+        state.crashed = 1
+    if closing > BREAKING:
+        x, y, z = rotate_inverse(_attitude(state), arm)
+        best, nearest = -1e9, 0
+        for i in range(params.rotors):
+            hub = params.rotor_position[i]
+            along = hub[0] * x + hub[1] * y + hub[2] * z
+            if along > best:
+                best, nearest = along, i
+        state.rotor_health[nearest] = 0.0
+
+
+@njit(cache=True)
+def _meet(
+    params: Record, state: Record, size: float, others: Record, other: Record, other_size: float, tick_s: float
+) -> bool:
+    """Add to the external forces and torques of both vehicles; return whether they touch within the tick."""
+    p, q, v, u = state.position, other.position, state.velocity, other.velocity
+    gap = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
+    speed = (v[0] - u[0], v[1] - u[1], v[2] - u[2])
+    reach = size + other_size
+    when = _first_touch(gap, speed, reach, tick_s)
+    if when < 0.0:
+        return False
+    gap = (gap[0] + speed[0] * when, gap[1] + speed[1] * when, gap[2] + speed[2] * when)
+    between = math.sqrt(gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2])
+    normal = (gap[0] / between, gap[1] / between, gap[2] / between) if between > 1e-6 else (0.0, 0.0, -1.0)
+    arm = (-size * normal[0], -size * normal[1], -size * normal[2])
+    other_arm = (other_size * normal[0], other_size * normal[1], other_size * normal[2])
+    here, there = _moving(state, arm), _moving(other, other_arm)
+    x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
+    closing = -(x * normal[0] + y * normal[1] + z * normal[2])
+    leaving = PARTING * max(reach - between, 0.0) + (RESTITUTION * closing if closing > BOUNCE_LEAST else 0.0)
+    if closing > BOUNCE_LEAST:
+        _note(params, state, closing, arm)
+        _note(others, other, closing, other_arm)
+    press = max(leaving + closing, 0.0) / (1.0 / params.mass + 1.0 / others.mass) / tick_s
+    x, y, z = x + closing * normal[0], y + closing * normal[1], z + closing * normal[2]
+    sliding = math.sqrt(x * x + y * y + z * z)
+    force = (press * normal[0], press * normal[1], press * normal[2])
+    if sliding > 1e-6:
+        way = (x / sliding, y / sliding, z / sliding)
+        ease = _ease(params, state, arm, way) + _ease(others, other, other_arm, way)
+        rub = min(FRICTION * press, sliding / ease / tick_s)
+        force = (force[0] - rub * way[0], force[1] - rub * way[1], force[2] - rub * way[2])
+    _push(state, arm, force, 1.0)
+    _push(other, other_arm, force, -1.0)
+    return True
+
+
+@njit(cache=True)
+def _ease(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
+    q = _attitude(state)
+    return mobility(params, rotate_inverse(q, arm), rotate_inverse(q, way))
+
+
+def meet(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
+    """Push two vehicles apart over the coming tick and return whether they touch; adds to their external forces."""
+    a, b = one.state["position"].tolist(), other.state["position"].tolist()
+    if math.dist(a, b) > FAR:
+        return False
+    return bool(_meet(one.params, one.state, girth(one), other.params, other.state, girth(other), tick_s))
+
+
+def girth(vehicle: Multirotor) -> float:
+    """Return the radius (m) of the ball around a vehicle's rotors."""
+    curve = vehicle.airframe.curve
+    return curve.radius_m + max(math.hypot(*rotor.position_frd) for rotor in vehicle.airframe.rotors)
