@@ -12,6 +12,7 @@ from autopilot.mavlink import (
     manual_control,
     mission,
     offboard_setpoints,
+    signing,
 )
 from autopilot.mavlink import parameter_protocol as parameter
 from autopilot.mavlink.node import COMPONENT_ID, Node
@@ -52,6 +53,7 @@ HANDLERS: dict[str, Handler] = {
     "MISSION_CLEAR_ALL": mission.clear_all,
     "MISSION_SET_CURRENT": mission.set_current,
     "FILE_TRANSFER_PROTOCOL": file_transfer.request,
+    "SETUP_SIGNING": signing.setup,
     "LOG_REQUEST_LIST": logs.request_list,
     "LOG_REQUEST_DATA": logs.request_data,
     "LOG_REQUEST_END": logs.request_end,

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from autopilot.mavlink import dispatch
 from autopilot.mavlink.node import COMPONENT_ID, Node
+from autopilot.mavlink.signing import Signing
 from autopilot.mavlink.streams import BY_ID, HEARTBEAT_ID, PROFILES, TABLE
 from autopilot.mavlink.vehicle import Message
 from dronecats.border.errors import UsageError
@@ -27,6 +28,7 @@ class Port:
         self.received = 0  # messages understood
         self.lost = 0  # messages that could not be encoded, or were dropped because nobody took them
         self.transfers: dict[str, Iterator[Message]] = {}  # service → what its download has still to send
+        self.signing = Signing(len(node.ports))
         self._node = node
         self._parser = Parser()
         self._packer = Packer(node.system_id, COMPONENT_ID)
@@ -46,6 +48,10 @@ class Port:
         before = self._parser.bad
         for message in self._parser.feed(data):
             self.received += 1
+            if not self.signing.accepts(message, self._node.time_us):
+                if self.signing.rejected == 1:
+                    self._node.say(4, "MAVLink message without a valid signature ignored")
+                continue
             dispatch.handle(self._node, self, message)
             self._node.show_mode()
         if before == 0 and self._parser.bad:
@@ -60,9 +66,13 @@ class Port:
     def send(self, message: Message) -> None:
         """Queue a message."""
         try:
-            self._out.append(self._packer.pack(message))
+            frame = self._packer.pack(message)
         except (struct.error, OverflowError, ValueError):  # a value that its field cannot hold
             self.lost += 1
+            return
+        if self.signing.active:
+            frame = self.signing.sign(frame, message.crc_extra, self._node.time_us)
+        self._out.append(frame)
         if len(self._out) > QUEUE_LIMIT:
             self.lost += len(self._out) - QUEUE_LIMIT // 2
             del self._out[: -QUEUE_LIMIT // 2]

@@ -303,7 +303,8 @@ def test_without_a_log_folder_there_are_still_parameters() -> None:
 
 NAMES = st.sampled_from(
     [b"", b"/", b"..", b"/fs/microsd/log", b"/fs/microsd/log/log001.ulg", b"/fs/microsd/log/../secret",
-     b"@PARAM/param.pck", b"/fs/microsd/log/a", b"/fs/microsd/log/a\0/fs/microsd/log/b", b"/fs/microsd/log/b/c", b"/fs/microsd/log/b"]
+     b"@PARAM/param.pck", b"/fs/microsd/log/a", b"/fs/microsd/log/a\0/fs/microsd/log/b", b"/fs/microsd/log/b/c",
+     b"/fs/microsd/log/b"]
 )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ def test_random_bytes(bench: Bench, data: bytes) -> None:
     alive(bench)
 
 
-@pytest.mark.parametrize("kind", sorted(HANDLERS))
+@pytest.mark.parametrize("kind", sorted(set(HANDLERS) - {"SETUP_SIGNING"}))  # it makes the port deaf: test_signing
 def test_every_message_with_any_payload(bench: Bench, kind: str) -> None:
     generator = random.Random(kind)
     size = CLASSES[kind].unpacker.size

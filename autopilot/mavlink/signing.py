@@ -1,0 +1,94 @@
+"""MAVLink 2 message signing of one port: off until a client sets it up, then nothing unsigned is believed.
+
+Source: mavlink.io, guide/message_signing. A signature is the link, a timestamp and the first 48 bits of
+SHA-256(key, message, link, timestamp). The vehicle carries no calendar: time is what SETUP_SIGNING said, and goes on
+with the vehicle's clock.
+"""
+
+import hashlib
+import hmac
+import struct
+from typing import TYPE_CHECKING
+
+from autopilot.mavlink.node import Node
+from autopilot.mavlink.vehicle import Message
+from dronecats.border.mavlink import dialect
+
+if TYPE_CHECKING:
+    from autopilot.mavlink.port import Port
+
+KEY_BYTES = 32
+SIGNATURE_BYTES = 13  # link, 48-bit timestamp, 48-bit digest
+SIGNED = dialect.MAVLINK_IFLAG_SIGNED
+UNITS_PER_MINUTE = 6_000_000  # a timestamp counts 10 µs
+LATEST = (1 << 48) - 1
+ALWAYS_HEARD = frozenset({"RADIO_STATUS"})  # modems speak without a key
+
+
+class Signing:
+    """Signs what a port sends and judges what it receives, once a key is set."""
+
+    def __init__(self, link: int) -> None:
+        self.rejected = 0  # messages without a good signature
+        self._link = link & 0xFF
+        self._key = b""
+        self._time = 0  # newest timestamp sent or believed
+        self._set_us = 0  # vehicle time of `_time`
+        self._heard: dict[tuple[int, int, int], int] = {}  # system, component, link → newest timestamp
+
+    @property
+    def active(self) -> bool:
+        """Whether a key is set."""
+        return bool(self._key)
+
+    def set_up(self, key: bytes, timestamp: int, now_us: int) -> None:
+        """Take a key of 32 bytes and the time (10 µs since 2015); a key of zeros ends the signing."""
+        self._key = key if any(key) else b""
+        self._time, self._set_us = min(timestamp, LATEST), now_us
+        self._heard.clear()
+
+    def accepts(self, message: Message, now_us: int) -> bool:
+        """Return whether a message may be acted on. Counts those that may not."""
+        if not self._key or message.get_type() in ALWAYS_HEARD:
+            return True
+        frame = bytes(message.get_msgbuf())
+        good = frame[0] == dialect.PROTOCOL_MARKER_V2 and bool(frame[2] & SIGNED) and self._believes(frame, now_us)
+        self.rejected += not good
+        return good
+
+    def _believes(self, frame: bytes, now_us: int) -> bool:
+        if not hmac.compare_digest(self._digest(frame[:-6]), frame[-6:]):
+            return False
+        timestamp = int.from_bytes(frame[-12:-6], "little")
+        speaker = (frame[5], frame[6], frame[-13])
+        now = self._now(now_us)
+        # who is heard for the first time may be a minute late; after that, time only goes on: nothing is replayed
+        if timestamp <= self._heard.get(speaker, now - UNITS_PER_MINUTE):
+            return False
+        self._heard[speaker] = timestamp
+        if timestamp > now:
+            self._time, self._set_us = timestamp, now_us
+        return True
+
+    def sign(self, frame: bytes, crc_extra: int, now_us: int) -> bytes:
+        """Return a MAVLink 2 frame with its signature; as it is while no key is set."""
+        if not self._key:
+            return frame
+        self._time, self._set_us = min(max(self._now(now_us), self._time + 1), LATEST), now_us
+        body = bytearray(frame[:-2])
+        body[2] |= SIGNED
+        checksum = dialect.x25crc(bytes(body[1:]) + bytes([crc_extra]))
+        body += struct.pack("<HB", checksum.crc, self._link) + self._time.to_bytes(6, "little")
+        return bytes(body) + self._digest(bytes(body))
+
+    def _now(self, now_us: int) -> int:
+        return self._time + max(now_us - self._set_us, 0) // 10
+
+    def _digest(self, data: bytes) -> bytes:
+        return hashlib.sha256(self._key + data).digest()[:6]
+
+
+def setup(node: Node, port: "Port", message: Message) -> None:
+    """Take the key of SETUP_SIGNING for this port. It never goes further, and only who is addressed takes it."""
+    if message.target_system == node.system_id:
+        port.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)
