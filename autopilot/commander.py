@@ -7,6 +7,7 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 import math
 
 from autopilot.arming import NO_ARMING_MODES, mode_failures, preflight_failures
+from autopilot.auto_disarm import AutoDisarm
 from autopilot.failsafe import Action, Failsafe, reaction
 from autopilot.home import home_at, moved
 from autopilot.land_detector import LandDetector
@@ -53,8 +54,7 @@ class Commander:
         self._say = say
         self._detector = LandDetector(parameters)
         self._ramp = TakeoffRamp(parameters)
-        self._landed_us = 0
-        self._flown = False
+        self._auto_disarm = AutoDisarm(parameters)
         self._mode_chosen_disarmed = True
         self._home_looked_us = 0
         self._override = StickOverride()
@@ -107,7 +107,8 @@ class Commander:
                 return REJECTED
         now = self.flight.state.time_us
         self.intended = mode
-        self.armed, self.armed_us, self._flown = True, now, False
+        self.armed, self.armed_us = True, now
+        self._auto_disarm.arm(now)
         self.supervision.begin(self.flight)
         self._active = None
         self._ramp.arm(now)
@@ -260,23 +261,17 @@ class Commander:
 
     def _follow_ground(self, now: int, demand: Setpoint) -> None:
         state, was = self.flight.state, self.flight.landed
-        self._detector.update(state, True, wants_climb(demand, state), demand)
+        climbing = wants_climb(demand, state)
+        self._detector.update(state, True, climbing, demand)
         landed = self.flight.landed = self._detector.landed
-        if landed != was:
-            if landed:
-                self._landed_us = now
-                self._say(dialect.MAV_SEVERITY_INFO, "Landing detected")
-            else:
-                self._flown = True
-                self.takeoff_us = now
-                self._say(dialect.MAV_SEVERITY_INFO, "Take-off detected")
-        if not landed:
-            return
-        after_landing, before_flight = float(self.parameters["COM_DISARM_LAND"]), self.parameters["COM_DISARM_PRFLT"]
-        if self._flown and 0.0 < after_landing * 1e6 <= now - self._landed_us:
-            self.disarm(why="after landing")
-        elif not self._flown and 0.0 < before_flight * 1e6 <= now - self.armed_us and not wants_climb(demand, state):
-            self.disarm(why="without a take-off")
+        if landed and not was:
+            self._say(dialect.MAV_SEVERITY_INFO, "Landing detected")
+        elif was and not landed:
+            self.takeoff_us = now
+            self._say(dialect.MAV_SEVERITY_INFO, "Take-off detected")
+        reason = self._auto_disarm.reason(now, landed, climbing)
+        if reason:
+            self.disarm(why=reason)
 
     def _supervise(self, now: int) -> None:
         """Choose the mode that flies: the intended one, or the failsafe's."""
