@@ -84,8 +84,9 @@ class Parameters:
     """The values in force: `parameters["MPC_LAND_SPEED"]`; names sorted, so that an index always means the same name.
 
     `core_defaults` are the parameters that the compiled core honours; every later change of one of them goes to
-    `set_core`, which may return the value that it holds instead. Changed values are kept in `file` (JSON), if given.
-    Raises UsageError when the file is unreadable.
+    `set_core`, which may return the value that it holds instead. Changed values are kept in `file` (JSON), if given;
+    `unsaved` is the reason why the last change could not be, None while all are. Raises UsageError when the file is
+    unreadable or holds a value that its parameter cannot.
     """
 
     def __init__(
@@ -102,11 +103,13 @@ class Parameters:
         self._values = dict(self._defaults)
         self._core_names = frozenset(core_defaults)
         self._set_core = set_core
-        self._file = file
+        self._file: Path | None = None  # until it is read: a change while reading would write a part over the whole
+        self.unsaved: str | None = None
         self.names = tuple(self._values)
         self._index = {name: i for i, name in enumerate(self.names)}
         if file is not None and file.exists():
             self._load(file)
+        self._file = file
 
     def __getitem__(self, name: str) -> int | float:
         return self._values[name]
@@ -152,14 +155,22 @@ class Parameters:
                 f"The parameter file {file} is not a JSON object of names and numbers; correct it or delete it."
             ) from error
         for name, value in changes.items():
-            if name in self._values:  # a name that an older version knew is no reason to refuse to fly
+            if name not in self._values:  # a name that an older version knew is no reason to refuse to fly
+                continue
+            try:
                 self.set(name, value)
+            except ValueError as error:
+                raise UsageError(f"{name} in the parameter file {file}: {error}; correct it or delete it.") from error
 
     def _save(self, file: Path) -> None:
         changed = {name: value for name, value in self._values.items() if value != self._defaults[name]}
         temporary = file.with_name(file.name + ".new")
-        temporary.write_text(json.dumps(changed, indent=1) + "\n")
-        os.replace(temporary, file)  # atomic: a kill in between leaves the old file whole
+        try:
+            temporary.write_text(json.dumps(changed, indent=1) + "\n")
+            os.replace(temporary, file)  # atomic: a kill in between leaves the old file whole
+            self.unsaved = None
+        except OSError as error:  # a full disk is no reason to stop flying
+            self.unsaved = error.strerror or "the disk refused"
 
 
 def _coerced(value: float, integer: bool) -> int | float:

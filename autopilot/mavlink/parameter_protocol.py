@@ -84,6 +84,8 @@ def set_value(node: Node, port: "Port", message: Message) -> None:
     except ValueError:
         _refuse(port, message, parameters.index(name), dialect.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
         return
+    if parameters.unsaved is not None:
+        node.complain(f"Parameters not saved: {parameters.unsaved}")
     if parameters[name] == before:
         port.send(parameter_value(parameters, name))
     else:
