@@ -8,7 +8,7 @@ from dronecats.border.frames import Vec3, wrap_pi
 from dronecats.border.mavlink import MODES, Packer, Parser, dialect
 from dronecats.border.setpoints import Setpoint
 from hil.offboard import OffboardStream, position_target
-from hil.telemetry import VehicleClock, VehicleState, update
+from hil.telemetry import TOLD, VehicleClock, VehicleState, update
 from hil.transport import Transport
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
@@ -24,6 +24,10 @@ WATCHED = {  # message id -> µs between two
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
     dialect.MAVLINK_MSG_ID_CURRENT_MODE: 100_000,
 }
+AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
+HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
+LOCAL_POSITION_NED = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+HEARD = TOLD | {COMMAND_ACK}  # most of what an autopilot streams is for others
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
 }  # fmt: skip
@@ -85,19 +89,18 @@ class Link:
 
     def _take(self, message: dialect.MAVLink_message) -> None:
         self.on_message(message)
-        source = message.get_srcComponent()
-        if source != dialect.MAV_COMP_ID_AUTOPILOT1:
-            return
         kind = message.get_msgId()
-        if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT and not self.system:
+        if kind not in HEARD or message.get_srcComponent() != AUTOPILOT:
+            return
+        if kind == HEARTBEAT and not self.system:
             self.system = message.get_srcSystem()
         if message.get_srcSystem() != self.system:
             return
-        if kind == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
+        if kind == COMMAND_ACK:
             if message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT):
                 self._ack = message
             return
-        if kind == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+        if kind == LOCAL_POSITION_NED:
             self.clock.see(message.time_boot_ms)
         self.state = update(self.state, message)
 

@@ -55,6 +55,21 @@ PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = 0x1 | 0x2 | 0x4  # gyro, accelerometer, magnetometer
 
 
+TOLD = frozenset(  # the messages that tell something of the state
+    {
+        dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        dialect.MAVLINK_MSG_ID_ATTITUDE,
+        dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_CURRENT_MODE,
+        dialect.MAVLINK_MSG_ID_SYS_STATUS,
+        dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
+        dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+        dialect.MAVLINK_MSG_ID_STATUSTEXT,
+    }
+)
+
+
 def update(state: VehicleState, message: dialect.MAVLink_message) -> VehicleState:
     """Return the state after a message of the autopilot component."""
     match message.get_msgId():

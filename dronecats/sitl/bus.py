@@ -36,6 +36,11 @@ class TruthBus:
         self._taps.append(tap)
         return tap
 
+    @property
+    def heard(self) -> bool:
+        """Whether anybody listens."""
+        return bool(self._taps)
+
     def publish(self, data: bytes, but: Tap | None = None) -> None:
         for tap in self._taps:
             if tap is not but:

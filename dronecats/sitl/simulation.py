@@ -131,6 +131,6 @@ class Simulation:
         for vehicle in self.vehicles:
             vehicle.advance()
             self.bus.publish(vehicle.collisions())
-        if self.time_us % TRUTH_US == 0:
+        if self.bus.heard and self.time_us % TRUTH_US == 0:
             for vehicle in self.vehicles:
                 self.bus.publish(vehicle.truth())
