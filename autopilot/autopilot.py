@@ -18,6 +18,8 @@ from autopilot.vehicle_state import VehicleState
 from autopilot.vibration import Vibration
 from dronecats.border.airframe import Airframe
 
+COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and the inner loop have rates of their own
+
 
 class Core(Protocol):
     """What the commander needs of the inner loop (`autopilot.flight_core.FlightCore`)."""
@@ -56,6 +58,7 @@ class Autopilot:
     ) -> None:
         self._core = core
         self._told_landed: bool | None = None
+        self._commanded_us = -COMMANDER_US
         self.parameters = Parameters(core.parameter_defaults(), core.set_parameter, parameter_file)
         self.parameters.set("MAV_SYS_ID", system_id)
         self.parameters.set("MAV_TYPE", airframe.mav_type)
@@ -74,8 +77,11 @@ class Autopilot:
         self.state.refresh()
         self.vibration.take(self.state)
         self.calibration.tick()
-        self.commander.tick()
-        self._tell_core()
+        now = self.state.time_us
+        if not 0 <= now - self._commanded_us < COMMANDER_US:
+            self._commanded_us = now
+            self.commander.tick()
+            self._tell_core()
         if self.log is not None:
             self.log.tick()
         self.node.show_mode()

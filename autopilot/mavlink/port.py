@@ -34,6 +34,7 @@ class Port:
         self._packer = Packer(node.system_id, COMPONENT_ID)
         self._out: list[bytes] = []
         self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
+        self._next_due_us = 0  # the earliest of the streams
         self._parameter_cursor: int | None = None
         for stream in TABLE:
             self.set_default_interval(stream.message_id)
@@ -102,12 +103,14 @@ class Port:
             self._streams.pop(message_id, None)
         else:
             self._streams[message_id] = [self._node.time_us, max(interval_us, FASTEST_US)]
+            self._next_due_us = 0
 
     def set_default_interval(self, message_id: int) -> None:
         """Stream a message as the port's profile has it."""
         rate = BY_ID[message_id].rate(self.profile)
         if rate > 0.0:
             self._streams[message_id] = [self._node.time_us, round(1e6 / rate)]
+            self._next_due_us = 0
         else:
             self._streams.pop(message_id, None)
 
@@ -124,6 +127,14 @@ class Port:
         """Queue what is due."""
         node = self._node
         now = node.time_us
+        if now >= self._next_due_us:
+            self._send_due(node, now)
+        if self._parameter_cursor is not None:
+            self._send_parameters(self._parameter_cursor)
+        if self.transfers:
+            self._send_transfers()
+
+    def _send_due(self, node: Node, now: int) -> None:
         for message_id, stream in self._streams.items():
             due = stream[0]
             if now >= due:
@@ -133,10 +144,7 @@ class Port:
                 message = node.telemetry(message_id)
                 if message is not None:
                     self.send(message)
-        if self._parameter_cursor is not None:
-            self._send_parameters(self._parameter_cursor)
-        if self.transfers:
-            self._send_transfers()
+        self._next_due_us = min((stream[0] for stream in self._streams.values()), default=now)
 
     def _send_transfers(self) -> None:
         for service, messages in list(self.transfers.items()):
