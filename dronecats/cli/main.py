@@ -11,6 +11,7 @@ VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
     "sitl": "run the simulator for any MAVLink client",
     "judge": "derive the verdicts of a run again from its logs",
+    "tune": "print an airframe's gains and margins, and draw its loops",
     "episodes": "list the episodes",
     "doctor": "say what works on this machine, what is missing and how to get it",
 }

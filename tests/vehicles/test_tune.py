@@ -1,0 +1,41 @@
+"""`dronecats tune`: what it prints is what is flown, and its pictures exist."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autopilot.design import PHASE_MARGIN_MIN, design
+from autopilot.loop_pictures import step_response
+from dronecats.cli.main import main
+from vehicles.airframe import load, names
+
+
+@pytest.mark.parametrize("name", names())
+def test_margins_are_printed_and_agree_with_python_control(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", name, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["gains"]["attitude_p"] == pytest.approx(design(load(name)).attitude_p, rel=1e-3)
+    assert len(found["loops"]) == 10
+    for loop in found["loops"].values():
+        assert loop["phase_margin_deg"] >= PHASE_MARGIN_MIN
+        assert loop["gain_margin_db"] >= 6.0
+        assert loop["phase_margin_by_control_deg"] == pytest.approx(loop["phase_margin_deg"], abs=1.0)
+
+
+def test_pictures_and_a_table_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", "x500", "--out", str(tmp_path)]) == 0
+    assert "horizontal velocity" in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x500-bode.png", "x500-steps.png"]
+
+
+def test_an_unknown_airframe_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", "x5000"]) == 2
+    assert "x500" in capsys.readouterr().err
+
+
+def test_step_response_of_a_known_loop() -> None:
+    time, output = step_response(lambda s: 4.0 / s, 4.0)  # closed: 4 / (s + 4)
+    late = time > 0.02
+    assert output[late] == pytest.approx(1.0 - np.exp(-4.0 * time[late]), abs=5e-3)
