@@ -65,6 +65,8 @@ _OFFBOARD_ACTIONS = {3: Action.RETURN, 4: Action.LAND, 5: Action.HOLD, 6: Action
 _OFFBOARD_STICKS = {0: "POSCTL", 1: "ALTCTL", 2: "STABILIZED"}
 _FENCE_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RETURN, 4: Action.TERMINATE, 5: Action.LAND}
 _LANDING = frozenset({"LAND", "PRECLAND"})
+# a lost link stops no landing, and a take-off only once it has reached its height: it is safer there than at half of it
+_NEAR_GROUND = _LANDING | {"TAKEOFF"}
 _AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
 _EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
 
@@ -80,13 +82,13 @@ def _offboard_loss(c: Conditions, p: Parameters) -> Failsafe:
 def _manual_control_loss(c: Conditions, p: Parameters) -> Failsafe:
     if not c.sticks_lost_s > p["COM_RC_LOSS_T"] or p["COM_RC_IN_MODE"] == 4:
         return QUIET
-    if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _LANDING:
+    if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _NEAR_GROUND:
         return QUIET
     return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Action.NONE))
 
 
 def _station_loss(c: Conditions, p: Parameters) -> Failsafe:
-    if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode in _LANDING:
+    if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode in _NEAR_GROUND:
         return QUIET
     if int(p["COM_DLL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
         return QUIET

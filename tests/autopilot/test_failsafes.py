@@ -76,6 +76,16 @@ def test_manual_control_loss_that_does_not_matter(bench: Bench, exception: dict[
     assert not bench.commander.in_failsafe
 
 
+def test_a_lost_link_lets_a_take_off_finish(bench: Bench) -> None:
+    put(bench, MIS_TAKEOFF_ALT=6)
+    sticks(bench)
+    bench.client.arm()
+    bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
+    bench.until(lambda: bench.commander.in_failsafe, 20)
+    assert bench.height == pytest.approx(6.0, abs=0.4)
+    assert said(bench, "manual control lost")
+
+
 def test_sticks_that_were_never_there_are_not_missed(bench: Bench) -> None:
     bench.fly()
     bench.run(3.0)
