@@ -54,7 +54,7 @@ class LogDirectory:
 
     def logs(self) -> list[LogFile]:
         """Return every log, oldest first."""
-        logs = []
+        logs: list[LogFile] = []
         for _, path in self._numbered():
             try:
                 stat = path.stat()
