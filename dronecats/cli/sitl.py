@@ -20,6 +20,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument(
         "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the camera over HTTP"
     )
+    parser.add_argument(
+        "--state", type=Path, metavar="DIR", help="keeps parameters and flight logs (default runs/sitl-I)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -51,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
             "speed": factor,
             "instance": args.instance,
             "count": args.count or 1,
+            "state_dir": str(args.state or Path("runs") / f"sitl-{args.instance}"),
         }
     )
     with tempfile.TemporaryDirectory(prefix="dronecats-sitl-") as logs:

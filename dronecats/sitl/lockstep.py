@@ -22,8 +22,8 @@ class Lockstep:
         for follower in self.followers:
             follower()
 
-    def transport(self, vehicle: int, profile: str = "onboard") -> MemoryTransport:
-        """Return the agent's end of a MAVLink port of one vehicle's autopilot."""
+    def transport(self, vehicle: int, profile: str = "minimal") -> MemoryTransport:
+        """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
         port = self.simulation.vehicles[vehicle].autopilot.open_port(profile)
         return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)
 

@@ -33,7 +33,7 @@ def build(
     airframe: str = "x500",
     seed: int = 0,
     count: int | None = None,
-    parameter_dir: Path | None = None,
+    state_dir: Path | None = None,
     wind: Wind = CALM,
 ) -> Simulation:
     """Return the simulation of a record's drones, or of `count` of them. Raises UsageError for an unknown airframe."""
@@ -55,7 +55,7 @@ def build(
                 terrain=world.scene.terrain,
                 obstacles=solid,
                 wind=wind,
-                parameter_file=parameter_dir / f"parameters-{index + 1}.json" if parameter_dir else None,
+                state_dir=state_dir / f"vehicle-{index + 1}" if state_dir else None,
             )
             for index, place in enumerate(places[:count])
         ],

@@ -15,6 +15,7 @@ from dronecats.border.terrain import FLAT, HeightField
 from dronecats.border.truth import TRUTH_COMPONENT, Origin, truth_message
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import CollisionReport, Encounters, Traffic
+from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
 from vehicles.multirotor import Multirotor
 from vehicles.wind import CALM, Wind
@@ -46,8 +47,9 @@ class SimulatedVehicle:
         terrain: HeightField = FLAT,
         obstacles: Obstacles = OPEN,
         wind: Wind = CALM,
-        parameter_file: Path | None = None,
+        state_dir: Path | None = None,
     ) -> None:
+        """`state_dir` keeps the parameters and the flight logs; without it neither outlives the process."""
         self.index = index
         self.origin = origin
         self.plant = Multirotor(
@@ -67,8 +69,10 @@ class SimulatedVehicle:
             self.core,
             self.plant.sensors,
             system_id=index + 1,
-            parameter_file=parameter_file,
+            parameter_file=state_dir / "parameters.json" if state_dir else None,
+            log_dir=state_dir / "log" if state_dir else None,
             actuators=self.plant.actuators,
+            inject=Failures(self.plant).inject,
         )
         self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
@@ -78,6 +82,10 @@ class SimulatedVehicle:
         """Advance by one tick."""
         self._fused.advance(TICK_US // STEP_US)
         self.autopilot.update()
+
+    def close(self) -> None:
+        """Finish the flight log."""
+        self.autopilot.close()
 
     @property
     def time_us(self) -> int:

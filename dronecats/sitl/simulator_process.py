@@ -1,5 +1,6 @@
 """The simulator as a process: vehicles and autopilots in real time, MAVLink on UDP, the truth on a bus beside it."""
 
+from pathlib import Path
 from typing import Any
 
 from dronecats.sitl.pace import RateKeeper
@@ -45,7 +46,11 @@ class Simulator:
     def __init__(self, config: dict[str, Any]) -> None:
         world = load_world(config["episode"])
         self.simulation = build(
-            world, airframe=config["airframe"], seed=config["seed"], count=config.get("count")
+            world,
+            airframe=config["airframe"],
+            seed=config["seed"],
+            count=config.get("count"),
+            state_dir=Path(config["state_dir"]) if config.get("state_dir") else None,
         )
         self.simulation.advance()  # compiles, on the first run of an installation
         self.ports = Ports(self.simulation, config.get("instance"))
@@ -74,6 +79,8 @@ class Simulator:
         self._keeper.wait()
 
     def close(self) -> None:
+        for vehicle in self.simulation.vehicles:
+            vehicle.close()
         for port in self.ports.all():
             port.close()
 

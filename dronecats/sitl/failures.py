@@ -1,0 +1,79 @@
+"""MAVLink's failure injection carried out on the simulated vehicle."""
+
+from dataclasses import replace
+
+from dronecats.border.mavlink import dialect
+from vehicles.faults import Fault, script
+from vehicles.multirotor import Multirotor
+from vehicles.records import FAULTS
+
+SENSORS = {
+    dialect.FAILURE_UNIT_SENSOR_GYRO: "gyro",
+    dialect.FAILURE_UNIT_SENSOR_ACCEL: "accel",
+    dialect.FAILURE_UNIT_SENSOR_MAG: "mag",
+    dialect.FAILURE_UNIT_SENSOR_BARO: "baro",
+    dialect.FAILURE_UNIT_SENSOR_GPS: "gps",
+    dialect.FAILURE_UNIT_SENSOR_DISTANCE_SENSOR: "range",
+}
+KINDS = {
+    dialect.FAILURE_TYPE_OFF: "fail",
+    dialect.FAILURE_TYPE_STUCK: "freeze",
+    dialect.FAILURE_TYPE_WRONG: "bias",
+    dialect.FAILURE_TYPE_DELAYED: "delay",
+}
+WRONG = {  # how far off a wrong sensor is: plainly, but not absurdly
+    "gyro": (0.3, 0.3, 0.3),  # rad/s
+    "accel": (2.0, 2.0, 2.0),  # m/s²
+    "mag": (0.2, 0.2, 0.0),  # gauss
+    "baro": (3.0, 0.0, 0.0),  # hPa, 25 m
+    "gps": (30.0, 30.0, 0.0),  # m
+    "range": (3.0, 0.0, 0.0),  # m
+}
+DELAY_S = 0.3
+
+
+class Failures:
+    """What has been injected into one vehicle since boot."""
+
+    def __init__(self, plant: Multirotor) -> None:
+        self._plant = plant
+        self._faults: dict[str, Fault] = {}
+
+    def inject(self, unit: int, kind: int, instance: int) -> bool:
+        """Break or mend a part from now on; return whether this vehicle can do that. Instance 0 is all of a kind."""
+        parts = self._parts(unit, instance)
+        if not parts or (kind != dialect.FAILURE_TYPE_OK and kind not in KINDS):
+            return False
+        changed = dict(self._faults)
+        now = int(self._plant.state["time_us"])
+        for part in parts:
+            if kind == dialect.FAILURE_TYPE_OK:
+                if part in changed:  # kept, but over: the kernel gives a rotor its health back when it sees the end
+                    changed[part] = replace(changed[part], until_us=max(now, changed[part].from_us + 1))
+            elif (KINDS[kind] == "delay" and part != "gps") or (part.startswith("rotor") and KINDS[kind] != "fail"):
+                return False
+            else:
+                value = (DELAY_S, 0.0, 0.0) if KINDS[kind] == "delay" else WRONG.get(part, (0.0, 0.0, 0.0))
+                changed[part] = Fault(part, KINDS[kind], from_us=now, value=value)
+        self._faults = changed
+        self._write()
+        return True
+
+    def _parts(self, unit: int, instance: int) -> list[str]:
+        if unit in SENSORS:
+            return [SENSORS[unit]] if instance in (0, 1) else []
+        if unit == dialect.FAILURE_UNIT_SYSTEM_MOTOR:
+            rotors = range(1, len(self._plant.airframe.rotors) + 1)
+            return [f"rotor{i}" for i in rotors if instance in (0, i)]
+        return []
+
+    def _write(self) -> None:
+        suite = self._plant.suite
+        record = script(
+            self._faults.values(),
+            len(self._plant.airframe.rotors),
+            int(suite["gps_period_us"]),
+            int(suite["gps_latency_us"]),
+        )
+        for field in FAULTS.names or ():
+            self._plant.faults[field] = record[field]
