@@ -224,7 +224,7 @@ def design(airframe: Airframe) -> Gains:
         rate_d=(rate[0][2], rate[1][2], rate[2][2]),
         attitude_p=attitude_p,
         velocity_p=(sideways, sideways, upright),
-        velocity_i=(0.3 * sideways**2, 0.3 * sideways**2, 0.12 * upright**2),
+        velocity_i=(0.3 * sideways**2, 0.3 * sideways**2, 0.08 * upright**2),
         velocity_d=(0.1 * sideways, 0.1 * sideways, 0.0),
         position_p=(0.5 * sideways, 0.5 * sideways, 0.3 * upright),
         velocity_lag=(tilt_lag, tilt_lag, rotor_lag(airframe) + OUTER_DELAY_S),

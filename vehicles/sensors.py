@@ -50,12 +50,13 @@ class Suite:
     baro_period_us: int = 20_000
     baro_noise_hpa: float = 0.012  # hPa, about 0.1 m: BMP388 data sheet at low oversampling
     baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
-    baro_drift_time_s: float = 300.0
+    baro_drift_time_s: float = 1200.0  # so that it wanders by 0.1 m in a minute, as 1 hPa an hour of weather does
     gps_period_us: int = 100_000
     gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
-    gps_error_time_s: float = 60.0
+    # s: what the ionosphere and the orbits leave wanders over tens of minutes; short multipath is in the white part
+    gps_error_time_s: float = 1200.0
     gps_noise: float = 0.02  # m, white, on top
     gps_velocity_noise_h: float = 0.06  # m/s per axis: u-blox M8 data sheet, 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s

@@ -1,0 +1,242 @@
+"""How every airframe answers a step, and how still it hovers: through sensors, estimator, commander and cascade.
+
+    python -m benchmarks.steps [--json] [--plots DIR] [--table FILE] [--airframe NAME …]
+
+All figures are of the truth. An answer is the mean of five flights whose sensors err differently: what is left is the
+vehicle's own. Rise: 10 to 90 % of the step. Overshoot: beyond the goal, in per cent of the step. Steady error: of the
+mean over the last three seconds, the same. Drift: the farthest from where it was when a minute in still air began, as
+the receiver and the barometer wander; the median and the largest of the five.
+"""
+
+import argparse
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.modes.setpoint import FREE, NAN
+from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
+from dronecats.border.frames import quat_yaw, wrap_pi
+from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle
+from vehicles import airframe
+
+Array = NDArray[np.float64]
+
+ORIGIN = (47.397742, 8.545594, 488.0)
+HEIGHT_M = 10.0
+TICK_S = TICK_US / 1e6
+STREAM_TICKS = 5  # a setpoint every 50 ms, as an agent sends them
+SEEDS = (1, 2, 3, 4, 5)
+OVERSHOOT_MOST, STEADY_MOST, DRIFT_MOST = 10.0, 2.0, 0.3  # %, %, m: the goals
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step and where to read the answer."""
+
+    name: str
+    size: float  # m/s, rad or m
+    seconds: float
+    unit: str
+    velocity_north: float | None = None  # m/s; None holds the place
+    yaw: float = 0.0  # rad
+    climb: float = 0.0  # m
+
+
+STEPS = (
+    Step("velocity 1 m/s", 1.0, 10.0, "m/s", velocity_north=1.0),
+    Step("velocity 5 m/s", 5.0, 12.0, "m/s", velocity_north=5.0),
+    Step("yaw 90°", math.pi / 2, 8.0, "rad", yaw=math.pi / 2),
+    Step("altitude 2 m", 2.0, 12.0, "m", climb=2.0),
+)
+
+
+class Flight:
+    """One vehicle over flat ground in still air, in offboard at a height."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        """Boot, take off and settle. Raises RuntimeError when it does not fly."""
+        self.vehicle = SimulatedVehicle(0, airframe.load(name), Place((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN)
+        commander = self.vehicle.autopilot.commander
+        while commander.arming_failures() and self.vehicle.time_us < 60_000_000:
+            self.vehicle.advance()
+        for _ in range(500):
+            self.vehicle.advance()
+        commander.take_off(HEIGHT_M)
+        commander.arm()
+        for _ in range(1500):
+            self.vehicle.advance()
+        self.setpoint = self._at()
+        self._stream()
+        commander.set_mode("OFFBOARD")
+        self.fly(10.0)
+        if commander.mode != "OFFBOARD" or commander.landed:
+            raise RuntimeError(f"{name} does not fly: mode {commander.mode}, landed {commander.landed}")
+
+    def _at(self) -> CascadeSetpoint:
+        position = self.vehicle.core.estimate["position_ned"]
+        return CascadeSetpoint(
+            position_ned=(float(position[0]), float(position[1]), float(position[2])),
+            velocity_ned=FREE,
+            acceleration_ned=FREE,
+            yaw=0.0,
+        )
+
+    def _stream(self) -> None:
+        offboard = self.vehicle.autopilot.commander.flight.offboard
+        offboard.setpoint, offboard.time_us = self.setpoint, self.vehicle.autopilot.state.time_us
+
+    def fly(self, seconds: float) -> Array:
+        """Return the truth of every tick: rows of north, east, down (m), velocity north (m/s), yaw (rad)."""
+        rows = np.empty((round(seconds / TICK_S), 5))
+        truth = self.vehicle.plant.truth
+        for tick in range(len(rows)):
+            if tick % STREAM_TICKS == 0:
+                self._stream()
+            self.vehicle.advance()
+            rows[tick, :3], rows[tick, 3] = truth["position_ned"], truth["velocity_ned"][0]
+            rows[tick, 4] = quat_yaw(tuple(truth["attitude"].tolist()))
+        return rows
+
+    def step(self, step: Step) -> Array:
+        """Return (n,) how far the answer to a step has come from its beginning, in the step's unit, every tick."""
+        before, hold = self.fly(2.0), self.setpoint
+        if step.velocity_north is not None:
+            self.setpoint = hold._replace(
+                position_ned=(NAN, NAN, hold.position_ned[2]), velocity_ned=(step.velocity_north, 0.0, NAN)
+            )
+        else:
+            north, east, down = hold.position_ned
+            self.setpoint = hold._replace(position_ned=(north, east, down - step.climb), yaw=step.yaw)
+        rows = self.fly(step.seconds)
+        if step.velocity_north is not None:
+            answer = rows[:, 3]
+            self.setpoint = hold._replace(position_ned=(NAN, NAN, hold.position_ned[2]), velocity_ned=(0.0, 0.0, NAN))
+            self.fly(4.0)
+            self.setpoint = self._at()
+        elif step.climb:
+            answer = before[:, 2].mean() - rows[:, 2]
+            self.setpoint = hold
+        else:
+            answer = np.array([wrap_pi(yaw) for yaw in rows[:, 4] - before[:, 4].mean()])
+            self.setpoint = hold
+        self.fly(8.0)
+        return np.asarray(answer)
+
+
+def figures(step: Step, answer: Array) -> dict[str, float]:
+    """Return rise_s, overshoot_percent and steady_error_percent of a step's answer."""
+    share = answer / step.size
+    high = np.flatnonzero(share >= 0.9)
+    rise = (high[0] - np.flatnonzero(share >= 0.1)[0]) * TICK_S if high.size else math.nan
+    steady = share[-round(3.0 / TICK_S) :].mean()
+    return {
+        "rise_s": round(float(rise), 2),
+        "overshoot_percent": round(max(float(share.max()) - 1.0, 0.0) * 100.0, 1),
+        "steady_error_percent": round(abs(float(steady) - 1.0) * 100.0, 2),
+    }
+
+
+def measure(name: str) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Return an airframe's figures, and its answers by step for plotting."""
+    flights = [Flight(name, seed) for seed in SEEDS]
+    answers = {step.name: np.asarray(np.mean([flight.step(step) for flight in flights], axis=0)) for step in STEPS}
+    found: dict[str, Any] = {step.name: figures(step, answers[step.name]) for step in STEPS}
+    minutes = [flight.fly(60.0) for flight in flights]
+    away = [float(np.hypot(*(m[:, :2] - m[0, :2]).T).max()) for m in minutes]
+    lifted = [float(np.abs(m[:, 2] - m[0, 2]).max()) for m in minutes]
+    found["hover"] = {
+        "drift_m": round(float(np.median(away)), 3),
+        "drift_most_m": round(max(away), 3),
+        "drift_vertical_m": round(float(np.median(lifted)), 3),
+    }
+    return found, answers
+
+
+def misses(found: dict[str, dict[str, Any]]) -> list[str]:
+    """Return a sentence for each figure beyond its goal."""
+    told = []
+    for name, rows in found.items():
+        for step in STEPS:
+            row = rows[step.name]
+            if not row["overshoot_percent"] <= OVERSHOOT_MOST:
+                told.append(f"{name}, {step.name}: overshoots by {row['overshoot_percent']} %")
+            if not row["steady_error_percent"] <= STEADY_MOST:
+                told.append(f"{name}, {step.name}: stays {row['steady_error_percent']} % off")
+        if not rows["hover"]["drift_m"] <= DRIFT_MOST:
+            told.append(f"{name}: drifts {rows['hover']['drift_m']} m in a minute")
+    return told
+
+
+def table(found: dict[str, dict[str, Any]]) -> str:
+    """Return the figures as Markdown."""
+    heads = " | ".join(step.name for step in STEPS)
+    lines = [
+        f"| airframe | {heads} | drift in a minute |",
+        "| --- |" + " --- |" * (len(STEPS) + 1),
+    ]
+    for name, rows in found.items():
+        cells = [
+            f"{r['rise_s']:.2f} s · {r['overshoot_percent']:.1f} % · {r['steady_error_percent']:.2f} %"
+            for r in (rows[step.name] for step in STEPS)
+        ]
+        hover = rows["hover"]
+        lines.append(
+            f"| {name} | " + " | ".join(cells) + f" | {hover['drift_m']:.2f} m ({hover['drift_most_m']:.2f} m) |"
+        )
+    return "\n".join(lines)
+
+
+def draw(answers: dict[str, dict[str, Array]], folder: Path) -> Path:
+    """Draw every step of every airframe into steps.png and return its path."""
+    from matplotlib.figure import Figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = Figure(figsize=(12.0, 3.4), layout="constrained")
+    for panel, step in zip(figure.subplots(1, len(STEPS)), STEPS, strict=True):
+        for name, answer in answers.items():
+            panel.plot(np.arange(len(answer[step.name])) * TICK_S, answer[step.name], label=name, linewidth=1.0)
+        panel.axhline(step.size, color="black", linewidth=0.6)
+        panel.axhline(step.size * (1.0 + OVERSHOOT_MOST / 100.0), color="black", linewidth=0.6, linestyle=":")
+        panel.set(title=step.name, xlabel="s", ylabel=step.unit)
+        panel.grid(visible=True, linewidth=0.3)
+    figure.axes[0].legend(fontsize=8)
+    path = folder / "steps.png"
+    figure.savefig(path, dpi=110)
+    return path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the answers into this folder")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="put the table into this Markdown file")
+    parser.add_argument("--airframe", action="append", choices=airframe.names(), help="only this one; may be repeated")
+    chosen = parser.parse_args()
+    found, answers = {}, {}
+    for name in chosen.airframe or airframe.names():
+        found[name], answers[name] = measure(name)
+    told = misses(found)
+    if chosen.plots:
+        draw(answers, chosen.plots)
+    if chosen.table:
+        write(found, chosen.table)
+    print(json.dumps({"airframes": found, "misses": told}) if chosen.json else "\n".join([table(found), "", *told]))
+
+
+BEGIN, END = "<!-- steps begin -->\n", "<!-- steps end -->"
+
+
+def write(found: dict[str, dict[str, Any]], path: Path) -> None:
+    """Put the table between its marks in a Markdown file. Raises ValueError when the file has no marks."""
+    text = path.read_text(encoding="utf-8")
+    head, tail = text.index(BEGIN) + len(BEGIN), text.index(END)
+    path.write_text(text[:head] + table(found) + "\n" + text[tail:], encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
