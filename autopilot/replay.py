@@ -1,0 +1,121 @@
+"""A recorded flight through estimator and cascade again: the same samples and setpoints in, what they make of them out.
+
+A recording holds each sensor's samples once, at the time they came, inertial ones in single precision; the setpoints
+and the commander's word on standing hold from their row on.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.flight_core import FlightCore, update
+from autopilot.records import SETPOINT
+from dronecats.border.errors import UsageError
+from dronecats.border.sensors import ACTUATORS, SENSORS
+
+GROUPS = {  # what is sampled together: the time that tells a new sample, its fields, and whether half of them will do
+    "imu": ("imu_time_us", ("accel_frd", "gyro_frd"), True),
+    "mag": ("mag_time_us", ("mag_frd",), True),
+    "baro": ("baro_time_us", ("pressure_hpa", "temperature_c"), False),
+    "gps": (
+        "gps_time_us",
+        ("gps_lat_deg", "gps_lon_deg", "gps_alt_m", "gps_velocity_ned", "gps_eph_m", "gps_epv_m",
+         "gps_speed_accuracy", "gps_fix_type", "gps_satellites"),
+        False,
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A flight as the inner loop met it, one row per inertial sample."""
+
+    airframe: str
+    sensors: NDArray[Any]  # (n,) SENSORS
+    setpoints: NDArray[Any]  # (n,) SETPOINT
+    landed: NDArray[np.bool_]  # (n,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What the inner loop made of a recording, every `every` rows."""
+
+    time_us: NDArray[np.int64]  # (m,)
+    position_ned: NDArray[np.float64]  # (m, 3) m
+    velocity_ned: NDArray[np.float64]  # (m, 3) m/s
+    attitude: NDArray[np.float64]  # (m, 4)
+    gyro_bias: NDArray[np.float64]  # (m, 3) rad/s
+    accel_bias: NDArray[np.float64]  # (m, 3) m/s²
+    rates_setpoint: NDArray[np.float64]  # (m, 3) rad/s
+    thrust_setpoint: NDArray[np.float64]  # (m,)
+    command: NDArray[np.float64]  # (m, 8)
+
+
+def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
+    """Write a recording, and other arrays beside it, as a compressed npz file."""
+    found: dict[str, Any] = {"airframe": np.array(recording.airframe), "time_us": recording.sensors["time_us"]}
+    for name, (clock, fields, single) in GROUPS.items():
+        times = recording.sensors[clock]
+        rows = np.flatnonzero(np.diff(times, prepend=0) != 0)
+        found[f"{name}.row"], found[f"{name}.{clock}"] = rows.astype(np.int32), times[rows]
+        for field in fields:
+            values = recording.sensors[field][rows]
+            found[f"{name}.{field}"] = values.astype(np.float32) if single else values
+    raw = recording.setpoints.view(np.uint8).reshape(len(recording.setpoints), -1)
+    rows = np.flatnonzero(np.r_[True, (raw[1:] != raw[:-1]).any(axis=1)])
+    found["setpoint.row"] = rows.astype(np.int32)
+    for field in SETPOINT.names or ():
+        found[f"setpoint.{field}"] = recording.setpoints[field][rows]
+    found["landed"] = np.packbits(recording.landed)
+    np.savez_compressed(path, **found, **extra)
+
+
+def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
+    """Return a recording and the other arrays of its file. Raises UsageError when it is none."""
+    try:
+        with np.load(path) as file:
+            found = dict(file)
+        count = len(found["time_us"])
+        sensors = np.zeros(count, SENSORS)
+        sensors["time_us"], sensors["range_m"] = found.pop("time_us"), np.nan
+        for name, (clock, fields, _) in GROUPS.items():
+            held = _held(found.pop(f"{name}.row"), count)
+            for field in (clock, *fields):
+                values = found.pop(f"{name}.{field}")
+                sensors[field][held >= 0] = values[held[held >= 0]]
+        setpoints = np.zeros(count, SETPOINT)
+        held = _held(found.pop("setpoint.row"), count)
+        for field in SETPOINT.names or ():
+            setpoints[field] = found.pop(f"setpoint.{field}")[held]
+        landed = np.unpackbits(found.pop("landed"), count=count).astype(bool)
+        return Recording(str(found.pop("airframe")), sensors, setpoints, landed), found
+    except (OSError, KeyError, ValueError, EOFError) as error:
+        raise UsageError(
+            f"{path} is not a recording of a flight ({error}): make one with tests/replay/record.py"
+        ) from error
+
+
+def replay(core: FlightCore, recording: Recording, every: int) -> Outcome:
+    """Return what a fresh inner loop makes of a recording; the state of `core` is used up by it."""
+    sample, actuators = np.zeros(1, SENSORS), np.zeros(1, ACTUATORS)[0]
+    arguments = core.kernel_args(sample[0], actuators)  # an element of a structured array is a view of it
+    kept: dict[str, list[Any]] = {name: [] for name in Outcome.__slots__}
+    for row in range(len(recording.sensors)):
+        sample[0] = recording.sensors[row]
+        for field in SETPOINT.names or ():
+            core.setpoint[field] = recording.setpoints[field][row]
+        core.state["landed"] = recording.landed[row]
+        update(*arguments)
+        if row % every == every - 1:
+            for name, values in kept.items():
+                source = actuators if name == "command" else core.estimate
+                values.append(np.copy(source[name]))
+    return Outcome(**{name: np.array(values) for name, values in kept.items()})
+
+
+def _held(rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+    """Return (count,) the number of the newest of `rows` at or before each row; -1 before the first."""
+    return np.searchsorted(rows, np.arange(count), side="right") - 1
