@@ -24,21 +24,18 @@ class Traffic:
         self._next_us = 0
 
     def begin(self, t0_us: int) -> None:
-        """From this vehicle time on the target moves."""
+        """From this vehicle time on the target moves; before, nobody knows where it is and it is not there."""
         self._t0_us = t0_us
 
     def place(self, vehicles: Sequence[Multirotor]) -> None:
         """Tell every vehicle where the target is now and how it goes on; between two words it goes straight on."""
         time_us = int(vehicles[0].state["time_us"])
-        if time_us < self._next_us:
+        if self._t0_us is None or time_us < self._next_us:
             return
         self._next_us = time_us + TOLD_US
         for vehicle in vehicles:
-            t_s = 0.0 if self._t0_us is None else (time_us - self._t0_us) / 1e6
+            t_s = (time_us - self._t0_us) / 1e6
             here, yaw = self._pose(t_s)
-            if self._t0_us is None:
-                vehicle.meet_box(here, yaw, (0.0, 0.0, 0.0), 0.0)
-                continue
             soon, later = self._pose(t_s + AHEAD_S)
             north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
             vehicle.meet_box(here, yaw, (north, east, down), wrap_pi(later - yaw) / AHEAD_S)

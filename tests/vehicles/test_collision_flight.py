@@ -2,6 +2,8 @@
 
 import math
 
+import pytest
+
 from autopilot.modes.setpoint import FREE, NAN, Setpoint
 from dronecats.border.frames import rotate
 from dronecats.border.mavlink import Parser
@@ -74,3 +76,20 @@ def test_flying_into_the_target_ends_at_its_door() -> None:
     assert any("target" in text for text in flight.said)
     assert 0.0495 < nearest < 0.3  # outside, by more than the renderer's near plane
     assert state["position"][1] > 2.7 + 1.0  # beside the car still
+
+
+def test_a_moving_target_is_solid_where_it_is_seen() -> None:
+    world = load_world("residential-tracking-01")
+    simulation = build(world, seed=3)
+    solids = simulation.vehicles[0].plant.solids
+    simulation.advance()
+    assert solids["box"] == 0
+    simulation.begin(simulation.time_us)
+    begun = simulation.time_us
+    for _ in range(12):
+        for _ in range(50):
+            simulation.advance()
+        t_s = (simulation.time_us - begun) / 1e6
+        since = (simulation.time_us - solids["box_time_us"]) / 1e6
+        there = solids["box_centre"] + solids["box_velocity"] * since
+        assert there == pytest.approx(world.target_centre(t_s), abs=0.05)
