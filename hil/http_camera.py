@@ -8,6 +8,7 @@ import numpy as np
 
 from dronecats.border.camera import Frame
 from dronecats.border.errors import CameraError
+from dronecats.border.redaction import redacted
 
 
 class HttpCamera:
@@ -17,6 +18,7 @@ class HttpCamera:
         self.url = url
         self._now_us = now_us
         self._frames = 0
+        self._none = f"the camera at {redacted(url)} gives no frame"
         self._http = httpx.Client(timeout=httpx.Timeout(timeout_s, connect=5.0))
 
     def newest(self, drone: int = 0) -> Frame:
@@ -24,16 +26,19 @@ class HttpCamera:
         try:
             response = self._http.get(self.url, params={"drone": drone} if drone else None)
         except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise CameraError(f"the camera at {self.url} gives no frame: {error or type(error).__name__}") from None
+            raise CameraError(f"{self._none}: {redacted(str(error)) or type(error).__name__}") from None
         if response.status_code != 200:
             said = " ".join(response.text[:120].split())
-            raise CameraError(f"the camera at {self.url} gives no frame: it answered {response.status_code} {said}")
+            raise CameraError(f"{self._none}: it answered {response.status_code} {said}")
         data = np.frombuffer(response.content, np.uint8)
         picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
         if picture is None:
-            raise CameraError(f"the camera at {self.url} gives no frame: what it sent is not a picture")
-        frame_id = int(response.headers.get("X-Frame-Id", self._frames))
-        time_us = int(response.headers.get("X-Frame-Time-Us", self._now_us()))
+            raise CameraError(f"{self._none}: what it sent is not a picture")
+        try:
+            frame_id = int(response.headers.get("X-Frame-Id", self._frames))
+            time_us = int(response.headers.get("X-Frame-Time-Us", self._now_us()))
+        except ValueError:
+            raise CameraError(f"{self._none}: its X-Frame headers are not whole numbers") from None
         self._frames += 1
         return Frame(frame_id, drone, time_us, cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
 

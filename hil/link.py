@@ -1,6 +1,7 @@
 """The link to any MAVLink autopilot, ours or PX4: one class through which every flight goes."""
 
 import math
+import time
 from collections.abc import Callable
 
 from dronecats.border.errors import LinkError
@@ -26,7 +27,7 @@ WATCHED = {  # message id -> µs between two
 }
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
-LOCAL_POSITION_NED = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE}  # either keeps the clock going
 HEARD = TOLD | {COMMAND_ACK}  # most of what an autopilot streams is for others
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
@@ -100,7 +101,7 @@ class Link:
             if message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT):
                 self._ack = message
             return
-        if kind == LOCAL_POSITION_NED:
+        if kind in STAMPED:
             self.clock.see(message.time_boot_ms)
         self.state = update(self.state, message)
 
@@ -148,17 +149,17 @@ class Link:
         )
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
-        silent_s, patience_s = 0.0, 0.5
+        patience_s, moved_s, moved_us, reads = 0.5, time.monotonic(), self.time_us, 0
         while not reached():
-            before = self.time_us
             heard = self._receive(patience_s)
             self.on_wait()
-            if heard and self.time_us > before:
-                silent_s = 0.0
-            elif not heard:
-                silent_s += patience_s
-                if silent_s >= self._silence_s:
-                    raise LinkError(f"the vehicle on {self.transport.url} has been silent for {silent_s:g} s")
+            reads += 1
+            if self.time_us != moved_us:
+                moved_s, moved_us, reads = time.monotonic(), self.time_us, 0
+            # wall time is the subject here; several reads, so that one long pause of our own is not held against it
+            elif reads >= 5 and time.monotonic() - moved_s >= self._silence_s:
+                what = "sends no telemetry any more" if heard else "has been silent"
+                raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
 
     def wait(self, seconds: float) -> None:
         """Let vehicle time pass, streaming on."""

@@ -55,6 +55,7 @@ class ActionError(ValueError):
 
 
 MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
+MAX_TRIES = 500  # places in a reply at which JSON may begin
 MAX_ROTATION_DEG = 3600.0  # ten turns: beyond it the number is noise, not an intention
 MAX_DEPTH_M = 100_000.0
 
@@ -62,10 +63,11 @@ MAX_DEPTH_M = 100_000.0
 def parse(reply: str, axis_order: AxisOrder = "xy") -> Action:
     """Return the action in `reply`.
 
-    The prompt asks for one JSON object and nothing else; prose or a code fence around it is tolerated, the first
-    object that has an "action" counts. Raises ActionError with the reason when there is none or it is malformed.
+    The prompt asks for one JSON object and nothing else. Prose or a code fence around it is tolerated: the last object
+    that has an "action" counts, since what comes before it leads up to it. Raises ActionError with the reason when
+    there is none or it is malformed.
     """
-    return action_from(_first_object(reply), axis_order)
+    return action_from(_last_object(reply), axis_order)
 
 
 def parse_fleet(reply: str, drones: int, axis_order: AxisOrder = "xy") -> list[Action | ActionError]:
@@ -143,15 +145,11 @@ def _finite(value: Any, what: str) -> float:
     return number
 
 
-def _first_object(reply: str) -> Any:
-    first: Any = None
-    for value in _values(reply, "{"):
-        if isinstance(value, dict) and "action" in value:
-            return value
-        first = value if first is None else first
-    if first is None:
+def _last_object(reply: str) -> Any:
+    values = _values(reply, "{")
+    if not values:
         raise ActionError("no JSON object in the reply")
-    return first
+    return next((v for v in reversed(values) if isinstance(v, dict) and "action" in v), values[-1])
 
 
 def _first_array(reply: str) -> list[Any] | ActionError:
@@ -164,8 +162,8 @@ def _first_array(reply: str) -> list[Any] | ActionError:
 def _values(reply: str, opening: str) -> list[Any]:
     """Return the outermost JSON values of the text that start with `opening`, in order."""
     decoder = json.JSONDecoder()
-    text, values, at = reply[:MAX_REPLY_CHARS], [], 0
-    while (at := text.find(opening, at)) >= 0:
+    text, values, at, tries = reply[:MAX_REPLY_CHARS], [], 0, 0
+    while (at := text.find(opening, at)) >= 0 and (tries := tries + 1) <= MAX_TRIES:
         try:
             value, end = decoder.raw_decode(text, at)
         except (json.JSONDecodeError, RecursionError, ValueError):

@@ -11,6 +11,7 @@ import httpx
 from dronecats.agent.model import Reply, Request
 from dronecats.agent.providers import Provider
 from dronecats.border.errors import ModelError, UsageError
+from dronecats.border.redaction import redacted
 
 ATTEMPTS = 3  # for answers that ask to be tried again: 408, 429 and 5xx
 TIMEOUT = httpx.Timeout(300.0, connect=10.0)  # s; extended reasoning takes minutes
@@ -29,24 +30,35 @@ class ChatModel:
         key = os.environ.get(provider.key_variable) if provider.key_variable else None
         if provider.key_variable and key is None and base_url is None and not self.base_url.startswith("http://127."):
             raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
+        self._key = key
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
             self._http = httpx.Client(headers=headers, timeout=TIMEOUT)
             httpx.URL(self.base_url)
         except (httpx.InvalidURL, ValueError) as error:
-            raise UsageError(f"--base-url '{url}' is not a URL: {error}") from None
+            raise UsageError(f"--base-url '{redacted(url)}' is not a URL: {error}") from None
 
     def close(self) -> None:
         self._http.close()
 
     def check(self) -> None:
-        """Raise ModelError when nothing answers at the endpoint; what it answers does not matter here."""
+        """Raise UsageError when nothing answers at the endpoint; what it answers does not matter here."""
         try:
             self._http.get(f"{self.base_url}/models", timeout=10.0)
         except httpx.UnsupportedProtocol:
-            raise UsageError(f"--base-url '{self.base_url}' must start with http:// or https://") from None
-        except httpx.HTTPError as error:
-            raise ModelError(f"the model endpoint {self.base_url} cannot be reached: {_reason(error)}") from None
+            raise UsageError(f"--base-url '{self._where}' must start with http:// or https://") from None
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise UsageError(f"the model endpoint {self._where} cannot be reached: {self._reason(error)}") from None
+
+    @property
+    def _where(self) -> str:
+        return redacted(self.base_url)
+
+    def _reason(self, error: Exception) -> str:
+        return redacted(str(error), self._key) or type(error).__name__
+
+    def _said(self, response: httpx.Response) -> str:
+        return redacted(" ".join(response.text.split()), self._key)[:200] or "(empty)"
 
     def body(self, request: Request) -> dict[str, Any]:
         """Return the request as the endpoint gets it."""
@@ -64,14 +76,14 @@ class ChatModel:
 
     def ask(self, request: Request) -> Reply:
         content = json.dumps(self.body(request)).encode()
+        started = time.monotonic()  # model latency is the one thing measured on the wall clock here
         for attempt in range(1, ATTEMPTS + 1):
-            started = time.monotonic()  # model latency is the one thing measured on the wall clock here
             try:
                 response = self._http.post(
                     f"{self.base_url}/chat/completions", content=content, headers={"Content-Type": "application/json"}
                 )
             except httpx.HTTPError as error:
-                raise ModelError(f"the model endpoint {self.base_url} broke off: {_reason(error)}") from None
+                raise ModelError(f"the model endpoint {self._where} broke off: {self._reason(error)}") from None
             latency_s = time.monotonic() - started
             if response.status_code == 200:
                 return self._reply(response, latency_s)
@@ -80,7 +92,7 @@ class ChatModel:
                 break
             time.sleep(_pause_s(response, attempt))
         raise ModelError(
-            f"the model endpoint {self.base_url} answered {response.status_code}: {_said(response)}"
+            f"the model endpoint {self._where} answered {response.status_code}: {self._said(response)}"
         ) from None
 
     def _reply(self, response: httpx.Response, latency_s: float) -> Reply:
@@ -88,15 +100,16 @@ class ChatModel:
             data = response.json()
             text = data["choices"][0]["message"]["content"]
             usage = data.get("usage") or {}
+            tokens = [usage.get(key) for key in ("prompt_tokens", "completion_tokens")]
             if text is None:  # everything went into reasoning: an empty answer of the model, not a fault of the wire
                 text = ""
             if not isinstance(text, str):
                 raise TypeError
-        except (ValueError, KeyError, IndexError, TypeError, AttributeError):
-            raise ModelError(
-                f"the model endpoint {self.base_url} answered something that is no chat completion: {_said(response)}"
-            ) from None
-        return Reply(text, latency_s, usage.get("prompt_tokens"), usage.get("completion_tokens"))
+        except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
+            said = self._said(response)
+            raise ModelError(f"the model endpoint {self._where} answered no chat completion but: {said}") from None
+        counted = [count if isinstance(count, int) and not isinstance(count, bool) else None for count in tokens]
+        return Reply(text, latency_s, *counted)
 
 
 def _pause_s(response: httpx.Response, attempt: int) -> float:
@@ -104,11 +117,3 @@ def _pause_s(response: httpx.Response, attempt: int) -> float:
         return min(60.0, max(0.0, float(response.headers["retry-after"])))
     except (KeyError, ValueError):
         return 2.0**attempt
-
-
-def _said(response: httpx.Response) -> str:
-    return " ".join(response.text[:200].split()) or "(empty)"
-
-
-def _reason(error: httpx.HTTPError) -> str:
-    return str(error) or type(error).__name__

@@ -29,10 +29,10 @@ class DecisionLog:
     """Appends to a file that is readable after a kill at any byte."""
 
     def __init__(self, path: Path) -> None:
-        self._file: TextIO = path.open("a", encoding="utf-8")
+        self._file: TextIO = path.open("a", encoding="utf-8", errors="backslashreplace")
 
     def write(self, decision: Decision) -> None:
-        self._file.write(json.dumps(asdict(decision), ensure_ascii=False) + "\n")
+        self._file.write(json.dumps(asdict(decision)) + "\n")
         self._file.flush()
 
     def close(self) -> None:

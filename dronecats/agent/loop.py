@@ -16,6 +16,7 @@ from dronecats.agent.picture import encode
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.vehicle import Vehicle
 from dronecats.border.camera import Camera, CameraModel, Frame
+from dronecats.border.errors import ModelError
 from dronecats.border.setpoints import Hold
 
 CAP_S = 300.0  # s of vehicle time, the length of an episode
@@ -90,6 +91,8 @@ class Agent:
             if self.now_s >= cap_s:
                 break
         if not asking.due(self.now_s):
+            if not self.steps:
+                raise ModelError("the model did not answer once before the episode was over")
             return []  # the episode is over before the reply: whatever it says came too late to be an action
         decisions = self._decide(frames, asking, thinking)
         self._act(cap_s)
@@ -102,7 +105,7 @@ class Agent:
             (self.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
         thinking = any(isinstance(drone.history.last, actions.Think) for drone in self.drones)
         text = self.pilot.prompt.render(
-            self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order
+            self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order, len(self.drones)
         )
         request = Request(text, pictures, thinking)
         return Asking(self.pilot.model, request, self.executor, self.pilot.latency, self.now_s), thinking
@@ -129,7 +132,7 @@ class Agent:
                 reply=reply.text,
                 action=action.as_json() if action else None,
                 error=str(outcome) if isinstance(outcome, actions.ActionError) else None,
-                latency_s=round(asking.latency_s(), 6),
+                latency_s=round(asking.latency_s(now_s), 6),
                 tokens_in=reply.tokens_in,
                 tokens_out=reply.tokens_out,
                 thinking=thinking,

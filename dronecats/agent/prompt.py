@@ -9,8 +9,22 @@ from pathlib import Path
 from dronecats.agent.action import AxisOrder
 from dronecats.border.errors import UsageError
 
-FIELDS = ("instruction", "point_fmt", "history_len", "history")
+FIELDS = ("instruction", "point_fmt", "history_len", "history", "situation", "answer", "closing")
 _FIELD = re.compile("{(" + "|".join(FIELDS) + ")}")
+ONE = {
+    "situation": "You fly a multirotor. Your only sense is the picture attached to this message: the view straight"
+    " ahead from the\ndrone's fixed forward camera.",
+    "answer": "Answer with one JSON object and nothing else. It holds one of these four actions:",
+    "closing": "One JSON object, no other text.",
+}
+FLEET = {
+    "situation": "You fly {n} multirotors at once, Drone 1 to Drone {n}. Your only sense is the pictures attached to"
+    " this message: the\nviews straight ahead from their fixed forward cameras, Drone 1's first. One drone that arrives"
+    " is enough, so divide\nwhat there is to look at among them.",
+    "answer": "Answer with one JSON array of {n} objects and nothing else: the actions of Drone 1 to Drone {n}, each"
+    " judged in its\nown drone's picture. Every object holds one of these four actions:",
+    "closing": "One JSON array of {n} objects, no other text.",
+}
 _POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
@@ -36,12 +50,16 @@ class Prompt:
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the template; kept in every run."""
-        return hashlib.sha256(self.template.encode()).hexdigest()
+        """Return the SHA-256 of the template and of the words filled in with it; kept in every run."""
+        return hashlib.sha256("\0".join((self.template, *ONE.values(), *FLEET.values())).encode()).hexdigest()
 
-    def render(self, instruction: str, history: str, history_len: int, axis_order: AxisOrder = "xy") -> str:
-        """Return the text of one step."""
+    def render(
+        self, instruction: str, history: str, history_len: int, axis_order: AxisOrder = "xy", drones: int = 1
+    ) -> str:
+        """Return the text of one step, for one drone or for a fleet."""
+        words = ONE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
         values = {
+            **words,
             "instruction": instruction,
             "point_fmt": _POINT_FORMAT[axis_order],
             "history_len": str(history_len),

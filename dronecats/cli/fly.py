@@ -2,12 +2,14 @@
 
 import argparse
 import json
-import signal
 import sys
 from pathlib import Path
 from typing import Any
 
-DEFAULT_EPISODE = "residential-approaching-01"
+from dronecats.cli import signals
+
+SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full")
+CONNECTED_ONLY = ("camera", "instruction", "seconds")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -18,7 +20,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…")
     vehicle.add_argument("--camera", metavar="URL", help="with --connect: an http:// address that gives a picture")
     vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
-    vehicle.add_argument("--airframe", default="x500", metavar="NAME", help="with --sitl (default x500)")
+    vehicle.add_argument("--airframe", metavar="NAME", help="with --sitl (default x500)")
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="built-in: vision (default), oracle, blind; none is a model")
     pilot.add_argument("--model", metavar="PROVIDER/NAME", help="openai/…, openrouter/…, vllm/… or local/…")
@@ -26,10 +28,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
     pilot.add_argument("--latency", metavar="POLICY", help="real, measured or fixed:SECONDS of vehicle time")
     run_group = parser.add_argument_group("run")
-    run_group.add_argument("--episode", default=None, metavar="ID", help=f"id or file (default {DEFAULT_EPISODE})")
-    run_group.add_argument("--speed", default="1", metavar="N|max", help="factor on real time; max is lockstep")
-    run_group.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
-    run_group.add_argument("--seconds", type=float, default=300.0, help="with --connect: length of the flight (300)")
+    run_group.add_argument("--episode", metavar="ID", help="id or file (default: go to the cyan SUV)")
+    run_group.add_argument("--speed", metavar="N|max", help="factor on real time (default 1); max is lockstep")
+    run_group.add_argument("--seed", type=int, help="of the sensors' noise (default 0)")
+    run_group.add_argument("--seconds", type=float, help="with --connect: length of the flight (300)")
     run_group.add_argument("--full", action="store_true", help="fly to the cap even when the verdict is decided")
     run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
     run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
@@ -40,26 +42,28 @@ def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
     from dronecats.border.errors import UsageError
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    signals.as_interrupts()
     if args.sitl == bool(args.connect):
         raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
     if args.model and args.pilot:
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
+    if args.base_url and not args.model:
+        raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
+    strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
+    stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
+    if stray:
+        raise UsageError(f"--{stray} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
     if args.connect:
-        from dronecats.run.connected import fly_connected
-
         if not args.camera or not args.instruction:
             raise UsageError("--connect needs --camera URL and --instruction TEXT")
+        from dronecats.run.connected import fly_connected
+
         result = fly_connected(args, say=_say)
     else:
         from dronecats.run.simulated import fly_simulated
 
         result = fly_simulated(args, say=_say)
     return _report(result, args.json)
-
-
-def _interrupt(signum: int, frame: Any) -> None:
-    raise KeyboardInterrupt
 
 
 def _say(line: str) -> None:
@@ -84,7 +88,8 @@ def _report(result: dict[str, Any], as_json: bool) -> int:
         print("dronecats fly: interrupted; the run folder holds what was flown", file=sys.stderr)
     if reason in ("cap", "decided"):
         print(
-            f"\n{_verdict(result)}; {result['steps']} steps, {result['declarations']} declarations,"
+            f"\n{_verdict(result)}; {result['steps']} steps, {result['declarations']} declaration"
+            f"{'' if result['declarations'] == 1 else 's'},"
             f" {result['sim_seconds']:.1f} s of flight at {result['real_time_factor']:.1f} × real time"
         )
     print(f"run folder: {result['run_dir']}", flush=True)

@@ -37,6 +37,11 @@ def main(argv: list[str] | None = None) -> int:
     except DronecatsError as error:
         print(f"dronecats {args.verb}: {error}", file=sys.stderr)
         return error.exit_status
+    except ImportError as missing:
+        from dronecats.run.folder import missing_package
+
+        print(f"dronecats {args.verb}: {missing_package(missing)}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"dronecats {args.verb}: interrupted", file=sys.stderr)
         return 130

@@ -2,10 +2,10 @@
 
 import argparse
 import contextlib
-import signal
 import tempfile
 from pathlib import Path
-from typing import Any
+
+from dronecats.cli import signals
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -39,9 +39,11 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--instance wants a number from 0 to 99, got {args.instance}")
     if args.count is not None and not 1 <= args.count <= 10:
         raise UsageError(f"--count wants 1 to 10 vehicles, got {args.count}")
-    episode = args.episode or "residential-approaching-01"
+    episode = args.episode or catalogue.DEFAULT
     catalogue.load(episode)
-    signal.signal(signal.SIGTERM, _interrupt)
+    if args.seed < 0:
+        raise UsageError(f"--seed wants 0 or more, got {args.seed}")
+    signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.run.supervisor import Supervisor
     from dronecats.sitl.simulator_process import Simulator
@@ -77,10 +79,6 @@ def run(args: argparse.Namespace) -> int:
             with contextlib.suppress(KeyboardInterrupt):
                 supervisor.close()
                 simulator.close()
-
-
-def _interrupt(signum: int, frame: Any) -> None:
-    raise KeyboardInterrupt
 
 
 def _announce(args: argparse.Namespace, camera: str | None) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.diagnostics import diagnostics
-from dronecats.judge.files import Logs, UnmeasuredError, declarations, last_action, read
+from dronecats.judge.files import Logs, UnmeasuredError, declarations, finished, last_action, read
 from dronecats.judge.verdict import CAP_S, DELTA_M, Verdict, judge
 
 
@@ -18,7 +18,7 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
     end at the cap or by decision, or one with an unmeasured frame, is an error of the infrastructure, never a failure.
     Where nobody knew the truth the outcome is unknown and `success` None.
     """
-    finished = [d for d in logs.decisions if (d.get("action") or {}).get("action") == "finished"]
+    claims = finished(logs)
     known = (logs.begin or {}).get("source") != "estimate"
     try:
         verdict = judge(declarations(logs), last_action(logs), delta_m) if known else Verdict(False, None, None)
@@ -33,8 +33,8 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
         "ne_m": verdict.ne_m,
         "delta_m": delta_m,
         "steps": steps,
-        "declarations": sum(d["t_decided"] <= CAP_S for d in finished),
-        "declarations_after_cap": sum(d["t_decided"] > CAP_S for d in finished),
+        "declarations": sum(d["t_decided"] <= CAP_S for d in claims),
+        "declarations_after_cap": sum(d["t_decided"] > CAP_S for d in claims),
         "deciding": (
             {"step": deciding.step, "drone": deciding.drone, "t": deciding.t, "distance_m": deciding.distance_m}
             if deciding
@@ -77,7 +77,16 @@ def judge_run(run: Path, delta_m: float = DELTA_M) -> dict[str, dict[str, Any]]:
     folders = [run] if (run / "decisions.jsonl").exists() else sorted(p.parent for p in run.glob("*/decisions.jsonl"))
     if not folders:
         raise UsageError(f"{run} holds no episode: a folder with decisions.jsonl and truth.jsonl is wanted")
-    return {folder.name: judge_folder(folder, delta_m) for folder in folders}
+    return {folder.resolve().name: _judged(folder, delta_m) for folder in folders}
+
+
+def _judged(folder: Path, delta_m: float) -> dict[str, Any]:
+    """One damaged episode is an error of its own and does not keep the others of a run from being judged."""
+    try:
+        return judge_folder(folder, delta_m)
+    except UsageError as damage:
+        nothing = Logs((), {}, (), None, None)
+        return {**outcome(nothing, delta_m), "error": str(damage), "stored_agrees": None}
 
 
 def write_verdict(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The two logs of an episode, read as they are: a torn last line is what a kill leaves, and is skipped."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,19 +22,25 @@ class Logs:
 
 
 def read(folder: Path) -> Logs:
-    """Return the logs of an episode folder. Raises UsageError when a file is missing or torn in the middle."""
-    truth = list(lines(folder / "truth.jsonl"))
+    """Return the logs of an episode folder. Raises UsageError when a file is missing or a line in it is damaged."""
+    truth = list(lines(folder / "truth.jsonl", _truth_fault))
     return Logs(
-        decisions=tuple(lines(folder / "decisions.jsonl")),
-        frames={(r["drone"], r["frame_id"]): r for r in truth if r.get("kind") == "frame"},
-        poses=tuple(r for r in truth if r.get("kind") == "pose"),
-        begin=next((r for r in truth if r.get("kind") == "begin"), None),
-        end=next((r for r in truth if r.get("kind") == "end"), None),
+        decisions=tuple(lines(folder / "decisions.jsonl", _decision_fault)),
+        frames={(r["drone"], r["frame_id"]): r for r in truth if r["kind"] == "frame"},
+        poses=tuple(r for r in truth if r["kind"] == "pose"),
+        begin=next((r for r in truth if r["kind"] == "begin"), None),
+        end=next((r for r in truth if r["kind"] == "end"), None),
     )
 
 
-def lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the objects of a JSON-lines file; a torn last line is left out."""
+Row = dict[str, Any]
+
+
+def lines(path: Path, fault: Callable[[Row], str | None] = lambda row: None) -> Iterator[Row]:
+    """Yield the objects of a JSON-lines file; a torn last line is left out.
+
+    `fault` says what is wrong with a row. Raises UsageError naming the file and the line.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -44,24 +50,72 @@ def lines(path: Path) -> Iterator[dict[str, Any]]:
         if not row.strip():
             continue
         try:
-            value = json.loads(row)
-            if not isinstance(value, dict):
-                raise ValueError
-        except ValueError:
-            if number == len(rows):
-                return  # no newline after it: the write was cut short
-            raise UsageError(f"{path} line {number} is not a JSON object; the log is damaged") from None
-        yield value
+            value = json.loads(row, parse_constant=_refuse)
+            reason = fault(value) if isinstance(value, dict) else "it is not a JSON object"
+        except (ValueError, RecursionError):
+            reason = "it is not JSON"
+        if reason is None:
+            yield value
+        elif number < len(rows):
+            raise UsageError(f"{path} line {number} is damaged: {reason}")
+        else:
+            return  # no newline after it: the write was cut short
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(constant)
+
+
+def _decision_fault(row: Row) -> str | None:
+    action = row.get("action")
+    if not (action is None or (isinstance(action, dict) and isinstance(action.get("action"), str))):
+        return "its action is not an action"
+    return _not_whole(row, "step", "drone", "frame_id") or _not_number(row, "t_decided")
+
+
+def _truth_fault(row: Row) -> str | None:
+    kind = row.get("kind")
+    if kind == "end":
+        return None if isinstance(row.get("reason"), str) else "its reason is not text"
+    if kind not in ("pose", "frame"):
+        return None if isinstance(kind, str) else "it has no kind"
+    whole = ("drone", "frame_id") if kind == "frame" else ("drone",)
+    place = row.get("position_ned")
+    if kind == "pose" and not (isinstance(place, list) and len(place) == 3 and all(_is_number(v) for v in place)):
+        return "its position_ned is not three numbers"
+    if row.get("distance_m") is not None and not _is_number(row["distance_m"]):
+        return "its distance_m is not a number"
+    if row.get("visible") not in (True, False, None):
+        return "its visible is neither true nor false"
+    return _not_whole(row, *whole) or _not_number(row, "t")
+
+
+def _not_whole(row: Row, *names: str) -> str | None:
+    bad = [name for name in names if not isinstance(row.get(name), int) or isinstance(row[name], bool)]
+    return f"its {bad[0]} is not a whole number" if bad else None
+
+
+def _not_number(row: Row, *names: str) -> str | None:
+    bad = [name for name in names if not _is_number(row.get(name))]
+    return f"its {bad[0]} is not a number" if bad else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e12
 
 
 class UnmeasuredError(Exception):
     """A decision refers to a frame whose truth was not logged."""
 
 
+def finished(logs: Logs) -> list[Row]:
+    """Return the decisions that declare arrival."""
+    return [d for d in logs.decisions if (d["action"] or {}).get("action") == "finished"]
+
+
 def declarations(logs: Logs) -> list[Measured]:
-    """Return the declarations within the cap with the truth at their frames. Raises UnmeasuredError."""
-    finished = [d for d in logs.decisions if (d.get("action") or {}).get("action") == "finished"]
-    return [measured(d, logs) for d in finished if d["t_decided"] <= CAP_S]
+    """Return the declarations with the truth at their frames. Raises UnmeasuredError for one that could count."""
+    return [measured(d, logs) for d in finished(logs) if d["t_decided"] <= CAP_S]
 
 
 def last_action(logs: Logs) -> Measured | None:

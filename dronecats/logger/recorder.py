@@ -1,4 +1,4 @@
-"""truth.jsonl and flight.tlog, from the bytes of the truth bus and of a telemetry port. Contract: design.md."""
+"""truth.jsonl and flight.tlog, from the truth bus and a telemetry port. Contract: docs/run-folder.md."""
 
 import json
 import math

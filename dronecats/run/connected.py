@@ -1,57 +1,85 @@
 """`fly --connect`: the same episode code on a vehicle that we did not start. Without truth there is no verdict."""
 
 import argparse
+import math
 from typing import Any
 
-from dronecats.agent.loop import Pilot
+from dronecats.agent.chat import ChatModel
+from dronecats.agent.loop import CAP_S, Pilot
 from dronecats.agent.prompt import Prompt
-from dronecats.border.errors import UsageError
-from dronecats.judge.episode import write_verdict
+from dronecats.agent.providers import split
+from dronecats.border.errors import CameraError, UsageError
+from dronecats.border.redaction import redacted
 from dronecats.pilots import roster
 from dronecats.run import folder as folders
 from dronecats.run.connected_stage import ConnectedStage
 from dronecats.run.episode import Start, fly
-from dronecats.run.plan import latency_for
-from dronecats.run.simulated import Say, progress, result_of
+from dronecats.run.plan import CAMERA, SAMPLING, latency_for
+from dronecats.run.simulated import Say, conclude, progress
+from hil.http_camera import HttpCamera
+from hil.transport import connect
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off, PX4's MIS_TAKEOFF_ALT
 
 
 def fly_connected(args: argparse.Namespace, say: Say) -> dict[str, Any]:
-    """Return what `fly --json` prints, with `status` and `reason`. Raises UsageError, LinkError, CameraError."""
+    """Return what `fly --json` prints, with `status` and `reason`.
+
+    Everything that can be refused is refused before the run folder is made: UsageError.
+    """
     if args.pilot == "oracle":
         raise UsageError("the oracle needs the truth, which only --sitl knows; choose --pilot vision or a --model")
     pilot_name = None if args.model else roster.check(args.pilot or "vision")
+    seconds = CAP_S if args.seconds is None else args.seconds
+    if not (math.isfinite(seconds) and 0.0 < seconds <= CAP_S):
+        raise UsageError(f"--seconds wants more than 0 and at most {CAP_S:g}, got {seconds:g}")
     policy = latency_for(args.latency, 1.0)
     prompt = Prompt.load(args.prompt)
-    folder = folders.create(args.out, pilot_name or args.model, EPISODE)
+    if args.model:
+        model = ChatModel(*split(args.model), args.base_url)
+        model.check()
+        model.close()
+    probe(args.camera)
+    transport = connect(args.connect)
+    configuration = {
+        "pilot": pilot_name,
+        "model": args.model,
+        "base_url": redacted(args.base_url) if args.base_url else None,
+        "prompt_sha256": prompt.digest,
+        "sampling": SAMPLING,
+        "clock": "the vehicle's",
+        "latency": policy.name,
+        "connect": args.connect,
+        "camera": {**CAMERA, "url": redacted(args.camera)},
+    }
+    folder = folders.create(args.out, pilot_name or args.model, EPISODE, configuration)
     folders.write_json(folder / "episode.json", {"id": EPISODE, "instruction": args.instruction})
-    folders.write_run(
-        folder.parent,
-        {
-            "pilot": pilot_name,
-            "model": args.model,
-            "base_url": args.base_url,
-            "prompt_sha256": prompt.digest,
-            "clock": "the vehicle's",
-            "latency": policy.name,
-            "connect": args.connect,
-            "camera": args.camera,
-        },
-    )
-    stage = ConnectedStage(args.connect, args.camera, pilot_name, args.model, args.base_url, folder)
+
+    def flight() -> Any:
+        stage = ConnectedStage(transport, args.camera, pilot_name, args.model, args.base_url, folder)
+        try:
+            return fly(
+                stage,
+                [Start((0.0, 0.0, -HEIGHT_M), None)],
+                Pilot(stage.model, prompt, args.instruction, policy),
+                folder,
+                cap_s=seconds,
+                on_step=progress(say),
+                say=say,
+            )
+        finally:
+            stage.close()
+
+    return conclude(flight, folder, EPISODE, pilot_name or args.model, configuration)
+
+
+def probe(url: str) -> None:
+    """Raise UsageError when the camera gives no frame: no picture, no flight, and said before anything moves."""
+    camera = HttpCamera(url, lambda: 0)
     try:
-        pilot = Pilot(stage.model, prompt, args.instruction, policy)
-        flown = fly(
-            stage,
-            [Start((0.0, 0.0, -HEIGHT_M), None)],
-            pilot,
-            folder,
-            cap_s=args.seconds,
-            on_step=progress(say),
-            say=say,
-        )
+        camera.newest()
+    except CameraError as error:
+        raise UsageError(str(error)) from None
     finally:
-        stage.close()
-    return result_of(EPISODE, pilot_name or args.model, folder, flown, write_verdict(folder))
+        camera.close()

@@ -1,32 +1,37 @@
 """A vehicle that somebody else started: its link, its camera, a pilot, and a logger of what it says of itself."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from dronecats.agent.chat import ChatModel
+from dronecats.agent.latency import DaemonExecutor
 from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.mavlink import dialect
 from dronecats.run.supervisor import Supervisor
 from hil.http_camera import HttpCamera
 from hil.link import Link
-from hil.transport import connect
+from hil.transport import Transport, connect
 
 
 class ConnectedStage:
     """The link's bytes are copied to the logger, which is a process of its own here as well."""
 
     def __init__(
-        self, url: str, camera_url: str, pilot: str | None, model: str | None, base_url: str | None, folder: Path
+        self,
+        transport: Transport,
+        camera_url: str,
+        pilot: str | None,
+        model: str | None,
+        base_url: str | None,
+        folder: Path,
     ) -> None:
         self._supervisor = Supervisor(folder)
-        self.executor = ThreadPoolExecutor(1, thread_name_prefix="model")
+        self.executor = DaemonExecutor()
         self.links: list[Link] = []
         try:
-            self.links.append(Link(connect(url)))
+            self.links.append(Link(transport))
             self.camera = HttpCamera(camera_url, lambda: self.links[0].time_us)
-            self.camera.newest()  # no frame, no flight: said before anything moves
             self._logger = self._supervisor.start("estimate-logger", {"folder": str(folder)})
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
             self.links[0].on_message = self._to_logger
@@ -39,9 +44,7 @@ class ConnectedStage:
         if pilot:
             url = self._supervisor.start("pilot", {"pilot": pilot}).ready()["base_url"]
             return ChatModel(PROVIDERS["local"], pilot, url)
-        chat = ChatModel(*split(model or ""), base_url)
-        chat.check()
-        return chat
+        return ChatModel(*split(model or ""), base_url)
 
     def _to_logger(self, message: dialect.MAVLink_message) -> None:
         self._copy.send(bytes(message.get_msgbuf()))
@@ -61,4 +64,3 @@ class ConnectedStage:
         for close in closing:
             close()
         self._supervisor.close()
-        self.executor.shutdown(wait=False, cancel_futures=True)

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot
 from dronecats.border.camera import CameraModel
-from dronecats.border.errors import DronecatsError, LinkError
+from dronecats.border.errors import DronecatsError, InfrastructureError, LinkError
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import dialect
 from dronecats.border.setpoints import Hold
@@ -60,34 +61,55 @@ def fly(
     log = DecisionLog(folder / "decisions.jsonl")
     agent: Agent | None = None
     reason, error = "cap", None
-    began_s = time.monotonic()  # wall time of the flight is one of its results
+    began_s: float | None = None
     watch = Watch(folder, full)
     try:
         for link, start in zip(stage.links, starts, strict=True):
             link.on_wait = stage.check
             ascend(link, start, say)
         agent = _begin(stage, pilot, folder, log, on_step)
-        began_s = time.monotonic()
+        began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
     except KeyboardInterrupt:
         reason = "interrupted"
     except DronecatsError as fault:
         reason, error = "error", fault
+    except Exception as bug:
+        reason, error = "error", unexpected(bug, folder)
     flown_s = agent.now_s if agent else 0.0
-    wall_s = time.monotonic() - began_s
-    try:
-        stage.end(reason, str(error) if error else None)
-    except DronecatsError as fault:
-        reason, error = ("error", fault) if error is None else (reason, error)
-    try:
-        land(stage, say)
-    except DronecatsError as fault:
-        say(f"the landing was not seen to end: {fault}")  # after the episode, so it changes no verdict
-    except KeyboardInterrupt:
-        say("asked twice to stop: not waiting for the landing")
+    wall_s = time.monotonic() - began_s if began_s is not None else 0.0
+    error = _finish(stage, reason, error, say) or error
     log.close()
-    return Flown(reason, error, flown_s, wall_s, agent.steps if agent else 0)
+    return Flown("error" if error else reason, error, flown_s, wall_s, agent.steps if agent else 0)
+
+
+def unexpected(bug: Exception, folder: Path) -> DronecatsError:
+    """Return a mistake of ours as an infrastructure error; the traceback goes into the run folder."""
+    log = folder / "traceback.log"
+    with log.open("a", encoding="utf-8", errors="backslashreplace") as file:
+        traceback.print_exception(bug, file=file)
+    return InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program; see {log}")
+
+
+def _finish(
+    stage: Stage, reason: str, error: DronecatsError | None, say: Callable[[str], None]
+) -> DronecatsError | None:
+    """Order the landing, tell the logger, wait for the landing. Return the logger's fault, if it is the first one.
+
+    In this order: a logger that hangs, or a second Ctrl-C, must not keep a vehicle from being told to land.
+    """
+    fault: DronecatsError | None = None
+    try:
+        flying = order_landing(stage, say)
+        try:
+            stage.end(reason, str(error) if error else None)
+        except DronecatsError as broken:
+            fault = broken if error is None else None
+        await_landing(flying, say)
+    except KeyboardInterrupt:
+        say("asked twice to stop: not waiting any longer")
+    return fault
 
 
 def ascend(link: Link, start: Start, say: Callable[[str], None]) -> None:
@@ -143,17 +165,29 @@ def _begin(
     )
 
 
-def land(stage: Stage, say: Callable[[str], None] = lambda line: None) -> None:
-    """Land every drone that is armed and wait until it has disarmed. Raises LinkError."""
+def order_landing(stage: Stage, say: Callable[[str], None] = lambda line: None) -> list[Link]:
+    """Tell every armed drone to land and return those that were told; one that does not answer stops no other."""
+    told = []
     for link in stage.links:
         link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
         link.stop_stream()
         if link.state.armed:
             say("landing …")
-            link.set_mode("LAND")
-    for link in stage.links:
-        if link.state.armed:
+            try:
+                link.set_mode("LAND")
+                told.append(link)
+            except DronecatsError as fault:  # after the episode, so it changes no verdict
+                say(f"the vehicle could not be told to land: {fault}")
+    return told
+
+
+def await_landing(links: Sequence[Link], say: Callable[[str], None] = lambda line: None) -> None:
+    """Wait until every one of the drones has disarmed."""
+    for link in links:
+        try:
             link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
+        except DronecatsError as fault:
+            say(f"the landing was not seen to end: {fault}")
 
 
 class Watch:

@@ -1,4 +1,4 @@
-"""Where a run is kept. Layout: design.md, "Files of a run"."""
+"""Where a run is kept. Layout: docs/run-folder.md."""
 
 import json
 import platform
@@ -11,24 +11,60 @@ from typing import Any
 from dronecats import __version__
 from dronecats.border.errors import UsageError
 
+SIMULATION = ("numba", "embreex", "matplotlib")
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
-def create(out: Path | None, pilot_name: str, episode_id: str) -> Path:
-    """Return a new episode folder inside a run folder: `out`, or one named after the time and the pilot.
+def create(out: Path | None, pilot_name: str, episode_id: str, configuration: dict[str, Any]) -> Path:
+    """Return a new episode folder inside a run folder, with its empty logs and the run's run.json.
 
-    Raises UsageError when the episode has been flown in that run already, or the folder cannot be made.
+    The run folder is `out`, or a new one named after the time and the pilot. Raises UsageError when `out` holds that
+    episode already or belongs to another configuration, or when nothing can be written there.
     """
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # a name for people, never read back
-    run = out or Path("runs") / f"{stamp}-{re.sub('[^A-Za-z0-9.]+', '-', pilot_name)}"
-    folder = run / episode_id
-    if (folder / "decisions.jsonl").exists():
-        raise UsageError(f"{folder} already holds a flight; choose another --out")
     try:
+        run = out or _fresh_run(pilot_name)
+        folder = run / episode_id
+        if (folder / "decisions.jsonl").exists():
+            raise UsageError(f"{folder} already holds a flight; choose another --out")
+        before = _configuration(run / "run.json")
+        if before is not None and any(before.get(key) != value for key, value in configuration.items()):
+            raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
         (folder / "frames").mkdir(parents=True, exist_ok=True)
+        for log in ("decisions.jsonl", "truth.jsonl"):
+            (folder / log).touch()  # a flight that breaks off before its first line is judged too
+        write_run(run, configuration)
     except OSError as error:
-        raise UsageError(f"the run folder {folder} cannot be made: {error.strerror}") from None
+        raise UsageError(f"the run folder {out or 'runs'} cannot be written: {error.strerror}") from None
     return folder
+
+
+def _fresh_run(pilot_name: str) -> Path:
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # a name for people, never read back
+    name = f"{stamp}-{re.sub('[^A-Za-z0-9.]+', '-', pilot_name)}"
+    Path("runs").mkdir(exist_ok=True)
+    for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
+        run = Path("runs") / (name + suffix)
+        try:
+            run.mkdir()  # atomic: two flights that start in one second do not share a folder
+            return run
+        except FileExistsError:
+            continue
+    raise UsageError(f"runs/{name} exists a thousand times; choose --out")
+
+
+def _configuration(path: Path) -> dict[str, Any] | None:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def missing_package(error: ImportError) -> str:
+    """Return what to do about a package that is not installed."""
+    if (error.name or "").split(".")[0] in SIMULATION:
+        return f"simulation needs {error.name}, which is not installed: pip install 'dronecats[sim]'"
+    return f"{error.name or error} is not installed; install dronecats again with pip"
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:

@@ -30,6 +30,7 @@ class LockstepStage:
         world = World(plan.record)
         camera = CameraModel()
         simulation = build(world, airframe=plan.airframe, seed=plan.seed)
+        self._simulation = simulation
         clock = Lockstep(simulation)
         self._recorder = Recorder(
             folder, origin(world), lambda t, s, c: world.measure(t, s.position_ned, s.attitude, c), camera
@@ -61,11 +62,10 @@ class LockstepStage:
                 roster.answer(plan.pilot), plan.pilot, owned_by=roster.SERVED[plan.pilot]
             ).start()
             return ChatModel(PROVIDERS["local"], plan.pilot, self._server.base_url)
-        model = ChatModel(*split(plan.model or ""), plan.base_url)
-        model.check()
-        return model
+        return ChatModel(*split(plan.model or ""), plan.base_url)
 
     def begin(self, t0_us: int) -> None:
+        self._simulation.begin(t0_us)
         self._recorder.begin(t0_us)
         self.camera.begin(t0_us)
         if self._oracle:

@@ -4,8 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dronecats.agent.latency import Latency, latency
+from dronecats.agent.model import Request
+from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
 from episodes.record import EpisodeRecord
+
+_DEFAULT, _CAMERA = Request("", (), False), CameraModel()
+SAMPLING = {"temperature": _DEFAULT.temperature, "max_tokens": _DEFAULT.max_tokens}
+CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,10 @@
 """Every part a process of its own, the vehicle's clock paced by the wall's."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from dronecats.agent.chat import ChatModel
+from dronecats.agent.latency import DaemonExecutor
 from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
@@ -25,7 +25,7 @@ class RealtimeStage:
         self._supervisor = Supervisor(folder)
         self._oracle: OracleModel | None = None
         self._oracle_bus: Listener | None = None
-        self.executor = ThreadPoolExecutor(1, thread_name_prefix="model")
+        self.executor = DaemonExecutor()
         try:
             self._start(plan, folder, Patience(say))
         except BaseException:
@@ -38,6 +38,7 @@ class RealtimeStage:
             "simulator",
             {"episode": plan.episode, "airframe": plan.airframe, "seed": plan.seed, "speed": plan.speed},
         )
+        self._simulator = simulator
         ports = simulator.ready(patience)
         truth = f"udpout://127.0.0.1:{ports['truth']}"
         camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth})
@@ -64,9 +65,7 @@ class RealtimeStage:
             return self._oracle
         if pilot is not None:
             return ChatModel(PROVIDERS["local"], plan.pilot or "", pilot.ready(patience)["base_url"])
-        model = ChatModel(*split(plan.model or ""), plan.base_url)
-        model.check()
-        return model
+        return ChatModel(*split(plan.model or ""), plan.base_url)
 
     def _listen(self) -> None:
         if self._oracle_bus:
@@ -74,6 +73,7 @@ class RealtimeStage:
                 pass
 
     def begin(self, t0_us: int) -> None:
+        self._simulator.do("begin", t0_us=t0_us)
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us)
         if self._oracle:
@@ -94,7 +94,6 @@ class RealtimeStage:
         if self._oracle_bus:
             self._oracle_bus.close()
         self._supervisor.close()
-        self.executor.shutdown(wait=False, cancel_futures=True)
 
 
 class Patience:
@@ -106,4 +105,4 @@ class Patience:
     def __call__(self) -> None:
         self._waits += 1
         if self._waits == 6:
-            self._say("compiling the flight core and the camera (first run only, about a minute) …")
+            self._say("starting the simulator and the camera; the first run compiles them, about a minute …")

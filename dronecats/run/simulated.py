@@ -1,8 +1,10 @@
 """`fly --sitl`: from the command line's words to a judged run folder."""
 
 import argparse
+import signal
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +17,19 @@ from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import split
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import DronecatsError, UsageError
+from dronecats.border.redaction import redacted
 from dronecats.judge.episode import write_verdict
 from dronecats.judge.files import lines
 from dronecats.pilots import roster
 from dronecats.run import folder as folders
-from dronecats.run.episode import Flown, fly, start_of
-from dronecats.run.plan import Plan, latency_for, speed
+from dronecats.run.episode import Flown, fly, start_of, unexpected
+from dronecats.run.plan import CAMERA, SAMPLING, Plan, latency_for, speed
 from dronecats.run.stage import Stage
 from episodes import catalogue
 from vehicles import airframe as airframes
 
-DEFAULT_EPISODE = "residential-approaching-01"
 Say = Callable[[str], None]
+SEED_MAX = 2**31 - 1
 
 
 def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
@@ -37,24 +40,30 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
         model = ChatModel(*split(plan.model), plan.base_url)
         model.check()
         model.close()
-    folder = folders.create(args.out, plan.pilot_name, plan.record.id)
+    settings = configuration(plan, prompt)
+    folder = folders.create(args.out, plan.pilot_name, plan.record.id, settings)
     (folder / "episode.json").write_text(plan.record.to_json(), encoding="utf-8")
-    folders.write_run(folder.parent, configuration(plan, prompt))
-    say(f'episode {plan.record.id}: "{plan.record.instruction}", pilot {plan.pilot_name}{_disclaimer(plan)}')
-    flown = _fly(plan, prompt, folder, say)
-    verdict = write_verdict(folder)
-    folders.write_run(folder.parent, {**configuration(plan, prompt), "served_rate_hz": served_rate_hz(folder)})
-    draw(plan, folder)
-    return result_of(plan.record.id, plan.pilot_name, folder, flown, verdict)
+    disclaimer = " (built in, not a model)" if plan.pilot else ""
+    say(f'episode {plan.record.id}: "{plan.record.instruction}", pilot {plan.pilot_name}{disclaimer}')
+    return conclude(
+        lambda: _fly(plan, prompt, folder, say),
+        folder,
+        plan.record.id,
+        plan.pilot_name,
+        settings,
+        lambda: draw(plan, folder),
+    )
 
 
 def resolve(args: argparse.Namespace) -> Plan:
     """Return the plan that the command line asks for. Raises UsageError."""
-    factor = speed(args.speed)
-    episode = args.episode or DEFAULT_EPISODE
-    airframes.load(args.airframe)
-    if args.base_url and not args.model:
-        raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
+    factor = speed(args.speed or "1")
+    episode = args.episode or catalogue.DEFAULT
+    seed = 0 if args.seed is None else args.seed
+    if not 0 <= seed <= SEED_MAX:
+        raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {seed}")
+    airframe = args.airframe or "x500"
+    airframes.load(airframe)
     return Plan(
         episode=episode,
         record=catalogue.load(episode),
@@ -63,8 +72,8 @@ def resolve(args: argparse.Namespace) -> Plan:
         base_url=args.base_url,
         speed=factor,
         latency=latency_for(args.latency, factor),
-        seed=args.seed,
-        airframe=args.airframe,
+        seed=seed,
+        airframe=airframe,
         prompt_file=args.prompt,
         full=args.full,
     )
@@ -75,21 +84,21 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
     return {
         "pilot": plan.pilot,
         "model": plan.model,
-        "base_url": plan.base_url,
+        "base_url": redacted(plan.base_url) if plan.base_url else None,
         "prompt_sha256": prompt.digest,
-        "sampling": {"temperature": 0.4, "max_tokens": 8192},
+        "sampling": SAMPLING,
         "seed": plan.seed,
         "clock": "lockstep" if plan.speed is None else "real time",
         "speed": plan.speed,
         "latency": plan.latency.name,
         "airframe": plan.airframe,
-        "camera": {"width": CameraModel().width, "height": CameraModel().height, "hfov_deg": CameraModel().hfov_deg},
+        "camera": CAMERA,
     }
 
 
 def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say) -> Flown:
     if plan.speed is None:
-        say("lockstep: loading the flight core and the camera (compiled on the first run, about a minute) …")
+        say("lockstep: loading the flight core and the camera; the first run compiles them, about a minute …")
         from dronecats.run.lockstep_stage import LockstepStage
 
         stage: Stage = LockstepStage(plan, folder)
@@ -97,15 +106,74 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say) -> Flown:
         from dronecats.run.realtime_stage import RealtimeStage
 
         stage = RealtimeStage(plan, folder, say)
-    from dronecats.sitl.scenario import load_world
-
-    world = load_world(plan.episode)
-    starts = [start_of(start, world.ground_down(*start.position_ned[:2])) for start in plan.record.starts]
-    pilot = Pilot(stage.model, prompt, plan.record.instruction, plan.latency)
     try:
+        from dronecats.sitl.scenario import load_world
+
+        world = load_world(plan.episode)
+        starts = [start_of(start, world.ground_down(*start.position_ned[:2])) for start in plan.record.starts]
+        pilot = Pilot(stage.model, prompt, plan.record.instruction, plan.latency)
         return fly(stage, starts, pilot, folder, full=plan.full, on_step=progress(say), say=say)
     finally:
         stage.close()
+
+
+def conclude(
+    flight: Callable[[], Flown],
+    folder: Path,
+    episode: str,
+    pilot_name: str,
+    settings: dict[str, Any],
+    draw_picture: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """Fly, and whatever comes of it leave a judged run folder; return the JSON object of `fly`."""
+    try:
+        flown = flight()
+    except KeyboardInterrupt:
+        flown = Flown("interrupted", None, 0.0, 0.0, 0)
+    except DronecatsError as error:
+        flown = Flown("error", error, 0.0, 0.0, 0)
+    except ImportError as missing:
+        flown = Flown("error", UsageError(folders.missing_package(missing)), 0.0, 0.0, 0)
+    except Exception as bug:
+        flown = Flown("error", unexpected(bug, folder), 0.0, 0.0, 0)
+    with undisturbed():
+        verdict = write_verdict(folder)
+        folders.write_run(folder.parent, {**settings, "served_rate_hz": served_rate_hz(folder)})
+        if flown.steps:
+            draw_picture()
+    status = {"cap": 0, "decided": 0, "interrupted": 130}.get(flown.reason, 3)
+    if flown.error:
+        status = flown.error.exit_status
+    elif status == 0 and verdict["outcome"] == "error":
+        status = 3
+    return {
+        "episode": episode,
+        "pilot": pilot_name,
+        "outcome": verdict["outcome"],
+        "success": verdict["success"],
+        "ne_m": verdict["ne_m"],
+        "steps": flown.steps,
+        "declarations": verdict["declarations"],
+        "sim_seconds": round(flown.sim_seconds, 3),
+        "wall_seconds": round(flown.wall_seconds, 3),
+        "real_time_factor": round(flown.sim_seconds / flown.wall_seconds, 3) if flown.wall_seconds else 0.0,
+        "run_dir": str(folder),
+        "error": str(flown.error) if flown.error else verdict["error"] if flown.reason != "interrupted" else None,
+        "reason": flown.reason,
+        "status": status,
+    }
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ignore Ctrl-C and its like for the moment that it takes to write the verdict."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 def progress(say: Say) -> Callable[[Decision], None]:
@@ -136,33 +204,3 @@ def draw(plan: Plan, folder: Path) -> None:
         draw_flight(folder, picture, extent)
     except (DronecatsError, OSError, ValueError) as error:
         (folder / "flight.png.error").write_text(f"{error}\n", encoding="utf-8")
-
-
-def result_of(
-    episode: str, pilot_name: str, folder: Path, flown: Flown, verdict: dict[str, Any]
-) -> dict[str, Any]:
-    """Return the JSON object of `fly`."""
-    status = {"cap": 0, "decided": 0, "interrupted": 130}.get(flown.reason, 3)
-    error = str(flown.error) if flown.error else verdict["error"] if flown.reason != "interrupted" else None
-    if status == 0 and verdict["outcome"] == "error":
-        status = 3
-    return {
-        "episode": episode,
-        "pilot": pilot_name,
-        "outcome": verdict["outcome"],
-        "success": verdict["success"],
-        "ne_m": verdict["ne_m"],
-        "steps": flown.steps,
-        "declarations": verdict["declarations"],
-        "sim_seconds": round(flown.sim_seconds, 3),
-        "wall_seconds": round(flown.wall_seconds, 3),
-        "real_time_factor": round(flown.sim_seconds / flown.wall_seconds, 3) if flown.wall_seconds else 0.0,
-        "run_dir": str(folder),
-        "error": error,
-        "reason": flown.reason,
-        "status": status,
-    }
-
-
-def _disclaimer(plan: Plan) -> str:
-    return " (built in, not a model)" if plan.pilot else ""

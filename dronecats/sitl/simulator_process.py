@@ -66,6 +66,8 @@ class Simulator:
         }
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "begin":
+            self.simulation.begin(arguments["t0_us"])
         if command == "pace":
             return {"ticks": self._keeper.ticks, "late": self._keeper.late, "lag_max_s": self._keeper.lag_max_s}
         return None

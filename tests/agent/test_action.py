@@ -17,7 +17,8 @@ from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, par
         ('{"action":"finished"}', Finished()),
         ('```json\n{"action":"think"}\n```', Think()),
         ('I see {a car}. {"action":"rotate","angle_deg":120}', Rotate(120)),
-        ('{"reason":"near","action":"finished"} {"action":"think"}', Finished()),
+        ('{"reason":"near"} {"action":"finished"} {"then":"rest"}', Finished()),
+        ('For example {"action":"finished"} would be wrong. {"action":"think"}', Think()),
     ],
 )
 def test_reads_the_four_actions(reply, action):

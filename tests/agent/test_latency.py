@@ -39,7 +39,14 @@ def test_latency_is_charged_on_the_vehicles_clock(policy, due_s):
     asking = Asking(Answering(), REQUEST, InlineExecutor(), latency(policy), 10.0)
     assert not asking.due(due_s - 0.01) or due_s == 10.0
     assert asking.due(due_s)
-    assert asking.latency_s() == pytest.approx(due_s - 10.0)
+    assert asking.latency_s(due_s + 0.05) == pytest.approx(due_s - 10.0)
+
+
+def test_a_reply_that_comes_after_its_charge_is_written_down_as_late_as_it_was():
+    asking = Asking(Answering(3.0), REQUEST, InlineExecutor(), latency("fixed:0.5"), 10.0)
+    assert asking.latency_s(13.0) == pytest.approx(3.0)
+    passing = Asking(Answering(0.2), REQUEST, InlineExecutor(), latency("real"), 10.0)
+    assert passing.latency_s(10.8) == pytest.approx(0.8)
 
 
 def test_a_slow_call_is_never_due_before_it_has_come_back():

@@ -34,7 +34,7 @@ def test_prompt_fills_its_fields_and_nothing_else():
 
 
 def test_digest_is_of_the_template():
-    assert Prompt.load().digest == Prompt.load().digest
+    assert len(Prompt.load().digest) == 64
     assert Prompt("{instruction}{history}").digest != Prompt.load().digest
 
 
@@ -45,3 +45,11 @@ def test_a_prompt_without_its_fields_is_refused(tmp_path):
         Prompt.load(path)
     with pytest.raises(UsageError, match="cannot be read"):
         Prompt.load(tmp_path / "missing.txt")
+
+
+def test_a_fleet_is_asked_for_an_array_and_told_about_its_pictures():
+    text = Prompt.load().render("find the blue car", "Drone 1:\n1. THINK", 5, drones=4)
+    assert "JSON array of 4 objects" in text
+    assert "4 multirotors" in text
+    assert "{" not in text.split("# Answer")[0]
+    assert "One JSON object" not in text

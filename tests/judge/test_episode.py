@@ -1,6 +1,9 @@
 import json
+from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
@@ -111,8 +114,37 @@ def test_is_readable_after_a_kill_at_any_byte(folder, tmp_path):
 def test_damage_in_the_middle_is_said(folder):
     path = folder([decision(0, 0, 5.0)], [BEGIN, END])
     (path / "truth.jsonl").write_text('{"kind":"begin"\n{"kind":"end"}\n')
-    with pytest.raises(UsageError, match="line 1"):
+    with pytest.raises(UsageError, match="line 1 is damaged"):
         judge_folder(path)
+    verdict = judge_run(path)["e"]
+    assert verdict["outcome"] == "error"
+    assert "truth.jsonl line 1 is damaged" in verdict["error"]
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=4),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["action", "t", "x"]), inner),
+    max_leaves=4,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from(["step", "drone", "frame_id", "t_decided", "action"]), JSON,
+       st.sampled_from(["kind", "t", "drone", "frame_id", "distance_m", "visible", "reason", "position_ned"]), JSON,
+       st.integers(0, 3))  # fmt: skip
+def test_any_damage_is_judged_or_named(folder, key, value, truth_key, truth_value, row):
+    decisions = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0)]
+    truth = [BEGIN, frame(0, 4.5, 9.0), pose(5.0, 8.0), END]
+    decisions[row % 2][key] = value
+    truth[row] = {**truth[row], truth_key: truth_value}
+    verdict = judge_run(folder(decisions, truth))["e"]
+    assert verdict["outcome"] in ("success", "failure", "error")
+    json.dumps(verdict, allow_nan=False)
+
+
+def test_the_folder_one_stands_in_has_a_name(folder, monkeypatch):
+    monkeypatch.chdir(folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END], "here"))
+    assert list(judge_run(Path("."))) == ["here"]
 
 
 def test_stored_verdict_is_compared(folder):

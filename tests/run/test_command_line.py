@@ -24,7 +24,11 @@ from dronecats.cli.main import main
         (["fly", "--sitl", "--latency", "fixed:x"], "--latency wants"),
         (["fly", "--sitl", "--airframe", "x50"], "x500"),
         (["fly", "--connect", "udpin://127.0.0.1:0"], "--camera URL and --instruction"),
-        (["fly", "--connect", "nonsense", "--camera", "http://127.0.0.1:1/", "--instruction", "x"], "is no link"),
+        (["fly", "--sitl", "--seed", "-1"], "--seed wants"),
+        (["fly", "--sitl", "--seconds", "9"], "--seconds goes with --connect"),
+        (["fly", "--connect", "udpin://127.0.0.1:0", "--speed", "max"], "--speed goes with --sitl"),
+        (["fly", "--connect", "x", "--camera", "x", "--instruction", "x", "--seconds", "nan"], "--seconds wants"),
+        (["fly", "--connect", "x", "--camera", "http://127.0.0.1:1/", "--instruction", "x"], "gives no frame"),
         (["fly", "--sitl", "--prompt", "/nowhere/prompt.txt"], "cannot be read"),
         (["judge", "/nowhere"], "there is no folder"),
         (["judge", ".", "--delta", "-1"], "--delta wants"),
@@ -50,7 +54,7 @@ def test_an_api_key_that_is_missing_is_asked_for_by_its_variable(capsys, monkeyp
 def test_an_unreachable_model_is_said_before_anything_starts(capsys, tmp_path):
     endpoint = ["--model", "local/m", "--base-url", "http://127.0.0.1:1/v1"]
     arguments = ["fly", "--sitl", *endpoint, "--out", str(tmp_path / "r")]
-    assert main(arguments) == 3
+    assert main(arguments) == 2
     assert "model endpoint http://127.0.0.1:1/v1 cannot be reached" in capsys.readouterr().err
     assert not (tmp_path / "r").exists()
 
@@ -58,7 +62,8 @@ def test_an_unreachable_model_is_said_before_anything_starts(capsys, tmp_path):
 def test_a_camera_that_gives_no_frame_is_said_before_anything_moves(capsys, tmp_path):
     arguments = ["fly", "--connect", "udpin://127.0.0.1:0", "--camera", "http://127.0.0.1:1/frame.jpg",
                  "--instruction", "go to the car", "--out", str(tmp_path)]  # fmt: skip
-    assert main(arguments) == 3
+    assert main(arguments) == 2
+    assert not list(tmp_path.iterdir())
     assert "gives no frame" in capsys.readouterr().err
 
 
