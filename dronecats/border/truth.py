@@ -6,7 +6,7 @@ The agent and the autopilot may not import this.
 from dataclasses import dataclass
 
 from dronecats.border.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized
-from dronecats.border.mavlink import dialect
+from dronecats.border.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
@@ -60,6 +60,26 @@ def truth_sample(message: dialect.MAVLink_message, origin: Origin) -> TruthSampl
         velocity_ned=(message.vx / 100, message.vy / 100, message.vz / 100),
         attitude=quat_normalized(tuple(message.attitude_quaternion)),
     )
+
+
+class NewestTruth:
+    """Follows the truth bus and knows where each drone was last."""
+
+    def __init__(self, origin: Origin) -> None:
+        self._origin = origin
+        self._parser = Parser()
+        self._newest: dict[int, TruthSample] = {}
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes of the bus."""
+        for message in self._parser.feed(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                sample = truth_sample(message, self._origin)
+                self._newest[sample.drone] = sample
+
+    def of(self, drone: int) -> TruthSample | None:
+        """Return the newest sample of a drone, None while it has not been heard."""
+        return self._newest.get(drone)
 
 
 def frame_message(taken: FrameTaken, sample: TruthSample, origin: Origin) -> dialect.MAVLink_message:

@@ -7,8 +7,7 @@ from dronecats.agent.model import Reply, Request
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import ModelError
 from dronecats.border.frames import quat_yaw
-from dronecats.border.mavlink import Parser, dialect
-from dronecats.border.truth import Origin, TruthSample, truth_sample
+from dronecats.border.truth import NewestTruth, Origin
 from dronecats.pilots import oracle
 from episodes.world import World
 
@@ -22,19 +21,13 @@ class OracleModel:
 
     def __init__(self, world: World, camera: CameraModel, origin: Origin, listen: Callable[[], None]) -> None:
         """`listen` is called before each answer, to read what is waiting on the bus into `feed`."""
-        self._world, self._camera, self._origin, self._listen = world, camera, origin, listen
-        self._parser = Parser()
-        self._newest: dict[int, TruthSample] = {}
+        self._world, self._camera, self._listen = world, camera, listen
+        self._truth = NewestTruth(origin)
+        self.feed = self._truth.feed  # bytes of the truth bus go in here
         self._t0_us: int | None = None
 
     def begin(self, t0_us: int) -> None:
         self._t0_us = t0_us
-
-    def feed(self, data: bytes) -> None:
-        for message in self._parser.feed(data):
-            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                sample = truth_sample(message, self._origin)
-                self._newest[sample.drone] = sample
 
     def ask(self, request: Request) -> Reply:
         self._listen()
@@ -46,7 +39,7 @@ class OracleModel:
         pass
 
     def _reply(self, drone: int) -> str:
-        sample = self._newest.get(drone)
+        sample = self._truth.of(drone)
         if sample is None:
             raise ModelError(f"the oracle has not heard where drone {drone} is")
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 from dronecats.border.camera import CameraModel, Frame
 from dronecats.border.errors import CameraError
-from dronecats.border.mavlink import Packer, Parser, dialect
-from dronecats.border.truth import FrameTaken, TruthSample, frame_message, truth_sample
+from dronecats.border.mavlink import Packer, dialect
+from dronecats.border.truth import FrameTaken, NewestTruth, frame_message
 from dronecats.sitl.scenario import origin
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
@@ -23,9 +23,9 @@ class WorldCamera:
         self._announce = announce
         self._renderer = Renderer(world.scene, camera)
         self._origin = origin(world)
-        self._parser = Parser()
         self._packer = Packer(1, CAMERA_COMPONENT)
-        self._newest: dict[int, TruthSample] = {}
+        self._truth = NewestTruth(self._origin)
+        self.feed = self._truth.feed  # bytes of the truth bus go in here
         self._t0_us: int | None = None
         self._frames = 0
         self._lock = threading.Lock()  # frames are asked for by server threads, one is drawn at a time
@@ -33,13 +33,6 @@ class WorldCamera:
     def begin(self, t0_us: int) -> None:
         """From this vehicle time on the target moves."""
         self._t0_us = t0_us
-
-    def feed(self, data: bytes) -> None:
-        """Take bytes of the truth bus."""
-        for message in self._parser.feed(data):
-            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                sample = truth_sample(message, self._origin)
-                self._newest[sample.drone] = sample
 
     def warm_up(self) -> None:
         """Render once, for nobody: what has to be compiled is compiled now."""
@@ -51,7 +44,7 @@ class WorldCamera:
     def newest(self, drone: int = 0) -> Frame:
         """Return a frame of the newest truth. Raises CameraError while nothing is known of the drone."""
         with self._lock:
-            sample = self._newest.get(drone)
+            sample = self._truth.of(drone)
             if sample is None:
                 raise CameraError(f"the camera has not heard where drone {drone} is")
             t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)

@@ -5,9 +5,12 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import psutil
 import pytest
+
+from dronecats.pilots.server import PilotServer
 
 
 class Flight:
@@ -95,3 +98,23 @@ def test_a_killed_agent_leaves_no_process(fly):
     flight.process.kill()
     _, alive = psutil.wait_procs(flight.children, timeout=10)
     assert not alive
+
+
+@pytest.mark.slow
+def test_ctrl_c_does_not_wait_for_a_silent_model(fly):
+    asked, never = threading.Event(), threading.Event()
+
+    def silent(prompt, images):
+        asked.set()
+        never.wait()
+        return "{}"
+
+    with PilotServer(silent, "m") as server:
+        flight = fly("--speed", "3", "--model", "local/m", "--base-url", server.base_url)
+        flight.until("flying to the start pose")
+        assert asked.wait(60)
+        flight.process.send_signal(signal.SIGINT)
+        code, out, _ = flight.ends(60)
+        never.set()
+    assert code == 130
+    assert "landing" in out
