@@ -1,4 +1,4 @@
-"""The estimator: error-state Kalman filter over attitude, velocity, position and inertial biases.
+"""The estimator: error-state Kalman filter over attitude, velocity, position, inertial biases and hard iron.
 
 Called once per vehicle millisecond. The nominal state is integrated with every inertial sample, so that control always
 acts on the newest attitude; the covariance follows every 4 ms; the aiding sensors are fused as their samples arrive,
@@ -63,6 +63,7 @@ def predict_covariance(params, state, P, history):  # type: ignore[no-untyped-de
     propagate(
         P, state.attitude, state.impulse, state.impulse_dt,
         params.gyro_noise, params.accel_noise, params.gyro_bias_walk, params.accel_bias_walk,
+        params.mag_bias_walk if params.mag_bias_std > 0.0 else 0.0,
     )  # fmt: skip
     state.impulse_dt = 0.0
     index = state.history_index
@@ -154,8 +155,8 @@ def publish(params, state, P, estimate):  # type: ignore[no-untyped-def]
 def update(params, state, P, history, sensors, estimate, landed):  # type: ignore[no-untyped-def]
     """Take in the SENSORS record; return whether it held a new inertial sample (then `estimate` is fresh too).
 
-    params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (15, 15); history (HISTORY, 7); landed: the vehicle is taken to
-    stand on the ground.
+    params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (STATES, STATES); history (HISTORY, 7); landed: the vehicle is
+    taken to stand on the ground.
     """
     time_us = sensors.imu_time_us
     if time_us == state.time_us:

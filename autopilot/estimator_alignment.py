@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.estimator_covariance import initialise
+from autopilot.estimator_covariance import initialise, trust_compass
 from autopilot.estimator_records import STATUS_RUNNING
 from autopilot.kernels import quat_from_euler, rotate
 from dronecats.border.compiled import njit
@@ -83,6 +83,7 @@ def align(params, state, P, time_us):  # type: ignore[no-untyped-def]
         state.accel_bias[i] = 0.0
         state.impulse[i] = 0.0
     state.impulse_dt = 0.0
+    state.mag_bias[0] = state.mag_bias[1] = 0.0
     state.history_count = 0
     height = state.align_baro / state.align_baro_count
     if state.origin_set == 0:
@@ -93,6 +94,8 @@ def align(params, state, P, time_us):  # type: ignore[no-untyped-def]
         initialise(P, 0.02, 0.05, 0.003)
     else:
         initialise(P, 0.2, 0.2, 0.05)
+    north, east, _ = rotate(q, (state.align_mag[0] / m, state.align_mag[1] / m, state.align_mag[2] / m))
+    trust_compass(P, state, math.sqrt(north * north + east * east), params.declination, params.mag_bias_std)
     state.status = STATUS_RUNNING
     state.baro_fused_us = time_us
     state.mag_fused_us = time_us

@@ -5,24 +5,28 @@ error-state Kalman filter", section 7) with the specific force f in NED and the 
 
     δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
 
-so F = I + A dt touches only nine rows, each with at most five entries besides the diagonal.
+so F = I + A dt touches only nine rows, each with at most five entries besides the diagonal. The hard iron of the
+magnetometer moves nothing: it is there to be told from the heading once the vehicle turns.
 """
 
 import math
 
+from autopilot.estimator_records import MOTION, STATES
 from autopilot.kernels import quat_multiply, quat_normalized
 from dronecats.border.compiled import njit
 
 
 @njit(cache=True)
-def propagate(P, q, impulse, dt, gyro_noise, accel_noise, gyro_bias_walk, accel_bias_walk):  # type: ignore[no-untyped-def]
+def propagate(  # type: ignore[no-untyped-def]
+    P, q, impulse, dt, gyro_noise, accel_noise, gyro_bias_walk, accel_bias_walk, mag_bias_walk
+):
     """Replace P by F P Fᵀ + Q over dt seconds; `impulse` (3,) is ∫ specific force (NED) over that time, m/s."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     r00, r01, r02 = dt * (1 - 2 * (y * y + z * z)), dt * 2 * (x * y - w * z), dt * 2 * (x * z + w * y)
     r10, r11, r12 = dt * 2 * (x * y + w * z), dt * (1 - 2 * (x * x + z * z)), dt * 2 * (y * z - w * x)
     r20, r21, r22 = dt * 2 * (x * z - w * y), dt * 2 * (y * z + w * x), dt * (1 - 2 * (x * x + y * y))
     fx, fy, fz = impulse[0], impulse[1], impulse[2]
-    for j in range(15):  # F P: rows; position first, for it needs the old velocity row
+    for j in range(STATES):  # F P: rows; position first, for it needs the old velocity row
         P[6, j] += dt * P[3, j]
         P[7, j] += dt * P[4, j]
         P[8, j] += dt * P[5, j]
@@ -35,7 +39,7 @@ def propagate(P, q, impulse, dt, gyro_noise, accel_noise, gyro_bias_walk, accel_
         P[0, j] = tx - (r00 * gx + r01 * gy + r02 * gz)
         P[1, j] = ty - (r10 * gx + r11 * gy + r12 * gz)
         P[2, j] = tz - (r20 * gx + r21 * gy + r22 * gz)
-    for i in range(15):  # (F P) Fᵀ: columns
+    for i in range(STATES):  # (F P) Fᵀ: columns
         P[i, 6] += dt * P[i, 3]
         P[i, 7] += dt * P[i, 4]
         P[i, 8] += dt * P[i, 5]
@@ -57,23 +61,25 @@ def propagate(P, q, impulse, dt, gyro_noise, accel_noise, gyro_bias_walk, accel_
         P[3 + i, 3 + i] += q_velocity
         P[9 + i, 9 + i] += q_gyro
         P[12 + i, 12 + i] += q_accel
+    for i in range(MOTION, STATES):
+        P[i, i] += mag_bias_walk * mag_bias_walk * dt
 
 
 @njit(cache=True)
 def symmetrize(P):  # type: ignore[no-untyped-def]
     """Replace P by (P + Pᵀ)/2, variances held above zero: rounding must not accumulate over hours."""
-    for i in range(15):
+    for i in range(STATES):
         for j in range(i):
             mean = 0.5 * (P[i, j] + P[j, i])
             P[i, j] = mean
             P[j, i] = mean
-        P[i, i] = max(P[i, i], 1e-12)
+        P[i, i] = max(P[i, i], 1e-12 if i < MOTION else 0.0)
 
 
 @njit(cache=True)
 def innovation_variance(P, work, i, hi, j, hj, k, hk, variance):  # type: ignore[no-untyped-def]
     """Return H P Hᵀ + variance for the row H with entries hi, hj, hk at i, j, k, and leave P Hᵀ in `work`."""
-    for n in range(15):
+    for n in range(STATES):
         work[n] = hi * P[i, n] + hj * P[j, n] + hk * P[k, n]
     return hi * work[i] + hj * work[j] + hk * work[k] + variance
 
@@ -83,9 +89,9 @@ def apply(P, state, innovation, innovation_var):  # type: ignore[no-untyped-def]
     """Fuse one scalar whose P Hᵀ lies in `state.work`: inject the error into the nominal state and shrink P."""
     work = state.work
     scale = 1.0 / innovation_var
-    for i in range(15):
+    for i in range(STATES):
         gain = work[i] * scale
-        for j in range(15):
+        for j in range(STATES):
             P[i, j] -= gain * work[j]
     step = innovation * scale
     q = state.attitude
@@ -98,13 +104,15 @@ def apply(P, state, innovation, innovation_var):  # type: ignore[no-untyped-def]
         state.position[i] += step * work[6 + i]
         state.gyro_bias[i] += step * work[9 + i]
         state.accel_bias[i] += step * work[12 + i]
+    for i in range(2):
+        state.mag_bias[i] += step * work[MOTION + i]
 
 
 @njit(cache=True)
 def forget(P, first, variance):  # type: ignore[no-untyped-def]
     """Make the three states from `first` on independent of all others, with the given variance each."""
     for i in range(first, first + 3):
-        for j in range(15):
+        for j in range(STATES):
             P[i, j] = 0.0
             P[j, i] = 0.0
         P[i, i] = variance
@@ -113,8 +121,8 @@ def forget(P, first, variance):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def initialise(P, tilt_std, yaw_std, gyro_bias_std):  # type: ignore[no-untyped-def]
     """Set P to that of a vehicle at rest whose attitude was just levelled from the accelerometer."""
-    for i in range(15):
-        for j in range(15):
+    for i in range(STATES):
+        for j in range(STATES):
             P[i, j] = 0.0
     for i in range(2):
         P[i, i] = tilt_std * tilt_std
@@ -124,6 +132,36 @@ def initialise(P, tilt_std, yaw_std, gyro_bias_std):  # type: ignore[no-untyped-
         P[6 + i, 6 + i] = 1.0
         P[9 + i, 9 + i] = gyro_bias_std * gyro_bias_std
         P[12 + i, 12 + i] = 0.04  # (0.2 m/s²)², EKF2_ABIAS_INIT
+
+
+@njit(cache=True)
+def hard_iron_slopes(q, horizontal, declination):  # type: ignore[no-untyped-def]
+    """Return d(heading innovation)/d(hard iron) in rad/gauss for the forward and the right axis.
+
+    `horizontal` (gauss) is the field's horizontal part. Hard iron b turns the measured heading by n · R b / horizontal
+    with n the horizontal unit vector to the right of magnetic north.
+    """
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    s, c = math.sin(declination) / horizontal, math.cos(declination) / horizontal
+    return (
+        s * (1 - 2 * (y * y + z * z)) - c * 2 * (x * y + w * z),
+        s * 2 * (x * y - w * z) - c * (1 - 2 * (x * x + z * z)),
+    )
+
+
+@njit(cache=True)
+def trust_compass(P, state, horizontal, declination, hard_iron):  # type: ignore[no-untyped-def]
+    """Make the yaw error of a heading just taken from the magnetometer that of its hard iron (gauss, 1 sigma) too."""
+    forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
+    variance = hard_iron * hard_iron
+    for i, slope in ((MOTION, forward), (MOTION + 1, right)):
+        for j in range(STATES):
+            P[i, j] = 0.0
+            P[j, i] = 0.0
+        P[i, i] = variance
+        P[2, i] = -slope * variance
+        P[i, 2] = -slope * variance
+        P[2, 2] += slope * slope * variance
 
 
 @njit(cache=True)

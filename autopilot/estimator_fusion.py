@@ -8,13 +8,14 @@ import math
 
 from autopilot import estimator_covariance
 from autopilot.estimator_alignment import level
-from autopilot.estimator_records import HISTORY
+from autopilot.estimator_records import HISTORY, MOTION, STATES
 from autopilot.kernels import geodetic_to_ned, quat_yaw, rotate, wrap_pi
 from dronecats.border.compiled import njit
 from dronecats.border.frames import GRAVITY
 
 apply = estimator_covariance.apply
 forget = estimator_covariance.forget
+hard_iron_slopes = estimator_covariance.hard_iron_slopes
 innovation_variance = estimator_covariance.innovation_variance
 symmetrize = estimator_covariance.symmetrize
 
@@ -30,9 +31,11 @@ def fuse_heading(params, state, P, mx, my, mz, time_us, landed):  # type: ignore
     """Fuse the direction of the horizontal field (gauss, FRD).
 
     A rotation error δθ turns the field m = R m_body by δθ x m, hence its heading ψ by
-    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy).
+    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy). Hard iron that is not yet known turns it as well, but with the vehicle.
     """
     q = state.attitude
+    mx -= state.mag_bias[0]
+    my -= state.mag_bias[1]
     field = rotate((q[0], q[1], q[2], q[3]), (mx, my, mz))
     horizontal = math.sqrt(field[0] * field[0] + field[1] * field[1])
     if horizontal < 0.02:  # gauss: no heading in a field that is vertical or absent
@@ -43,7 +46,13 @@ def fuse_heading(params, state, P, mx, my, mz, time_us, landed):  # type: ignore
     noise = params.mag_noise / horizontal
     # the expected direction, not the measured one: a row whose noise is that of its innovation would bias the tilt
     north, east = slope * math.cos(params.declination), slope * math.sin(params.declination)
+    forward, right = hard_iron_slopes(q, horizontal, params.declination)
     variance = innovation_variance(P, state.work, 0, north, 1, east, 2, 1.0, noise * noise)
+    work = state.work
+    variance += forward * work[MOTION] + right * work[MOTION + 1]
+    for n in range(STATES):
+        work[n] += forward * P[MOTION, n] + right * P[MOTION + 1, n]
+    variance += forward * work[MOTION] + right * work[MOTION + 1]
     state.ratio_mag = innovation * innovation / (params.gate_mag**2 * variance)
     if state.ratio_mag <= 1.0:
         apply(P, state, innovation, variance)
@@ -60,7 +69,7 @@ def fuse_heading(params, state, P, mx, my, mz, time_us, landed):  # type: ignore
         )  # fmt: skip
         for i in range(4):
             q[i] = realigned[i]
-        for j in range(15):
+        for j in range(STATES):
             P[2, j] = 0.0
             P[j, 2] = 0.0
         P[2, 2] = 0.01
@@ -82,7 +91,7 @@ def fuse_height(params, state, P, pressure_hpa, time_us):  # type: ignore[no-unt
     state.rejected += 1
     if time_us - state.baro_fused_us > params.reset_after_us:
         state.position[2] = down
-        for j in range(15):
+        for j in range(STATES):
             P[8, j] = 0.0
             P[j, 8] = 0.0
         P[8, 8] = params.baro_noise**2

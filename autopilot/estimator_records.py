@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-STATES = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
+MOTION = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
+STATES = MOTION + 2  # and the magnetometer's hard iron along the vehicle's forward and right axes
 HISTORY = 128  # entries of the delay buffer: 512 ms at one entry every 4 ms
 
 STATUS_ALIGNING = 0
@@ -18,6 +19,8 @@ ESTIMATOR_PARAMS = np.dtype(
         ("gyro_bias_walk", "f8"),  # rad/s/√s
         ("accel_bias_walk", "f8"),  # m/s²/√s
         ("mag_noise", "f8"),  # gauss (EKF2_MAG_NOISE)
+        ("mag_bias_std", "f8"),  # gauss, hard iron that a calibration leaves; 0: none is estimated
+        ("mag_bias_walk", "f8"),  # gauss/√s (EKF2_MAG_B_NOISE)
         ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
         ("gps_velocity_noise", "f8"),  # m/s, least (EKF2_GPS_V_NOISE)
         ("gps_position_noise", "f8"),  # m, least (EKF2_GPS_P_NOISE)
@@ -48,6 +51,7 @@ ESTIMATOR_STATE = np.dtype(
         ("position", "f8", (3,)),  # m, local NED
         ("gyro_bias", "f8", (3,)),
         ("accel_bias", "f8", (3,)),
+        ("mag_bias", "f8", (2,)),  # gauss, forward and right
         ("specific_force_ned", "f8", (3,)),  # m/s², of the newest sample
         ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
         ("impulse_dt", "f8"),  # s, length of that integral
@@ -103,6 +107,8 @@ def default_parameters(declination_rad: float) -> np.void:
     params["gyro_bias_walk"] = 1.0e-4
     params["accel_bias_walk"] = 2.0e-3
     params["mag_noise"] = 0.02
+    params["mag_bias_std"] = 0.01
+    params["mag_bias_walk"] = 5.0e-5
     params["baro_noise"] = 1.0
     params["gps_velocity_noise"] = 0.15
     params["gps_position_noise"] = 0.5

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from autopilot import estimator, estimator_covariance
 from autopilot.estimator_fusion import pressure_altitude
-from autopilot.estimator_records import HISTORY, STATES, STATUS_RUNNING, default_parameters, initial_state
+from autopilot.estimator_records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
 from autopilot.kernels import quat_advance, rotate, rotate_inverse
 from autopilot.records import ESTIMATE
 from dronecats.border import frames
@@ -50,7 +50,9 @@ class Filter:
         self.state["baro_reference_m"] = ORIGIN[2]
         for name in ("position", "velocity", "baro", "mag"):
             self.state[f"{name}_fused_us"] = 1
-        self.covariance = np.diag(STD0**2)
+        self.covariance = np.zeros((STATES, STATES))  # its magnetometer is known to have no hard iron
+        self.covariance[:MOTION, :MOTION] = np.diag(STD0**2)
+        self.params["mag_bias_std"] = 0.0
         self.history = np.zeros((HISTORY, 7))
         self.sensors = np.zeros(1, SENSORS)[0]
         self.estimate = np.zeros(1, ESTIMATE)[0]
@@ -191,7 +193,7 @@ def test_normalised_errors_are_consistent(manoeuvre):
     flights, scores, baro, mag = 40, [], [], []
     for seed in range(flights):
         filter_, truth, past = Filter(), fresh_truth(), np.zeros((1000, 6))
-        start = np.random.default_rng(seed).normal(size=STATES) * STD0
+        start = np.random.default_rng(seed).normal(size=MOTION) * STD0
         state = filter_.state
         state["attitude"] = frames.quat_normalized((1.0, *(-0.5 * start[:3])))
         state["velocity"], state["position"] = -start[3:6], -start[6:9]
@@ -200,7 +202,7 @@ def test_normalised_errors_are_consistent(manoeuvre):
         for k in range(4):
             found = world(5000, seed if k == 0 else -1, 1.0, manoeuvre, 100, *filter_.args, truth, past)
             error = error_of(filter_, truth)
-            row.append(NEES(np.array([error]), np.zeros((1, STATES)), np.array([filter_.covariance]))[0])
+            row.append(NEES(np.array([error]), np.zeros((1, MOTION)), filter_.covariance[None, :MOTION, :MOTION])[0])
         scores.append(row)
         baro.append(found[0])
         mag.append(found[1])
@@ -275,11 +277,38 @@ def test_sparse_propagation_equals_the_dense_product():
     jacobian[3:6, 0:3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     jacobian[3:6, 12:15] = -rotation * dt
     jacobian[6:9, 3:6] = np.eye(3) * dt
-    noise = np.repeat([1.0, 4.0, 0.0, 9.0, 16.0], 3) * dt
+    noise = np.append(np.repeat([1.0, 4.0, 0.0, 9.0, 16.0], 3), [25.0, 25.0]) * dt
     expected = jacobian @ before @ jacobian.T + np.diag(noise)
     after = before.copy()
-    estimator_covariance.propagate(after, np.array(q), impulse, dt, 1.0, 2.0, 3.0, 4.0)
+    estimator_covariance.propagate(after, np.array(q), impulse, dt, 1.0, 2.0, 3.0, 4.0, 5.0)
     assert after == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_hard_iron_is_told_from_heading_by_turning():
+    """A magnetometer that is off along the vehicle misleads the first heading; a turn on the spot mends both."""
+    filter_, truth = Filter(), fresh_truth()
+    filter_.params["mag_bias_std"] = 0.01
+    iron = (0.006, -0.005)  # gauss: a heading that is off by 1.3° facing north
+    heading = DECLINATION - math.atan2(FIELD[1] + iron[1], FIELD[0] + iron[0])
+    filter_.state["attitude"] = frames.quat_from_euler(0.0, 0.0, heading)
+    filter_.covariance[:] = np.diag(np.append(np.repeat([0.01, 0.1, 0.5, 0.002, 0.02], 3), [0.0, 0.0]) ** 2)
+    estimator_covariance.trust_compass(filter_.covariance, filter_.state, 0.214, DECLINATION, 0.01)
+    sensors, yaw = filter_.sensors, 0.0
+    for k in range(1, 10_000):
+        sensors["time_us"] = sensors["imu_time_us"] = 4000 * k
+        rate = 0.6 if k > 1000 else 0.0
+        yaw += rate * 0.004
+        truth["q"] = frames.quat_from_euler(0.0, 0.0, yaw)
+        sensors["gyro_frd"], sensors["accel_frd"] = (0.0, 0.0, rate), (0.0, 0.0, -GRAVITY)
+        if k % 5 == 0:
+            sensors["mag_time_us"] = sensors["time_us"]
+            sensors["mag_frd"] = rotate_inverse(tuple(truth["q"]), FIELD) + np.array([*iron, 0.0])
+        filter_.state["velocity_fused_us"] = sensors["time_us"]
+        estimator.update(*filter_.args)
+        if k == 1000:
+            assert abs(error_of(filter_, truth)[2]) > 0.015
+    assert abs(error_of(filter_, truth)[2]) < 0.004
+    assert filter_.state["mag_bias"] == pytest.approx(iron, abs=0.001)
 
 
 def test_fast_attitude_step_equals_the_exact_one():
