@@ -126,6 +126,11 @@ class Link:
         """µs, the vehicle's clock at its newest telemetry."""
         return self.clock.time_us
 
+    def listen(self) -> None:
+        """Take in what has already arrived, without waiting."""
+        while self._receive(0.0):
+            pass
+
     def tick(self) -> None:
         """Wait until a tick of vehicle time has passed, then send what is being streamed. Raises LinkError."""
         if self._tick_due_us < self.time_us - 4 * TICK_US:  # we were away, for instance drawing a frame

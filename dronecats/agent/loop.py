@@ -85,6 +85,8 @@ class Agent:
 
     def _step(self, cap_s: float) -> list[Decision]:
         frames = [self.camera.newest(drone.index) for drone in self.drones]
+        for drone in self.drones:  # a frame takes its time to come, which is not the model's
+            drone.vehicle.listen()
         asking, thinking = self._ask(frames)
         while not asking.due(self.now_s):
             self._tick()

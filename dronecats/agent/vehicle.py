@@ -17,6 +17,10 @@ class Vehicle(Protocol):
         """From the next tick on, stream this setpoint."""
         ...
 
+    def listen(self) -> None:
+        """Take in what has already arrived, without waiting, so that `time_us` is the newest there is."""
+        ...
+
     def tick(self) -> None:
         """Wait for the next telemetry tick (20 Hz of vehicle time), then send the setpoint. Raises LinkError."""
         ...

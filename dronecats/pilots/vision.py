@@ -22,6 +22,8 @@ _ARRIVED_M = 4.7
 _TARGET_M = 4.2  # where strides are meant to end; a body in flight runs on for about half a metre after one
 _CAREFUL_M = 9.0  # within this, only short strides: the estimate may be off, and a target may come towards the drone
 _CLAIMS = 2  # so many claims in a row from the outer part of the radius, and it comes closer for the next
+_FILLS = 0.6  # of the picture's width
+_EDGE = 0.015  # of the picture's width: so near the edge a thing is cut off by it
 _ROOM_M = 1.75  # between the drone and the nearest the thing's end can be, for coming closer
 
 # The rules by which a `go` is flown (paper, appendix "Executing go")
@@ -70,10 +72,20 @@ def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAct
     seen = sighting.find(picture, named)
     if seen is None:
         return _search(picture, past)
+    if _fills(seen.box, picture.shape[0] / picture.shape[1]):
+        return reply.finished()
     doubted = _trailing(past, "finished") >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
     if seen.range.distance_m <= _ARRIVED_M and not doubted:
         return reply.finished()
     return _approach(seen, picture.shape[0] / picture.shape[1])
+
+
+def _fills(box: ranging.Box, aspect: float) -> bool:
+    """Return whether the thing is cut off by the lower edge and wide: then its size says little, but it is here.
+
+    Even a car of 4.7 m that is seen from the side is within 4 m when it is wider than 0.6 of a 90° picture.
+    """
+    return box.bottom >= 0.5 * aspect - _EDGE and box.right - box.left >= _FILLS
 
 
 def _approach(seen: sighting.Sighting, aspect: float) -> str:
