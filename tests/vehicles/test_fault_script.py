@@ -1,0 +1,119 @@
+"""Fault scripts: what a file says is what the vehicle suffers, and a file that is wrong is told so in one sentence."""
+
+from pathlib import Path
+
+import pytest
+from fleet import vehicle
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.border.errors import UsageError
+from vehicles.fault_script import load, parse
+from vehicles.faults import KINDS, PARTS, Fault
+
+SCRIPT = """
+[[fault]]
+part = "gps"
+kind = "fail"
+from_s = 0.4
+until_s = 1.2
+
+[[fault]]
+part = "gyro"
+kind = "bias"
+value = [0.1, 0, -0.2]
+
+[[fault]]
+part = "rotor2"
+kind = "weaken"
+from_s = 30
+value = 0.5
+"""
+
+
+def test_a_file_becomes_the_faults_it_lists(tmp_path: Path) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text(SCRIPT, encoding="utf-8")
+    assert load(path, rotors=4) == [
+        Fault("gps", "fail", 400_000, 1_200_000),
+        Fault("gyro", "bias", value=(0.1, 0.0, -0.2)),
+        Fault("rotor2", "weaken", 30_000_000, value=(0.5, 0.0, 0.0)),
+    ]
+
+
+def test_a_vehicle_suffers_what_the_file_says(tmp_path: Path) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text(SCRIPT, encoding="utf-8")
+    craft = vehicle(faults=load(path, rotors=4))
+    craft.advance(1100)
+    silent_since = int(craft.sensors["gps_time_us"])
+    assert 0 < silent_since < 400_000
+    craft.advance(600)
+    assert int(craft.sensors["gps_time_us"]) > 1_200_000
+
+
+@pytest.mark.parametrize(
+    ("entry", "reason"),
+    [
+        ('part = "wing"\nkind = "fail"', "no such part"),
+        ('part = "rotor5"\nkind = "fail"', "no such part"),
+        ('part = "gps"\nkind = "explode"', "can only"),
+        ('part = "baro"\nkind = "delay"\nvalue = 0.2', "can only"),
+        ('part = "gps"\nkind = "delay"\nvalue = 60', "delay must be"),
+        ('part = "gps"\nkind = "bias"', "needs a 'value'"),
+        ('part = "gps"\nkind = "fail"\nvalue = 1', "takes no 'value'"),
+        ('part = "gps"\nkind = "bias"\nvalue = [1, 2]', "list of three"),
+        ('part = "gps"\nkind = "bias"\nvalue = nan', "finite"),
+        ('part = "gps"\nkind = "fail"\nfrom_s = -1', "'from_s' must be"),
+        ('part = "gps"\nkind = "fail"\nfrom_s = inf', "'from_s' must be"),
+        ('part = "gps"\nkind = "fail"\nfrom_s = 5\nuntil_s = 5', "end after it begins"),
+        ('part = "gps"\nkind = "fail"\nwhen = 5', "'when' is unknown"),
+        ('kind = "fail"', "'part' must be given"),
+    ],
+)
+def test_a_wrong_entry_is_named_with_its_file_and_reason(tmp_path: Path, entry: str, reason: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(f'[[fault]]\npart = "mag"\nkind = "freeze"\n\n[[fault]]\n{entry}\n', encoding="utf-8")
+    with pytest.raises(UsageError, match=reason) as caught:
+        load(path, rotors=4)
+    text = str(caught.value)
+    assert text.startswith("fault script bad.toml, entry 2: ")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    "text", ["[[fault]", "fault = 3", "fault = [1]", "[fault]\npart = 'gps'", "wind = 3", "\xff", None]
+)
+def test_a_file_that_is_no_script_is_refused(tmp_path: Path, text: str | None) -> None:
+    path = tmp_path / "bad.toml"
+    if text is not None:
+        path.write_text(text, encoding="latin-1")
+    with pytest.raises(UsageError, match=r"bad\.toml"):
+        load(path, rotors=4)
+
+
+def test_more_faults_than_the_vehicle_keeps_are_refused() -> None:
+    with pytest.raises(UsageError, match="17 faults"):
+        parse({"fault": [{"part": "gps", "kind": "fail"}] * 17}, "long.toml", 4)
+
+
+values = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.lists(st.floats(), max_size=4)
+)
+entries = st.dictionaries(st.sampled_from(["part", "kind", "from_s", "until_s", "value", "other"]), values) | st.builds(
+    lambda part, kind, rest: {"part": part, "kind": kind} | rest,
+    st.sampled_from(sorted(PARTS)),
+    st.sampled_from(sorted(KINDS)),
+    st.dictionaries(st.sampled_from(["from_s", "until_s", "value"]), values),
+)
+
+
+@settings(deadline=None)  # the first vehicle may have to be compiled
+@given(st.lists(entries, max_size=4))
+def test_any_table_gives_faults_that_a_vehicle_takes_or_a_usage_error(listed: list) -> None:
+    try:
+        faults = parse({"fault": listed}, "any.toml", 4)
+    except UsageError:
+        return
+    assert len(faults) == len(listed)
+    assert vehicle(faults=faults).faults["count"] == len(listed)
