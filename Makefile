@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
-.PHONY: fly test test-slow lint install lock clean
+.PHONY: fly test test-slow compatibility lint install lock clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
@@ -14,6 +14,10 @@ test: install lint
 
 test-slow: install
 	$(BIN)/python -m pytest -m slow
+
+# Other people's scripts; docs/compatibility.md says what EXAMPLES and MAVSDK3 are, and is written by it.
+compatibility: install
+	$(BIN)/python -m pytest tests/compatibility/test_examples.py -v --examples "$(EXAMPLES)" --mavsdk3 "$(MAVSDK3)"
 
 lint: install
 	$(BIN)/ruff check .

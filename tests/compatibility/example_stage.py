@@ -1,0 +1,133 @@
+"""One example against one fresh simulator, in whatever network this process was started in: a subprocess of the test.
+
+Argument: a JSON object (see `main`). Its last line of output is a JSON object {outcome, seconds, lines}. In a network
+namespace of its own it first brings the loopback interface up.
+"""
+
+import contextlib
+import json
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+READY = "Ctrl-C ends it"
+START_S = 240.0  # the first start of an installation compiles
+SETTLE_S = 15.0  # a flight just ended: landed, disarmed, log closed
+
+
+class Script:
+    """A child process whose lines can be awaited."""
+
+    def __init__(self, command: list[str], where: Path) -> None:
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONWARNINGS": "ignore"}
+        self.process = subprocess.Popen(
+            command, cwd=where, env=environment, text=True, errors="replace", start_new_session=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        self.lines: list[str] = []
+        self._new: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self.process.stdout
+        for line in self.process.stdout:
+            self._new.put(line.rstrip("\n"))
+        self._new.put(None)
+
+    def next(self, timeout_s: float) -> str | None:
+        """Return the next line; None at the end of the output. Raises queue.Empty."""
+        line = self._new.get(timeout=max(timeout_s, 0.0))
+        if line is not None:
+            self.lines.append(line)
+        return line
+
+    def end(self) -> None:
+        """Interrupt it, as Ctrl-C does; what does not listen, and what it left behind, is killed."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(10)
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait(10)
+
+
+def follow(script: Script, shows: dict[str, int], limit_s: float, endless: bool, linger_s: float) -> str:
+    """Return "ok", or in a few words what was missing, of a script that runs until it has shown everything."""
+    missing = dict(shows)
+    deadline = time.monotonic() + limit_s
+    shown = False
+    while True:
+        try:
+            line = script.next(deadline - time.monotonic())
+        except queue.Empty:
+            if shown:
+                return "ok"
+            wanted = ", ".join(f"{count} x {pattern!r}" for pattern, count in missing.items())
+            return f"not within {limit_s:.0f} s: {wanted or 'the end of the script'}"
+        if line is None:
+            break
+        for pattern in [pattern for pattern in missing if re.search(pattern, line)]:
+            missing[pattern] -= 1
+            if not missing[pattern]:
+                del missing[pattern]
+        if endless and not missing and not shown:
+            shown = True
+            deadline = time.monotonic() + linger_s
+    status = script.process.wait(10)
+    if endless or status:
+        return f"ended with exit status {status}"
+    return "never printed " + ", ".join(map(repr, missing)) if missing else "ok"
+
+
+def main() -> int:
+    """Keys: python, folder, example (as in example_table), where, state, isolated. See `follow` for the outcome."""
+    task = json.loads(sys.argv[1])
+    if task["isolated"]:
+        subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what runs is ended on the way out
+    example, where = task["example"], Path(task["where"])
+    running: list[Script] = []
+
+    def start(*command: str) -> Script:
+        running.append(Script(list(command), where))
+        return running[-1]
+
+    def example_script(name: str) -> list[str]:
+        return [task["python"], str(Path(task["folder"]) / name)]
+
+    try:
+        simulator = start(sys.executable, "-m", "dronecats.cli.main", "sitl", "--state", task["state"])
+        outcome = follow(simulator, {READY: 1}, START_S, endless=True, linger_s=0.0)
+        lines, began = simulator.lines, time.monotonic()
+        if outcome == "ok" and example["after"]:
+            flight = start(*example_script(example["after"]))
+            outcome = follow(flight, {}, example["limit_s"], endless=False, linger_s=0.0)
+            lines = flight.lines
+            time.sleep(SETTLE_S)
+        if outcome == "ok":
+            if example["server"]:
+                server = "import mavsdk.bin, importlib.resources as r; print(r.files(mavsdk.bin) / 'mavsdk_server')"
+                found = subprocess.run(
+                    [task["python"], "-W", "ignore", "-c", server], check=True, capture_output=True, text=True
+                )
+                start(found.stdout.strip(), "-p", "50051", example["server"])
+            began = time.monotonic()
+            script = start(*example_script(example["script"]), *example["arguments"])
+            outcome = follow(script, example["shows"], example["limit_s"], example["endless"], example["linger_s"])
+            lines = script.lines
+        answer = {"outcome": outcome, "seconds": time.monotonic() - began, "lines": lines}
+    finally:
+        for script in reversed(running):
+            script.end()
+    print(json.dumps(answer))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
