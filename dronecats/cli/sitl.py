@@ -2,10 +2,13 @@
 
 import argparse
 import contextlib
+import math
 import tempfile
 from pathlib import Path
 
 from dronecats.cli import signals
+
+WIND_MAX = 40.0  # m/s, a hurricane
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -23,6 +26,17 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument(
         "--state", type=Path, metavar="DIR", help="keeps parameters and flight logs (default runs/sitl-I)"
     )
+    parser.add_argument(
+        "--wind", default="0,0", metavar="N,E", help="m/s that the air moves north and east, for example --wind=-4,3"
+    )
+    parser.add_argument(
+        "--gusts",
+        type=float,
+        default=0.0,
+        metavar="W20",
+        help="Dryden gusts for this wind at 20 ft in m/s; 7.7 is light",
+    )
+    parser.add_argument("--faults", type=Path, metavar="FILE", help="what breaks when: docs/faults.md")
     parser.set_defaults(run=run)
 
 
@@ -43,6 +57,11 @@ def run(args: argparse.Namespace) -> int:
     catalogue.load(episode)
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")
+    wind = _wind(args.wind)
+    if not 0.0 <= args.gusts <= WIND_MAX:
+        raise UsageError(f"--gusts wants a wind of 0 to {WIND_MAX:g} m/s, got {args.gusts:g}")
+    if args.faults is not None and not args.faults.is_file():
+        raise UsageError(f"--faults {args.faults} does not exist; give the path of a TOML file")
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.run.supervisor import Supervisor
@@ -56,6 +75,9 @@ def run(args: argparse.Namespace) -> int:
             "speed": factor,
             "instance": args.instance,
             "count": args.count or 1,
+            "wind": wind,
+            "gusts": args.gusts,
+            "faults": str(args.faults) if args.faults else None,
             "state_dir": str(args.state or Path("runs") / f"sitl-{args.instance}"),
         }
     )
@@ -81,15 +103,26 @@ def run(args: argparse.Namespace) -> int:
                 simulator.close()
 
 
+def _wind(text: str) -> tuple[float, float]:
+    """Return --wind as (north, east) in m/s. Raises UsageError."""
+    from dronecats.border.errors import UsageError
+
+    try:
+        north, east = (float(part) for part in text.split(","))
+    except ValueError:
+        north = east = math.nan
+    if not math.hypot(north, east) <= WIND_MAX:
+        raise UsageError(f"--wind wants N,E in m/s, together at most {WIND_MAX:g}, for example 4,-3; got '{text}'")
+    return north, east
+
+
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
     from dronecats.sitl.simulator_process import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
 
     for index in range(args.count or 1):
         port = AGENT_PORT + args.instance + index
         print(f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}")
-    print(
-        f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}"
-    )
+    print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}")
     if camera:
         print(f"camera: {camera}")
     print("Ctrl-C ends it", flush=True)

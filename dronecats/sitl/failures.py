@@ -1,11 +1,12 @@
 """MAVLink's failure injection carried out on the simulated vehicle."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from dronecats.border.mavlink import dialect
 from vehicles.faults import Fault, script
 from vehicles.multirotor import Multirotor
-from vehicles.records import FAULTS
+from vehicles.records import FAULTS, MAX_FAULTS
 
 SENSORS = {
     dialect.FAILURE_UNIT_SENSOR_GYRO: "gyro",
@@ -33,10 +34,11 @@ DELAY_S = 0.3
 
 
 class Failures:
-    """What has been injected into one vehicle since boot."""
+    """What has been injected into one vehicle since boot, beside the script it was given."""
 
-    def __init__(self, plant: Multirotor) -> None:
+    def __init__(self, plant: Multirotor, scripted: Iterable[Fault] = ()) -> None:
         self._plant = plant
+        self._scripted = tuple(scripted)
         self._faults: dict[str, Fault] = {}
 
     def inject(self, unit: int, kind: int, instance: int) -> bool:
@@ -55,6 +57,15 @@ class Failures:
             else:
                 value = (DELAY_S, 0.0, 0.0) if KINDS[kind] == "delay" else WRONG.get(part, (0.0, 0.0, 0.0))
                 changed[part] = Fault(part, KINDS[kind], from_us=now, value=value)
+        if len(changed) + len(self._scripted) > MAX_FAULTS:
+            return False
+        if kind == dialect.FAILURE_TYPE_OK:  # mends what the script has broken too, but not what it will break later
+            self._scripted = tuple(
+                replace(fault, until_us=max(now, fault.from_us + 1))
+                if fault.part in parts and fault.from_us <= now < fault.until_us
+                else fault
+                for fault in self._scripted
+            )
         self._faults = changed
         self._write()
         return True
@@ -70,7 +81,7 @@ class Failures:
     def _write(self) -> None:
         suite = self._plant.suite
         record = script(
-            self._faults.values(),
+            (*self._faults.values(), *self._scripted),  # the first that names a part holds
             len(self._plant.airframe.rotors),
             int(suite["gps_period_us"]),
             int(suite["gps_latency_us"]),

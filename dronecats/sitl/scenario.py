@@ -1,6 +1,7 @@
 """A simulation built from an episode record: the map's ground, and each vehicle on it below its start pose."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from dronecats.border.truth import Origin
@@ -10,6 +11,7 @@ from episodes import catalogue
 from episodes.obstacles import obstacles
 from episodes.world import World
 from vehicles import airframe as airframes
+from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind
 
 
@@ -35,8 +37,12 @@ def build(
     count: int | None = None,
     state_dir: Path | None = None,
     wind: Wind = CALM,
+    faults: Sequence[Fault] = (),
 ) -> Simulation:
-    """Return the simulation of a record's drones, or of `count` of them. Raises UsageError for an unknown airframe."""
+    """Return the simulation of a record's drones, or of `count` of them, all in one wind and with the same faults.
+
+    Raises UsageError for an unknown airframe or a fault that it cannot have.
+    """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
     places = ground_places(world)
@@ -55,6 +61,7 @@ def build(
                 terrain=world.scene.terrain,
                 obstacles=solid,
                 wind=wind,
+                faults=faults,
                 state_dir=state_dir / f"vehicle-{index + 1}" if state_dir else None,
             )
             for index, place in enumerate(places[:count])

@@ -17,6 +17,7 @@ from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import CollisionReport, Encounters, Traffic
 from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
+from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.wind import CALM, Wind
 
@@ -47,6 +48,7 @@ class SimulatedVehicle:
         terrain: HeightField = FLAT,
         obstacles: Obstacles = OPEN,
         wind: Wind = CALM,
+        faults: Sequence[Fault] = (),
         state_dir: Path | None = None,
     ) -> None:
         """`state_dir` keeps the parameters and the flight logs; without it neither outlives the process."""
@@ -62,6 +64,7 @@ class SimulatedVehicle:
             position_ned=place.position_ned,
             yaw=place.yaw,
             wind=wind,
+            faults=faults,
         )
         self.core = FlightCore(airframe)
         self.autopilot = Autopilot(
@@ -72,7 +75,7 @@ class SimulatedVehicle:
             parameter_file=state_dir / "parameters.json" if state_dir else None,
             log_dir=state_dir / "log" if state_dir else None,
             actuators=self.plant.actuators,
-            inject=Failures(self.plant).inject,
+            inject=Failures(self.plant, faults).inject,
         )
         self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
         self._packer = Packer(index + 1, TRUTH_COMPONENT)

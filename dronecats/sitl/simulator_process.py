@@ -7,6 +7,9 @@ from dronecats.sitl.pace import RateKeeper
 from dronecats.sitl.scenario import build, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.sockets import UdpPort
+from vehicles import airframe as airframes
+from vehicles import fault_script
+from vehicles.wind import Wind
 
 LOOPBACK = "127.0.0.1"
 AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # + instance, where clients listen
@@ -45,12 +48,17 @@ class Simulator:
 
     def __init__(self, config: dict[str, Any]) -> None:
         world = load_world(config["episode"])
+        script = config.get("faults")
+        rotors = len(airframes.load(config["airframe"]).rotors)
+        north, east = config.get("wind") or (0.0, 0.0)
         self.simulation = build(
             world,
             airframe=config["airframe"],
             seed=config["seed"],
             count=config.get("count"),
             state_dir=Path(config["state_dir"]) if config.get("state_dir") else None,
+            wind=Wind((north, east, 0.0), config.get("gusts") or 0.0),
+            faults=fault_script.load(Path(script), rotors) if script else (),
         )
         self.simulation.advance()  # compiles, on the first run of an installation
         self.ports = Ports(self.simulation, config.get("instance"))
@@ -88,5 +96,9 @@ class Simulator:
 
 
 def create(config: dict[str, Any]) -> Simulator:
-    """Return the simulator of an episode's vehicles: keys episode, airframe, seed, speed, instance or None."""
+    """Return the simulator of an episode's vehicles.
+
+    Keys episode, airframe, seed, speed, instance or None; if wanted count, state_dir, wind (north and east in m/s),
+    gusts (m/s at 20 ft) and faults (a script's path). Raises UsageError.
+    """
     return Simulator(config)

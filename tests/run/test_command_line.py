@@ -35,6 +35,11 @@ from dronecats.cli.main import main
         (["sitl", "--instance", "1000"], "--instance wants"),
         (["sitl", "--count", "0"], "--count wants"),
         (["sitl", "--speed", "max"], "lockstep"),
+        (["sitl", "--wind", "3"], "--wind wants"),
+        (["sitl", "--wind", "nan,0"], "--wind wants"),
+        (["sitl", "--gusts", "-1"], "--gusts wants"),
+        (["sitl", "--gusts", "nan"], "--gusts wants"),
+        (["sitl", "--faults", "nowhere.toml"], "nowhere.toml does not exist"),
     ],
 )
 def test_wrong_usage_is_one_sentence_and_status_2(arguments, sentence, capsys, tmp_path, monkeypatch):

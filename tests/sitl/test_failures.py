@@ -5,6 +5,7 @@ import pytest
 from dronecats.border.mavlink import dialect as d
 from dronecats.sitl.failures import Failures
 from vehicles import airframe
+from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 
 
@@ -49,3 +50,18 @@ def test_one_rotor_of_several_stops_and_comes_back(plant):
 def test_what_cannot_be_done_is_refused_and_changes_nothing(plant, unit, kind, instance):
     assert not Failures(plant).inject(unit, kind, instance)
     assert int(plant.faults["count"]) == 0
+
+
+def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():
+    script = [Fault("gps", "fail"), Fault("mag", "fail", from_us=500_000)]
+    plant = Multirotor(airframe.load("x500"), seed=1, origin=(47.4, 8.5, 488.0), faults=script)
+    failures = Failures(plant, script)
+    plant.advance(300)
+    assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 1)
+    plant.advance(1000)
+    assert int(plant.sensors["gps_time_us"]) == 0
+    assert int(plant.sensors["mag_time_us"]) < 500_000
+    assert failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_OK, 0)
+    plant.advance(1000)
+    assert int(plant.sensors["gps_time_us"]) > 1_300_000
+    assert int(plant.sensors["mag_time_us"]) < 500_000
