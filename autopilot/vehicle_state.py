@@ -2,6 +2,8 @@
 
 import math
 import struct
+from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 from autopilot.records import ESTIMATE
@@ -14,16 +16,16 @@ _LAYOUT = tuple((name, ESTIMATE[name].base.kind, math.prod(ESTIMATE[name].shape)
 _FORMAT = struct.Struct("=" + "".join(f"{count}{'q' if kind == 'i' else 'd'}" for _, kind, count in _LAYOUT))
 
 
-def _slices() -> list[tuple[str, int, int]]:
-    start, rows = 0, []
-    for name, _, count in _LAYOUT:
-        rows.append((name, start, count))
+def _places() -> list[int | slice]:
+    start, places = 0, list[int | slice]()
+    for _, _, count in _LAYOUT:
+        places.append(start if count == 1 else slice(start, start + count))
         start += count
-    return rows
+    return places
 
 
-_SCALARS = [(name, start) for name, start, count in _slices() if count == 1]
-_VECTORS = [(name, start, start + count) for name, start, count in _slices() if count > 1]
+_NAMES = tuple(name for name, _, _ in _LAYOUT)
+_SORTED = itemgetter(*_places())  # the numbers of the record, in a tuple, as the values of its fields
 
 
 class VehicleState:
@@ -66,21 +68,21 @@ class VehicleState:
     def __init__(self, estimate: Any, sensors: Any) -> None:
         self.estimate = estimate
         self.sensors = sensors
-        self.euler: Vec3 = (0.0, 0.0, 0.0)
         self._buffer = memoryview(estimate)
         self.refresh()
 
     def refresh(self) -> None:
         """Read the records again. Before the estimator has run once, time comes from the sensors."""
-        values = _FORMAT.unpack_from(self._buffer)
         fields = self.__dict__
-        for name, i in _SCALARS:
-            fields[name] = values[i]
-        for name, i, j in _VECTORS:
-            fields[name] = values[i:j]
+        fields.update(zip(_NAMES, _SORTED(_FORMAT.unpack_from(self._buffer)), strict=True))
+        fields.pop("euler", None)
         if not self.time_us:
             self.time_us = int(self.sensors["time_us"])
-        self.euler = quat_to_euler(self.attitude)
+
+    @cached_property
+    def euler(self) -> Vec3:
+        """rad, roll, pitch and yaw; computed for the ticks that ask for it."""
+        return quat_to_euler(self.attitude)
 
     @property
     def yaw(self) -> float:

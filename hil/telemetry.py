@@ -1,6 +1,6 @@
 """What a vehicle last said of itself, as one frozen state, and the vehicle's clock."""
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import dialect, mode_name
@@ -32,8 +32,7 @@ class VehicleClock:
         self.time_us = max(self.time_us, (time_boot_ms + self._wraps * WRAP_MS) * 1000)
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(NamedTuple):
     """The newest of everything; None where nothing has been heard yet."""
 
     armed: bool = False
@@ -74,38 +73,35 @@ def update(state: VehicleState, message: dialect.MAVLink_message) -> VehicleStat
     """Return the state after a message of the autopilot component."""
     match message.get_msgId():
         case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
-            return replace(
-                state,
+            return state._replace(
                 position_ned=(message.x, message.y, message.z),
                 velocity_ned=(message.vx, message.vy, message.vz),
             )
         case dialect.MAVLINK_MSG_ID_ATTITUDE:
-            return replace(state, euler=(message.roll, message.pitch, message.yaw))
+            return state._replace(euler=(message.roll, message.pitch, message.yaw))
         case dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            return replace(
-                state,
+            return state._replace(
                 armed=bool(message.base_mode & 128),
                 mode=mode_name(message.custom_mode),
                 system_status=message.system_status,
             )
         case dialect.MAVLINK_MSG_ID_CURRENT_MODE:
-            return replace(state, mode=mode_name(message.custom_mode))
+            return state._replace(mode=mode_name(message.custom_mode))
         case dialect.MAVLINK_MSG_ID_SYS_STATUS:
             health = message.onboard_control_sensors_health
-            return replace(
-                state,
+            return state._replace(
                 healthy=health & PREARM != 0 and health & SENSORS == SENSORS,
                 battery_remaining=message.battery_remaining / 100 if message.battery_remaining >= 0 else None,
                 battery_voltage=message.voltage_battery / 1000 if message.voltage_battery != 65535 else None,
             )
         case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             landed = {1: True, 2: False, 3: False, 4: False}.get(message.landed_state)
-            return state if landed is None else replace(state, landed=landed)
+            return state if landed is None else state._replace(landed=landed)
         case dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
             origin = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
-            return replace(state, origin=origin)
+            return state._replace(origin=origin)
         case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
-            return replace(state, gps_fix=message.fix_type)
+            return state._replace(gps_fix=message.fix_type)
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            return replace(state, status_text=message.text) if message.severity <= 4 else state
+            return state._replace(status_text=message.text) if message.severity <= 4 else state
     return state

@@ -73,6 +73,8 @@ class Uploads:
 
     def tick(self, now_us: int) -> None:
         """Ask again for what did not come; give up on a client that has gone."""
+        if not self._open:
+            return
         for key, upload in list(self._open.items()):
             if now_us - upload.heard_us >= TIMEOUT_US:
                 if upload.taken_us is None:

@@ -3,7 +3,7 @@
 import math
 
 from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import Setpoint
+from autopilot.modes.setpoint import FREE, Setpoint
 from autopilot.records import KIND_TRAJECTORY
 
 
@@ -39,10 +39,11 @@ class Offboard(Mode):
         if source.kind != KIND_TRAJECTORY:
             return source
         yaw_free = not math.isfinite(source.yaw) and not math.isfinite(source.yaw_rate)
+        flies = flyable(source)
         return source._replace(
-            velocity_ned=source.velocity_ned if flyable(source) else (0.0, 0.0, 0.0),
-            position_ned=source.position_ned if flyable(source) else (math.nan,) * 3,
-            acceleration_ned=source.acceleration_ned if flyable(source) else (math.nan,) * 3,
+            velocity_ned=source.velocity_ned if flies else (0.0, 0.0, 0.0),
+            position_ned=source.position_ned if flies else FREE,
+            acceleration_ned=source.acceleration_ned if flies else FREE,
             yaw_rate=0.0 if yaw_free else source.yaw_rate,
             speed_limit_up=float(p["MPC_Z_VEL_MAX_UP"]),
             speed_limit_down=float(p["MPC_Z_VEL_MAX_DN"]),

@@ -26,6 +26,16 @@ class RateKeeper:
         """Share of the ticks that were late, 0 … 1."""
         return self.late / self.ticks if self.ticks else 0.0
 
+    def figures(self) -> dict[str, float]:
+        """Return ticks, late (ticks), late_share (0 … 1), lag_max_s and skipped_s."""
+        return {
+            "ticks": self.ticks,
+            "late": self.late,
+            "late_share": round(self.late_share, 6),
+            "lag_max_s": round(self.lag_max_s, 6),
+            "skipped_s": round(self.skipped_s, 3),
+        }
+
     def wait(self) -> None:
         """Return when the next tick is due; count it if it is late already."""
         self._due_s += self.period_s
