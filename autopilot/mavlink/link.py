@@ -11,10 +11,20 @@ if TYPE_CHECKING:
     from autopilot.mavlink.port import Port
 
 
+def _as_mavlink2(frame: bytes, crc_extra: int) -> bytes:
+    """Return a packed message in MAVLink 2, which is all that our links carry; older clients begin with MAVLink 1."""
+    if frame[0] != dialect.PROTOCOL_MARKER_V1:
+        return frame
+    length, sequence, system, component, number = frame[1:6]
+    body = bytes((length, 0, 0, sequence, system, component, number, 0, 0)) + frame[6 : 6 + length]
+    crc = dialect.x25crc(body + bytes((crc_extra,))).crc
+    return bytes((dialect.PROTOCOL_MARKER_V2,)) + body + crc.to_bytes(2, "little")
+
+
 def heartbeat(node: Node, port: "Port", message: Message) -> None:
     """Remember when a ground station was last heard, and let the other links know of the sender."""
     if message.get_srcSystem() != node.system_id:
-        node.forward(port, bytes(message.get_msgbuf()))
+        node.forward(port, _as_mavlink2(bytes(message.get_msgbuf()), message.crc_extra))
     if message.type == dialect.MAV_TYPE_GCS:
         node.vehicle.commander.supervision.station_heard_us = node.time_us
 

@@ -16,8 +16,11 @@ import threading
 import time
 from pathlib import Path
 
+from pymavlink import mavutil
+
 READY = "Ctrl-C ends it"
 START_S = 240.0  # the first start of an installation compiles
+GROUND_STATION, ARM = 18570, 400  # where the simulator hears ground stations; MAV_CMD_COMPONENT_ARM_DISARM
 SETTLE_S = 15.0  # a flight just ended: landed, disarmed, log closed
 
 
@@ -85,6 +88,17 @@ def follow(script: Script, shows: dict[str, int], limit_s: float, endless: bool,
     return "never printed " + ", ".join(map(repr, missing)) if missing else "ok"
 
 
+def arm_and_disarm(ended: threading.Event) -> None:
+    """Be a ground station at whose word something happens that is worth a STATUSTEXT."""
+    link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{GROUND_STATION}", source_system=255)
+    armed = 0
+    while not ended.wait(2.0):
+        armed = 1 - armed
+        link.mav.heartbeat_send(6, 8, 0, 0, 4)
+        link.mav.command_long_send(1, 1, ARM, 0, armed, 0, 0, 0, 0, 0, 0)
+    link.close()
+
+
 def main() -> int:
     """Keys: python, folder, example (as in example_table), where, state, isolated. See `follow` for the outcome."""
     task = json.loads(sys.argv[1])
@@ -93,6 +107,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what runs is ended on the way out
     example, where = task["example"], Path(task["where"])
     running: list[Script] = []
+    ended = threading.Event()
 
     def start(*command: str) -> Script:
         running.append(Script(list(command), where))
@@ -117,15 +132,18 @@ def main() -> int:
                     [task["python"], "-W", "ignore", "-c", server], check=True, capture_output=True, text=True
                 )
                 start(found.stdout.strip(), "-p", "50051", example["server"])
+            if example["eventful"]:
+                threading.Thread(target=arm_and_disarm, args=(ended,)).start()
             began = time.monotonic()
             script = start(*example_script(example["script"]), *example["arguments"])
             outcome = follow(script, example["shows"], example["limit_s"], example["endless"], example["linger_s"])
             lines = script.lines
         answer = {"outcome": outcome, "seconds": time.monotonic() - began, "lines": lines}
     finally:
+        ended.set()
         for script in reversed(running):
             script.end()
-    print(json.dumps(answer))
+    sys.stdout.write(json.dumps(answer) + "\n")
     return 0
 
 

@@ -20,12 +20,14 @@ class Example:
     limit_s: float = 90.0  # wall seconds for the script alone; the simulator's start is not counted
     endless: bool = False  # the script never returns: it is interrupted when it has shown everything
     linger_s: float = 0.0  # for an endless script: how long it goes on after its last line
-    climbs_m: float = 0.0  # the flight log must reach at least this height above the start
+    climbs_m: float = 0.0  # the flight log must reach at least this height; spool-up and take-off ramp cost about 2 s
     arguments: tuple[str, ...] = ()
     files: tuple[str, ...] = ()  # files of the examples' folder that must lie in the working directory
     written: dict[str, str] = field(default_factory=dict)  # files to write there: name -> text
     after: str | None = None  # an example flown first, to its end, in the same simulator
     server: str | None = None  # the script wants a mavsdk_server that is already there: its address for the vehicle
+    eventful: bool = False  # meanwhile a ground station arms and disarms: a vehicle at rest has nothing to say
+    downloads: str | None = None  # a pattern of files it writes, which must be byte for byte the vehicle's logs
     refused: str | None = None  # the one error that is right: what it asks for does not exist here
     note: str = ""
 
@@ -36,17 +38,15 @@ class Example:
 
 PARAMETERS = "# vehicle\tcomponent\tname\tvalue\ttype\n1\t1\tMIS_TAKEOFF_ALT\t3.5\t9\n1\t1\tCOM_OBL_RC_ACT\t1\t6\n"
 OFFBOARD = {HEALTHY: 1, "-- Starting offboard": 1, "-- Stopping offboard": 1}
-ON_LINE = (
-    "the script wants a running mavsdk_server, which then owns the link: it is started on UDP instead of a serial port"
-)
+SERVER = "the script wants a running mavsdk_server, which owns the link: it is given UDP in place of the serial port"
 
 EXAMPLES = (
     Example("takeoff_and_land.py", "telemetry, action", "core",
             {HEALTHY: 1, "-- Taking off": 1, "-- Landing": 1, "Status: ": 1}, climbs_m=2.0),
     Example("telemetry_takeoff_and_land.py", "telemetry, action", "core",
             {"Altitude: [89]": 1, "Flight mode: TAKEOFF": 1, "Flight mode: LAND": 1}, climbs_m=7.0),
-    Example("offboard_velocity_body.py", "offboard", "core", {**OFFBOARD, "-- Fly a circle": 2}, climbs_m=4.0),
-    Example("offboard_velocity_ned.py", "offboard", "core", {**OFFBOARD, "-- Go": 6}, climbs_m=6.0),
+    Example("offboard_velocity_body.py", "offboard", "core", {**OFFBOARD, "-- Fly a circle": 2}, climbs_m=2.5),
+    Example("offboard_velocity_ned.py", "offboard", "core", {**OFFBOARD, "-- Go": 6}, climbs_m=3.0),
     Example("offboard_position_ned.py", "offboard", "core", {**OFFBOARD, "-- Go": 4}, climbs_m=4.5),
     Example("offboard_position_velocity_ned.py", "offboard, telemetry", "core",
             {**OFFBOARD, r"^-?\d\.\d+ -?\d\.\d+": 100}, climbs_m=9.5),
@@ -73,14 +73,16 @@ EXAMPLES = (
     Example("telemetry_flight_mode.py", "telemetry", "core", {"FlightMode: HOLD": 1}, endless=True),
     Example("telemetry_is_armed_is_in_air.py", "telemetry", "core",
             {"Is_armed: False": 2, "Is_in_air: False": 2}, endless=True),
-    Example("telemetry_status_text.py", "telemetry", "core", {"Statustext: ": 1}, endless=True),
+    Example("telemetry_status_text.py", "telemetry", "core", {"Statustext: ": 2}, endless=True, eventful=True,
+            note="meanwhile a ground station arms and disarms"),
     Example("highres_imu.py", "telemetry", "yes", {"HIGHRES_IMU": 400, "Time \\(us\\): [1-9]": 400}, endless=True),
     Example("all_params.py", "param", "core", {"^MIS_TAKEOFF_ALT: 2.5": 1, "^[A-Z0-9_]+: ": 100}),
     Example("upload_params.py", "param, telemetry", "yes", {"Params uploaded!": 1},
             arguments=("udpin://0.0.0.0:14540", "vehicle.params"), written={"vehicle.params": PARAMETERS}),
     Example("firmware_version.py", "info", "yes", {"Version: ": 1}),
-    Example("logfile_download.py", "log_files", "yes", {"^Log 0 from ": 1, "100 %": 1}, limit_s=240,
-            after="takeoff_and_land.py", note="the log of a takeoff_and_land.py flown just before"),
+    Example("logfile_download.py", "log_files", "yes", {"^Log 0 from ": 1, "[0-9]+ %": 10}, limit_s=240,
+            downloads="log-*.ulog", after="takeoff_and_land.py",
+            note="the log of a takeoff_and_land.py flown just before, byte for byte"),
     Example("calibration.py", "calibration", "yes",
             {"-- (Gyroscope|Accelerometer|Magnetometer|Board level) calibration finished": 4}, limit_s=180),
     Example("failure_injection.py", "failure, param", "yes",
@@ -88,7 +90,7 @@ EXAMPLES = (
     Example("mavlink_direct_send.py", "mavlink_direct", "yes", {"Sending airspeed": 20}),
     Example("mavlink_direct_receive.py", "mavlink_direct", "yes", {"ATTITUDE from 1/1": 50}, endless=True),
     Example("send_status_message.py", "server_utility", "yes", {"-- Connected to drone!": 1}),
-    Example("ftp_list_dir.py", "ftp", "yes", {"directory list": 1}, server="udpin://0.0.0.0:14540", note=ON_LINE),
+    Example("ftp_list_dir.py", "ftp", "yes", {"directory list": 1}, server="udpin://0.0.0.0:14540", note=SERVER),
     Example("ftp_download_file.py", "ftp", "yes", {"-- Connected": 1}, server="udpin://0.0.0.0:14540",
-            refused="FILE_DOES_NOT_EXIST", note="it asks for a file of a real board, absent here as in PX4's own SITL; " + ON_LINE),
+            refused="FILE_DOES_NOT_EXIST", note=f"it asks for a file of a real board; {SERVER}"),
 )  # fmt: skip

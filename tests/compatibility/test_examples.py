@@ -16,6 +16,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from example_table import EXAMPLES, Example
 
@@ -39,7 +40,7 @@ class Outcome:
     example: Example
     fault: str  # "" when it worked
     seconds: float  # wall, of the script
-    climbed_m: float | None  # highest point of the flight log above its start; None without a log
+    reach: tuple[float, float] | None  # m above and m away from the start, of the flight log; None without a log
     lines: tuple[str, ...]
 
 
@@ -51,15 +52,16 @@ def own_network() -> tuple[str, ...]:
     return OWN_NETWORK if tried.returncode == 0 else ()
 
 
-def climbed(state: Path) -> float | None:
-    """Return how high above its start the vehicle of these logs has been, in m."""
+def reach(state: Path) -> tuple[float, float] | None:
+    """Return how high above and how far from its start the vehicle of these logs has been, in m; None without a log."""
     from pyulog import ULog
 
-    heights = []
+    reached = []
     for path in state.rglob("*.ulg"):
         for topic in ULog(str(path), ["vehicle_local_position"]).data_list:
-            heights.append(float(topic.data["z"][0] - topic.data["z"].min()))
-    return max(heights, default=None)
+            north, east, down = (topic.data[axis] - topic.data[axis][0] for axis in "xyz")
+            reached.append((float(-down.min()), float(np.hypot(north, east).max())))
+    return max(reached, default=None)
 
 
 def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tuple[str, ...]) -> Outcome:
@@ -88,11 +90,16 @@ def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tu
         pytest.fail(f"{example.name}: the stage fell: {(where / 'stage.txt').read_text()[-2000:]}")
     answer = json.loads(stage.stdout.splitlines()[-1])
     (where / "lines.txt").write_text("\n".join(answer["lines"]))
-    height = climbed(state)
-    return Outcome(example, _fault(example, answer, height), answer["seconds"], height, tuple(answer["lines"]))
+    reached = reach(state)
+    fault = _fault(example, answer, reached[0] if reached else 0.0)
+    if not fault and example.downloads:
+        flown = {path.read_bytes() for path in state.rglob("*.ulg")}
+        downloaded = {path.read_bytes() for path in where.glob(example.downloads)}
+        fault = "" if downloaded == flown else "what it downloaded is not what the vehicle wrote"
+    return Outcome(example, fault, answer["seconds"], reached, tuple(answer["lines"]))
 
 
-def _fault(example: Example, answer: dict, height: float | None) -> str:
+def _fault(example: Example, answer: dict, height: float) -> str:
     text = "\n".join(answer["lines"])
     if example.refused:
         met = example.refused in text and all(re.search(pattern, text) for pattern in example.shows)
@@ -102,8 +109,8 @@ def _fault(example: Example, answer: dict, height: float | None) -> str:
     wrong = next((line for line in answer["lines"] if WRONG.search(line)), None)
     if wrong:
         return f"printed: {wrong.strip()} … {answer['lines'][-1].strip()}"
-    if example.climbs_m and (height or 0.0) < example.climbs_m:
-        return f"climbed {height or 0.0:.1f} m, not {example.climbs_m:.1f} m"
+    if height < example.climbs_m:
+        return f"climbed {height:.1f} m, not {example.climbs_m:.1f} m"
     return ""
 
 
@@ -139,48 +146,39 @@ def test_an_example_does_what_it_shows(outcomes, script):
 
 def page(outcomes: list[Outcome], python: Path) -> str:
     """Return docs/compatibility.md."""
-    versions = {}
-    for name, interpreter in (
-        ("mavsdk (the examples)", python),
-        ("mavsdk", sys.executable),
-        ("pymavlink", sys.executable),
-    ):
-        ask = f"from importlib.metadata import version; print(version({name.split()[0]!r}))"
-        found = subprocess.run([interpreter, "-c", ask], capture_output=True, text=True, check=True)
-        versions[name] = found.stdout.strip()
+    older = _version("mavsdk", python)
     rows = []
     for outcome in outcomes:
         example, notes = outcome.example, []
-        if example.climbs_m and outcome.climbed_m is not None:
-            notes.append(f"climbed {outcome.climbed_m:.1f} m")
+        if example.climbs_m and outcome.reach:
+            notes.append(f"climbed {outcome.reach[0]:.1f} m, flew {outcome.reach[1]:.0f} m away")
         if example.endless:
-            notes.append("endless: interrupted after it had shown what it shows")
+            notes.append("endless, interrupted")
         if example.note:
             notes.append(example.note)
-        state = (
-            f"**fails**: {outcome.fault}".replace("|", "/")
-            if outcome.fault
-            else ("refused, rightly" if example.refused else "works")
-        )
+        state = "refused, rightly" if example.refused else "works"
+        if outcome.fault:
+            state = f"**fails**: {outcome.fault}".replace("|", "/")
         rows.append(f"| {example.script} | {example.plugins} | {example.expectation} | {state} | "
                     f"{outcome.seconds:.0f} | {'; '.join(notes)} |")  # fmt: skip
     good = sum(not outcome.fault for outcome in outcomes)
     return f"""# Other people's clients
 
-The examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python), unmodified, against `dronecats sitl` at the speed of
-the wall clock, a fresh simulator each: **{good} of {len(outcomes)}** do what they show. An example works when it prints
-every line it is known for, prints no error and no traceback, ends with status 0 (an endless one is interrupted once it has
-shown everything), and, where it flies, the vehicle's own log has the climb. *core* and *yes* say how much a PX4-like
-autopilot is expected to serve it.
+The examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python), unmodified, against `dronecats sitl` at the
+speed of the wall clock, a fresh simulator each: **{good} of {len(outcomes)}** do what they show. An example works when
+it prints every line it is known for, prints no error and no traceback, ends with status 0 (an endless one is interrupted
+once it has shown everything), and, where it flies, the vehicle's own log has the climb. *core* and *yes* say how much a
+PX4-like autopilot is expected to serve it; the seconds are the script's own.
 
 | example | plugins | expected | outcome | seconds | note |
 | --- | --- | --- | --- | --- | --- |
 {chr(10).join(rows)}
 
-Client of the examples: mavsdk {versions["mavsdk (the examples)"]} (its last release with gRPC). Python {platform.python_version()}, {platform.system()} {platform.machine()}.
+Client of the examples: mavsdk {older}, the gRPC client. Python {platform.python_version()}, {platform.system()}
+{platform.machine()}.
 
-Two more clients fly in the test suite on every run: mavsdk {versions["mavsdk"]}, whose API is another one, and pymavlink
-{versions["pymavlink"]} alone (`tests/flight/test_clients.py`), and both a pymavlink agent and a pymavlink ground station at once
+More clients fly in the test suite on every run: mavsdk {_version("mavsdk")}, whose API is another one, and pymavlink
+{_version("pymavlink")} alone (`tests/flight/test_clients.py`); and an agent and a ground station at the same time
 (`tests/compatibility/test_two_clients.py`).
 
 This page is written by the test that flies them:
@@ -190,3 +188,8 @@ python -m venv older && older/bin/pip install "mavsdk<4" anyio tqdm
 make compatibility EXAMPLES=MAVSDK-Python/examples MAVSDK3=older/bin/python
 ```
 """
+
+
+def _version(package: str, interpreter: Path | str = sys.executable) -> str:
+    ask = f"from importlib.metadata import version; print(version({package!r}))"
+    return subprocess.run([interpreter, "-c", ask], capture_output=True, text=True, check=True).stdout.strip()

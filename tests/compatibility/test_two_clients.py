@@ -1,11 +1,13 @@
 """An agent flies on its link while a ground station works on its own: neither notices the other. Real UDP."""
 
+import socket
 import threading
 import time
 
 import pytest
 from pymavlink import mavutil
 
+from dronecats.border.mavlink import dialect
 from dronecats.sitl.simulator_process import Simulator
 
 SPEED = 4.0
@@ -20,7 +22,7 @@ ITEMS = 40
 
 
 class Client:
-    """What a pymavlink user writes, with everything the vehicle said kept in order."""
+    """What a pymavlink user writes, with everything it heard kept in order."""
 
     def __init__(self, port, system, component, kind):
         self.link = mavutil.mavlink_connection(
@@ -51,7 +53,7 @@ class Client:
     def _listen(self):
         while not self._ended.is_set():
             message = self.link.recv_match(blocking=True, timeout=0.1)
-            if message is not None and message.get_srcSystem() == 1:  # heartbeats of the other client are forwarded
+            if message is not None:
                 with self._news:
                     self._heard.append(message)
                     self._news.notify_all()
@@ -60,14 +62,16 @@ class Client:
         self._setpoint = (north, east, down)
 
     def mark(self):
-        """Return the place in what the vehicle has said so far, for `since`."""
+        """Return the place in what has been heard so far, for `since`."""
         return len(self._heard)
 
     def since(self, mark, *kinds):
-        return [message for message in self._heard[mark:] if message.get_type() in kinds]
+        """Return what the vehicle has said since; the heartbeats of other clients are forwarded, and left out here."""
+        heard = self._heard[mark:]
+        return [message for message in heard if message.get_srcSystem() == 1 and message.get_type() in kinds]
 
-    def until(self, kind, wanted=lambda _: True, mark=None):
-        """Return the first such message heard after `mark` (default: from now on)."""
+    def until(self, kind, wanted=lambda _: True, mark=None, system=1):
+        """Return the first such message of a system heard after `mark` (default: from now on)."""
         at = self.mark() if mark is None else mark
         deadline = time.monotonic() + PATIENCE_S
         while True:
@@ -75,7 +79,7 @@ class Client:
                 if not self._news.wait_for(lambda at=at: len(self._heard) > at, deadline - time.monotonic()):
                     raise AssertionError(f"{kind} never became what it should")
                 message, at = self._heard[at], at + 1
-            if message.get_type() == kind and wanted(message):
+            if message.get_srcSystem() == system and message.get_type() == kind and wanted(message):
                 return message
 
     def command(self, number, *parameters):
@@ -195,3 +199,14 @@ def test_what_one_client_changes_the_other_reads(agent, ground):
     ground.link.mav.param_request_read_send(1, 1, b"MIS_TAKEOFF_ALT", -1)
     # PARAM_VALUE may also be the announcement of the change: the same number either way
     assert ground.until("PARAM_VALUE", lambda value: value.param_id == "MIS_TAKEOFF_ALT", mark).param_value == 3.5
+
+
+def test_a_client_that_begins_with_mavlink_1_disturbs_nobody(simulator, agent):
+    agent.until("HEARTBEAT")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as old:
+        packer = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+        beat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
+        old.sendto(beat.pack(packer, force_mavlink1=True), ("127.0.0.1", simulator.ports.gcs[0].port))
+    heard = agent.until("HEARTBEAT", lambda beat: beat.get_srcSystem() == 255, system=255)
+    assert (heard.get_srcComponent(), heard.type) == (190, dialect.MAV_TYPE_GCS)
+    agent.until("HEARTBEAT")  # the vehicle goes on
