@@ -17,6 +17,7 @@ from autopilot.flight_core import update
 from autopilot.records import ESTIMATE, SETPOINT
 from dronecats.border.compiled import njit
 from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
+from dronecats.sitl import compile_ahead
 from vehicles.collision_records import NEAR, SOLIDS
 from vehicles.multirotor import step
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE
@@ -85,6 +86,8 @@ class Fused:
         self._kept_alive = records
         self._at = np.array([np.frombuffer(record, np.uint8).ctypes.data for record in records], np.int64)
         self._arrays = tuple(each for each in (*plant, *core) if not isinstance(each, np.void))
+        if compile_ahead.cold():
+            compile_ahead.compile_both(update, core)
 
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds."""

@@ -1,0 +1,43 @@
+"""What a second process compiles must be what the first one calls, or the first run compiles it twice."""
+
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from dronecats.border.terrain import FLAT, HeightField
+from dronecats.sitl import compile_ahead
+from vehicles import airframe
+from vehicles.multirotor import Multirotor
+
+ORIGIN = (47.4, 8.5, 488.0)
+
+
+def test_the_plant_of_every_airframe_and_map_has_the_same_types() -> None:
+    hills = HeightField(-10.0, -10.0, 5.0, np.zeros((5, 7)))
+    standard = Multirotor(airframe.load("x500"), seed=0, origin=ORIGIN)
+    for name in airframe.names():
+        for terrain in (FLAT, hills):
+            other = Multirotor(airframe.load(name), seed=3, origin=ORIGIN, terrain=terrain)
+            assert compile_ahead.signature(other.kernel_args) == compile_ahead.signature(standard.kernel_args)
+
+
+def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path / "kernels")
+    monkeypatch.setattr(compile_ahead.os, "cpu_count", lambda: 2)
+    assert not compile_ahead.cold()  # nothing could be kept
+    folder = tmp_path / "kernels" / "vehicles"
+    folder.mkdir(parents=True)
+    assert compile_ahead.cold()
+    (folder / "multirotor.step-12.py311.nbi").touch()
+    assert not compile_ahead.cold()
+
+
+def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compile_ahead.sys, "executable", "/bin/false")
+    double = numba.njit(lambda x: 2.0 * x)
+    compile_ahead.compile_both(double, (1.5,))
+    assert double.signatures == [(numba.float64,)]
