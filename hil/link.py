@@ -51,6 +51,7 @@ class Link:
         self._stream = OffboardStream()
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
+        self._tried_to_arm = False
         self._ack: dialect.MAVLink_message | None = None
         self._telemetry_ms = -1
 
@@ -222,12 +223,23 @@ class Link:
 
     def arm(self) -> None:
         """Arm; retried for ten seconds, since a pre-arm check may flicker. Raises LinkError when refused to the end."""
+        self._tried_to_arm = True
         end_us = self.time_us + 10_000_000
         while (result := self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)) != dialect.MAV_RESULT_ACCEPTED:
             if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= end_us:
                 raise LinkError(f"arming was {self._refusal(result)}")
             self.wait(0.5)
         self.wait_for(lambda state: state.armed, 5.0, "arming")
+
+    def may_fly(self) -> bool:
+        """Return whether the vehicle may be in the air by our doing, or stand there armed: ground it then.
+
+        Heartbeats lag by up to a second, so one that we have just told to arm is asked: it disarms on the ground and
+        refuses to in the air.
+        """
+        if self.state.armed or not self._tried_to_arm:
+            return self.state.armed
+        return self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED
 
     # -- flight --------------------------------------------------------------------------------------------------
 

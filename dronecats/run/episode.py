@@ -171,13 +171,13 @@ def order_landing(stage: Stage, say: Callable[[str], None] = lambda line: None) 
     for link in stage.links:
         link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
         link.stop_stream()
-        if link.state.armed:
-            say("landing …")
-            try:
+        try:
+            if link.may_fly():
+                say("landing …")
                 link.set_mode("LAND")
                 told.append(link)
-            except DronecatsError as fault:  # after the episode, so it changes no verdict
-                say(f"the vehicle could not be told to land: {fault}")
+        except DronecatsError as fault:  # after the episode, so it changes no verdict
+            say(f"the vehicle could not be told to land: {fault}")
     return told
 
 
