@@ -167,8 +167,8 @@ def page(outcomes: list[Outcome], python: Path) -> str:
 The examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python), unmodified, against `dronecats sitl` at the
 speed of the wall clock, a fresh simulator each: **{good} of {len(outcomes)}** do what they show. An example works when
 it prints every line it is known for, prints no error and no traceback, ends with status 0 (an endless one is
-interrupted once it has shown everything), and, where it flies, the vehicle's own log has the climb. *core* and *yes* say how much a
-PX4-like autopilot is expected to serve it; the seconds are the script's own.
+interrupted once it has shown everything), and, where it flies, the vehicle's own log has the climb.
+*core* and *yes* say how much a PX4-like autopilot is expected to serve it; the seconds are the script's own.
 
 | example | plugins | expected | outcome | seconds | note |
 | --- | --- | --- | --- | --- | --- |
