@@ -70,10 +70,10 @@ def _fault(entry: dict[str, Any], where: str) -> Fault:
 
 
 def _microseconds(entry: dict[str, Any], key: str, where: str) -> int:
-    seconds = entry[key]
+    seconds: float = entry[key]
     if not _is_number(seconds) or not 0.0 <= seconds <= LONGEST_S:
         raise UsageError(f"{where}: '{key}' must be a number of seconds since boot, 0 or more, not {seconds!r}")
-    return round(seconds * 1e6)
+    return round(float(seconds) * 1e6)
 
 
 def _vector(value: Any, where: str) -> Vec3:

@@ -37,7 +37,7 @@ class LockstepStage:
         )
         clock.follow(self._recorder.truth)
         for vehicle in simulation.vehicles:
-            port = vehicle.autopilot.open_port("minimal")
+            port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
         self.camera = WorldCamera(world, camera, lambda data: announce(data))

@@ -24,7 +24,7 @@ class Lockstep:
 
     def transport(self, vehicle: int, profile: str = "minimal") -> MemoryTransport:
         """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
-        port = self.simulation.vehicles[vehicle].autopilot.open_port(profile)
+        port = self.simulation.vehicles[vehicle].open_port(profile)
         return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)
 
     def follow(self, feed: Callable[[bytes], None]) -> Callable[[bytes], None]:

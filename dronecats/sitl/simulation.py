@@ -17,6 +17,7 @@ from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import CollisionReport, Encounters, Traffic
 from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
+from dronecats.sitl.vehicle_port import VehiclePort
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.wind import CALM, Wind
@@ -66,18 +67,10 @@ class SimulatedVehicle:
             wind=wind,
             faults=faults,
         )
-        self.core = FlightCore(airframe)
-        self.autopilot = Autopilot(
-            airframe,
-            self.core,
-            self.plant.sensors,
-            system_id=index + 1,
-            parameter_file=state_dir / "parameters.json" if state_dir else None,
-            log_dir=state_dir / "log" if state_dir else None,
-            actuators=self.plant.actuators,
-            inject=Failures(self.plant, faults).inject,
-        )
-        self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
+        self._state_dir = state_dir
+        self._failures = Failures(self.plant, faults)
+        self._ports: list[VehiclePort] = []
+        self._boot()
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
         self._collisions = CollisionReport(self.plant)
 
@@ -85,6 +78,39 @@ class SimulatedVehicle:
         """Advance by one tick."""
         self._fused.advance(TICK_US // STEP_US)
         self.autopilot.update()
+        if self.autopilot.reboot_requested:
+            self._reboot()
+
+    def _boot(self) -> None:
+        airframe, folder = self.plant.airframe, self._state_dir
+        self.core = FlightCore(airframe)
+        self.autopilot = Autopilot(
+            airframe,
+            self.core,
+            self.plant.sensors,
+            system_id=self.index + 1,
+            parameter_file=folder / "parameters.json" if folder else None,
+            log_dir=folder / "log" if folder else None,
+            actuators=self.plant.actuators,
+            inject=self._failures.inject,
+        )
+        self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
+
+    def _reboot(self) -> None:
+        """Start estimator and autopilot anew where the vehicle is; its clock, which a fleet shares, goes on."""
+        parameters = self.autopilot.parameters
+        self.autopilot.close()
+        self._boot()
+        for name in parameters.names:  # kept as a flight controller keeps them, with a file or without
+            self.autopilot.parameters.set(name, parameters[name])
+        for port in self._ports:
+            port.move(self.autopilot)
+
+    def open_port(self, profile: str) -> VehiclePort:
+        """Return a MAVLink port that survives a restart; profiles as `Autopilot.open_port` has them."""
+        port = VehiclePort(self.autopilot, profile)
+        self._ports.append(port)
+        return port
 
     def close(self) -> None:
         """Finish the flight log."""

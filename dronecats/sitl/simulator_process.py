@@ -29,7 +29,7 @@ class Ports:
                                  tap.take, tap.receive, shared=True)  # fmt: skip
         for vehicle in simulation.vehicles:
             n = (instance or 0) + vehicle.index
-            ports = [vehicle.autopilot.open_port(profile) for profile in ("onboard", "gcs", "minimal")]
+            ports = [vehicle.open_port(profile) for profile in ("onboard", "gcs", "minimal")]
             agent, gcs, log = ((port.take, port.receive) for port in ports)
             if instance is None:
                 self.agent.append(UdpPort((LOOPBACK, 0), None, *agent))

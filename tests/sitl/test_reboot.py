@@ -1,0 +1,56 @@
+"""A client asks the flight controller to restart: it does, in place, with its parameters, on the same ports."""
+
+import math
+
+import pytest
+
+from dronecats.border.mavlink import MODES, dialect
+from dronecats.sitl.lockstep import Lockstep
+from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from hil.link import Link
+from vehicles import airframe
+
+
+@pytest.mark.parametrize("kept_in_a_file", [False, True])
+def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
+    vehicle = SimulatedVehicle(
+        0, airframe.load("x500"), Place((2.0, -3.0, 0.0), 1.0), seed=4, origin=(47.4, 8.5, 488.0),
+        state_dir=tmp_path if kept_in_a_file else None,
+    )  # fmt: skip
+    transport = Lockstep(Simulation([vehicle])).transport(0)
+    link = Link(transport)
+    link.connect()
+    link.wait(12.0)
+    vehicle.autopilot.parameters.set("MPC_XY_VEL_MAX", 7.5)
+    before, stood, now = vehicle.autopilot, vehicle.plant.truth["position_ned"].copy(), link.time_us
+    link.send(
+        dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0)
+    )
+    link, answers = Link(transport), []  # the streams that were asked for are forgotten, so the client connects anew
+    link.on_message = lambda m: answers.append((m.command, m.result)) if m.get_type() == "COMMAND_ACK" else None
+    link.connect()
+    assert answers[0] == (dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, dialect.MAV_RESULT_ACCEPTED)
+    assert vehicle.autopilot is not before
+    assert not vehicle.autopilot.reboot_requested
+    assert vehicle.autopilot.parameters["MPC_XY_VEL_MAX"] == 7.5
+    assert vehicle.core.get_parameter("MPC_XY_VEL_MAX") == 7.5
+    assert vehicle.plant.truth["position_ned"] == pytest.approx(stood, abs=1e-6)
+    link.wait(12.0)
+    assert link.time_us > now + 10_000_000
+    link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF, *(math.nan,) * 7)
+    link.arm()
+    link.wait(6.0)
+    assert vehicle.plant.truth["position_ned"][2] < -1.0
+
+
+def test_a_vehicle_in_flight_does_not_restart():
+    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=4, origin=(47.4, 8.5, 488.0))
+    link = Link(Lockstep(Simulation([vehicle])).transport(0))
+    link.connect()
+    link.wait(12.0)
+    link.order("take-off", dialect.MAV_CMD_DO_SET_MODE, 1, MODES["TAKEOFF"].main, MODES["TAKEOFF"].sub)
+    link.arm()
+    link.wait(3.0)
+    before = vehicle.autopilot
+    assert link.command(dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1) == dialect.MAV_RESULT_DENIED
+    assert vehicle.autopilot is before
