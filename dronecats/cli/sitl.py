@@ -95,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
             while True:
                 simulator.turn()
                 supervisor.check()
+                if lag := simulator.pace.line():
+                    print(lag, flush=True)
         except KeyboardInterrupt:
             return 0
         finally:

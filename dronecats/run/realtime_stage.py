@@ -82,6 +82,10 @@ class RealtimeStage:
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
 
+    def pace(self) -> dict[str, float]:
+        """Return how well the simulator has held real time (`RateKeeper.figures`). Raises InfrastructureError."""
+        return dict(self._simulator.do("pace"))
+
     def check(self) -> None:
         self._supervisor.check()
 

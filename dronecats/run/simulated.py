@@ -4,7 +4,7 @@ import argparse
 import signal
 import statistics
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,7 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
     disclaimer = " (built in, not a model)" if plan.pilot else ""
     say(f'episode {plan.record.id}: "{plan.record.instruction}", pilot {plan.pilot_name}{disclaimer}')
     return conclude(
-        lambda: _fly(plan, prompt, folder, say),
+        lambda: _fly(plan, prompt, folder, say, settings),
         folder,
         plan.record.id,
         plan.pilot_name,
@@ -96,7 +96,9 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
     }
 
 
-def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say) -> Flown:
+def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say, settings: dict[str, Any]) -> Flown:
+    """Fly, and add to `settings` how well a flight in real time held it."""
+    pace: Callable[[], dict[str, float]] | None = None
     if plan.speed is None:
         say("lockstep: loading the flight core and the camera; the first run compiles them, about a minute …")
         from dronecats.run.lockstep_stage import LockstepStage
@@ -105,7 +107,8 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say) -> Flown:
     else:
         from dronecats.run.realtime_stage import RealtimeStage
 
-        stage = RealtimeStage(plan, folder, say)
+        stage = realtime = RealtimeStage(plan, folder, say)
+        pace = realtime.pace
     try:
         from dronecats.sitl.scenario import load_world
 
@@ -114,7 +117,12 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say) -> Flown:
         pilot = Pilot(stage.model, prompt, plan.record.instruction, plan.latency)
         return fly(stage, starts, pilot, folder, full=plan.full, on_step=progress(say), say=say)
     finally:
-        stage.close()
+        try:
+            if pace is not None:
+                with suppress(DronecatsError):  # a simulator that has died has said so already
+                    settings["pace"] = pace()
+        finally:
+            stage.close()
 
 
 def conclude(

@@ -16,7 +16,7 @@ from dronecats.border.compiled import ROOT, cache_folder
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
-PLANT_S = 180.0  # wall seconds after which the plant is compiled here instead
+PLANT_S = 60.0  # wall seconds after which the plant is compiled here instead
 CACHED = "*.nbi"  # numba's index of what it has compiled of one function
 
 

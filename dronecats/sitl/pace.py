@@ -3,6 +3,8 @@
 import time
 
 LATE_S = 0.002
+LATE_SHARE = 0.001  # of the ticks, above which somebody should know
+REPORT_S = 60.0
 RESYNC_S = 0.5  # further behind than this the lost time is given up rather than caught up in a burst
 # The scheduler wakes a sleeper late, mostly by less than a tenth of a millisecond: so the sleep ends a little early,
 # and the rest of the wait yields the processor without sleeping.
@@ -52,3 +54,30 @@ class RateKeeper:
         if self.lag_s > RESYNC_S:
             self.skipped_s += self.lag_s
             self._due_s = time.monotonic()
+
+
+class PaceReport:
+    """Says how a simulation lags behind the wall clock, once a minute and only when it does."""
+
+    def __init__(self, keeper: RateKeeper) -> None:
+        self._keeper = keeper
+        self._ticks = self._late = 0
+        self._skipped_s = 0.0
+        self._due_s = time.monotonic() + REPORT_S
+
+    def line(self) -> str | None:
+        """Return one sentence when more than a thousandth of the last minute's ticks were late, None otherwise."""
+        if time.monotonic() < self._due_s:
+            return None
+        self._due_s += REPORT_S
+        keeper = self._keeper
+        ticks, late = keeper.ticks - self._ticks, keeper.late - self._late
+        skipped_s = keeper.skipped_s - self._skipped_s
+        self._ticks, self._late, self._skipped_s = keeper.ticks, keeper.late, keeper.skipped_s
+        if late <= LATE_SHARE * ticks:
+            return None
+        lost = f", {skipped_s:.1f} s given up" if skipped_s else ""
+        return (
+            f"real time is not held: {100 * late / ticks:.1f} % of the last minute's ticks were more than "
+            f"{1e3 * LATE_S:.0f} ms late (worst since the start {1e3 * keeper.lag_max_s:.0f} ms{lost})"
+        )

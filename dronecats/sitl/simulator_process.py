@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from dronecats.sitl.pace import RateKeeper
+from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.scenario import build, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.sockets import UdpPort
@@ -64,9 +64,11 @@ class Simulator:
         self.ports = Ports(self.simulation, config.get("instance"))
         self.speed = float(config["speed"])
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+        self.pace = PaceReport(self._keeper)
 
     def ready(self) -> dict[str, Any]:
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+        self.pace = PaceReport(self._keeper)
         return {
             "agent": [port.port for port in self.ports.agent],
             "log": [port.port for port in self.ports.log],
@@ -77,7 +79,7 @@ class Simulator:
         if command == "begin":
             self.simulation.begin(arguments["t0_us"])
         if command == "pace":
-            return {"ticks": self._keeper.ticks, "late": self._keeper.late, "lag_max_s": self._keeper.lag_max_s}
+            return self._keeper.figures()
         return None
 
     def turn(self) -> None:
