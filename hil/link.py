@@ -239,7 +239,7 @@ class Link:
         """
         if self.state.armed or not self._tried_to_arm:
             return self.state.armed
-        return self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED
+        return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
 
     # -- flight --------------------------------------------------------------------------------------------------
 

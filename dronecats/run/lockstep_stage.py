@@ -4,7 +4,6 @@ from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 
-from autopilot.mavlink.port import Port
 from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import InlineExecutor
 from dronecats.agent.model import Model
@@ -19,6 +18,7 @@ from dronecats.run.plan import Plan
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.scenario import build, origin
+from dronecats.sitl.vehicle_port import VehiclePort
 from episodes.world import World
 from hil.link import Link
 
@@ -49,7 +49,7 @@ class LockstepStage:
         self.links = [Link(clock.transport(index)) for index in range(len(simulation.vehicles))]
         self.executor: Executor = InlineExecutor()
 
-    def _log(self, port: Port) -> None:
+    def _log(self, port: VehiclePort) -> None:
         self._recorder.telemetry(port.take())
 
     def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep) -> Model:
