@@ -6,7 +6,7 @@ pilot's own.
 
 import math
 
-from autopilot.modes.setpoint import IDLE, Setpoint
+from autopilot.modes.setpoint import IDLE, NAN, Setpoint
 from autopilot.parameters import Parameters
 from autopilot.records import KIND_IDLE, KIND_TRAJECTORY
 from autopilot.vehicle_state import VehicleState
@@ -62,4 +62,11 @@ class TakeoffRamp:
             if not landed:
                 self._ramp_us = None
             return setpoint
-        return setpoint._replace(thrust_limit=RAMP_START + (1.0 - RAMP_START) * elapsed / ramp_s)
+        # on the ground a tilt overturns the vehicle, so the way to a distant place begins in the air
+        upright = setpoint
+        if landed:
+            z, vz, az = setpoint.position_ned[2], setpoint.velocity_ned[2], setpoint.acceleration_ned[2]
+            upright = setpoint._replace(
+                position_ned=(NAN, NAN, z), velocity_ned=(0.0, 0.0, vz), acceleration_ned=(0.0, 0.0, az)
+            )
+        return upright._replace(thrust_limit=RAMP_START + (1.0 - RAMP_START) * elapsed / ramp_s)

@@ -13,7 +13,7 @@ from typing import Any
 
 from dronecats.border.errors import InfrastructureError, UsageError
 
-READY_S = 180.0  # wall seconds; covers the first run's compilation on a slow machine
+READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
 ANSWER_S = 30.0
 CLOSE_S = 5.0
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from hil.transport import BUFFER_BYTES, bind_error
 
 Address = tuple[str, int]
+MAVLINK_2 = 0xFD  # first byte of a frame
 
 
 class UdpPort:
@@ -68,7 +69,7 @@ class UdpPort:
 def packets(data: bytes, size: int = 1400) -> list[bytes]:
     """Return MAVLink 2 bytes cut between messages into datagrams of at most about `size` bytes."""
     cut, at, start = [], 0, 0
-    while at < len(data):
+    while at + 2 < len(data) and data[at] == MAVLINK_2:  # anything else goes out as it is, in one piece
         length = 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
         if at + length - start > size and at > start:
             cut.append(data[start:at])
