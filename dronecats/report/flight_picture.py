@@ -45,7 +45,7 @@ def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: E
     height = _MAP_IN + rows * _ROW_IN + 0.3
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    above = figure.add_axes((0.045, 1.0 - (_MAP_IN - 0.35) / height, 0.94, (_MAP_IN - 1.0) / height))
+    above = figure.add_axes((0.06, 1.0 - (_MAP_IN - 0.35) / height, 0.925, (_MAP_IN - 1.0) / height))
     _map(above, logs, map_picture, extent)
     _title(above, run_episode_dir)
     for place, decision in enumerate(shown):
