@@ -30,6 +30,7 @@ _ROOM_M = 1.75  # between the drone and the nearest the thing's end can be, for 
 _STRIDE_M = 3.0
 _NEAR_M, _NEAR_SCALE = 5.0, 0.6
 _SHORTEST_M = 1.2
+_SHORTEST_DEPTH_M = _SHORTEST_M / _NEAR_SCALE + 0.01
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30  # slopes under 0.15 keep the height; near the target, gentle ones are made such
 _LEVEL_WITHIN_M = 7.0
 
@@ -71,7 +72,7 @@ def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAct
     """Return the action for one picture, given what is looked for and what was done before."""
     seen = sighting.find(picture, named)
     if seen is None:
-        return _search(picture, past)
+        return reply.finished() if _was_before_it(past) else _search(picture, past)
     if _fills(seen.box, picture.shape[0] / picture.shape[1]):
         return reply.finished()
     doubted = _trailing(past, "finished") >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
@@ -86,6 +87,14 @@ def _fills(box: ranging.Box, aspect: float) -> bool:
     Even a car of 4.7 m that is seen from the side is within 4 m when it is wider than 0.6 of a 90° picture.
     """
     return box.bottom >= 0.5 * aspect - _EDGE and box.right - box.left >= _FILLS
+
+
+def _was_before_it(past: tuple[PastAction, ...]) -> bool:
+    """Return whether the last action was the shortest stride: flown only to a thing some five metres ahead.
+
+    What is lost from sight after it is not gone but so near that its glass and its shadow fill the picture.
+    """
+    return bool(past) and past[-1].kind == "go" and past[-1].depth_m <= _SHORTEST_DEPTH_M + 0.1
 
 
 def _approach(seen: sighting.Sighting, aspect: float) -> str:
@@ -107,8 +116,8 @@ def _depth_for(there: ranging.Range) -> float:
     longest = _NEAR_SCALE * _STRIDE_M
     # what two short strides can cover is halved, so that the last one is not too short to be flown
     stride = travel if travel <= longest else 0.5 * travel
-    depth = min(max(stride, _SHORTEST_M), longest) / _NEAR_SCALE + 0.01
-    return min(depth, _NEAR_M - 0.05)
+    depth = min(stride, longest) / _NEAR_SCALE + 0.01
+    return min(max(depth, _SHORTEST_DEPTH_M), _NEAR_M - 0.05)
 
 
 def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:

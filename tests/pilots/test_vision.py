@@ -143,6 +143,14 @@ def test_what_was_lost_is_looked_for_on_the_side_where_it_was():
     assert decide(scene(), past=(PastAction("go", x_px=1100.0, depth_m=8.0),))["angle_deg"] > 0
 
 
+def test_what_the_shortest_stride_hides_is_before_it_and_is_claimed_once():
+    nothing = scene()
+    for depth, action in ((2.01, "finished"), (2.6, "rotate"), (4.5, "rotate")):
+        assert decide(nothing, past=(PastAction("go", x_px=600.0, depth_m=depth),))["action"] == action
+    claimed = (PastAction("go", x_px=600.0, depth_m=2.01), PastAction("finished"))
+    assert decide(nothing, past=claimed)["action"] == "rotate"
+
+
 def test_without_a_colour_word_it_searches_and_never_claims():
     assert decide(put(scene(), BGR["cyan"], 4.0), "go to the SUV")["action"] == "rotate"
 
