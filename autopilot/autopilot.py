@@ -75,11 +75,11 @@ class Autopilot:
     def update(self) -> None:
         """Run the commander once and queue the telemetry that is due on every port."""
         self.state.refresh()
-        self.vibration.take(self.state)
         self.calibration.tick()
         now = self.state.time_us
         if not 0 <= now - self._commanded_us < COMMANDER_US:
             self._commanded_us = now
+            self.vibration.take(self.state)
             self.commander.tick()
             self._tell_core()
         if self.log is not None:

@@ -6,9 +6,9 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 
 import math
 
-from autopilot.arming import NO_ARMING_MODES, mode_failures, preflight_failures
+from autopilot.arming import NO_ARMING_MODES, STICK_MODES, mode_failures, preflight_failures
 from autopilot.auto_disarm import AutoDisarm
-from autopilot.failsafe import Action, Failsafe, reaction
+from autopilot.failsafe import QUIET, Action, Failsafe, reaction
 from autopilot.home import home_at, moved
 from autopilot.land_detector import LandDetector
 from autopilot.modes.flight import Flight, Mode
@@ -293,6 +293,8 @@ class Commander:
 
     def _reaction(self) -> tuple[str, str]:
         """Return (mode shown, behaviour flown)."""
+        if self.failsafe is QUIET and self.intended not in STICK_MODES:
+            return self.intended, self.intended  # as `reaction` would say, at nearly every tick
         return reaction(
             self.failsafe,
             self.intended,

@@ -2,8 +2,8 @@
 
 import math
 import struct
+from collections.abc import Callable
 from functools import cached_property
-from operator import itemgetter
 from typing import Any
 
 from autopilot.records import ESTIMATE
@@ -14,25 +14,36 @@ RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster;
 
 _LAYOUT = tuple((name, ESTIMATE[name].base.kind, math.prod(ESTIMATE[name].shape)) for name in ESTIMATE.names or ())
 _FORMAT = struct.Struct("=" + "".join(f"{count}{'q' if kind == 'i' else 'd'}" for _, kind, count in _LAYOUT))
+_NAMES = frozenset(name for name, _, _ in _LAYOUT)
 
 
-def _places() -> list[int | slice]:
-    start, places = 0, list[int | slice]()
-    for _, _, count in _LAYOUT:
-        places.append(start if count == 1 else slice(start, start + count))
+def _display() -> Callable[[tuple[Any, ...]], dict[str, Any]]:
+    """Return a function from the numbers of the record to its fields by name, scalars or tuples.
+
+    Made from source, as `namedtuple` makes its constructor: one dict display takes half the time of a loop, and this
+    runs at every tick.
+    """
+    start, entries = 0, []
+    for name, _, count in _LAYOUT:
+        entries.append(f"{name!r}: v[{start}]" if count == 1 else f"{name!r}: v[{start}:{start + count}]")
         start += count
-    return places
+    made: Callable[[tuple[Any, ...]], dict[str, Any]] = eval(f"lambda v: {{{', '.join(entries)}}}")
+    return made
 
 
-_NAMES = tuple(name for name, _, _ in _LAYOUT)
-_SORTED = itemgetter(*_places())  # the numbers of the record, in a tuple, as the values of its fields
+_fields = _display()
+_TIME = struct.Struct("=q")
+_TIME_AT = ESTIMATE.fields["time_us"][1] if ESTIMATE.fields else 0
 
 
 class VehicleState:
     """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames); `refresh` renews it.
 
-    Plain Python numbers are an order of magnitude faster to use than the fields of a numpy record.
+    Plain Python numbers are an order of magnitude faster to use than the fields of a numpy record. They are read from
+    it all at once, when the first of them is asked for: on most ticks nobody needs more than the time.
     """
+
+    __slots__ = ("__dict__", "_buffer", "estimate", "sensors")  # what stays; the snapshot itself is in __dict__
 
     time_us: int
     attitude: Quat
@@ -72,12 +83,18 @@ class VehicleState:
         self.refresh()
 
     def refresh(self) -> None:
-        """Read the records again. Before the estimator has run once, time comes from the sensors."""
-        fields = self.__dict__
-        fields.update(zip(_NAMES, _SORTED(_FORMAT.unpack_from(self._buffer)), strict=True))
-        fields.pop("euler", None)
-        if not self.time_us:
-            self.time_us = int(self.sensors["time_us"])
+        """Forget the snapshot but for its time. Before the estimator has run once, time comes from the sensors."""
+        (time_us,) = _TIME.unpack_from(self._buffer, _TIME_AT)
+        self.__dict__ = {"time_us": time_us or int(self.sensors["time_us"])}
+
+    def __getattr__(self, name: str) -> Any:
+        """Take the snapshot, at the first field that is asked for after `refresh`."""
+        if name not in _NAMES:
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+        fields = _fields(_FORMAT.unpack_from(self._buffer))
+        fields["time_us"] = self.__dict__["time_us"]
+        self.__dict__ = fields
+        return fields[name]
 
     @cached_property
     def euler(self) -> Vec3:
