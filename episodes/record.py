@@ -21,6 +21,7 @@ VERSION = 1
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")
 MOVING = ("tracking", "search-and-track")
 HIDDEN = ("searching", "search-and-track")
+STANDING = ("quadrotor", "sign")  # assets on a stand or on posts
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 12
@@ -32,6 +33,7 @@ MAX_WAYPOINTS, MAX_STARTS, MAX_CANDIDATES = 200, 8, 16
 
 _ID = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,62}[a-z0-9])?")
 _INSCRIPTION = re.compile(r"[A-Z0-9](?:[A-Z0-9 -]{0,22}[A-Z0-9])?")
+_NAME = re.compile(r"[a-z0-9](?:[a-z0-9_-]{0,62}[a-z0-9])?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +54,15 @@ class Path3D:
 
 @dataclass(frozen=True, slots=True)
 class TargetRecord:
-    """A thing to be reached: it either stands at a pose or follows a path."""
+    """A thing to be reached: placed on the map, standing or following a path, or native to the map."""
 
-    asset: str  # `assets.names()`
-    paint: str  # `assets.PAINTS`
-    inscription: str | None = None  # on its plates
+    asset: str  # `assets.names()`; of a native target, the kind of its instance
+    paint: str | None = None  # `assets.PAINTS`; None of a native target
+    inscription: str | None = None  # on its plates or its board
     position_ned: Vec3 | None = None  # m, origin of the asset: on the ground under its middle
     yaw_deg: float | None = None
     path: Path3D | None = None
+    native: str | None = None  # name of the map's own instance that is the target; the pose repeats where it stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +235,11 @@ class _Reader:
         return Path3D(points, self.number(f["speed_mps"], f"{where}.speed_mps", 0.01, MAX_SPEED_MPS))
 
     def target(self, value: Any, where: str) -> TargetRecord:
-        f = self.fields(value, where, ("asset", "paint"), ("inscription", "position_ned", "yaw_deg", "path"))
+        f = self.fields(value, where, ("asset",), ("paint", "inscription", "position_ned", "yaw_deg", "path", "native"))
+        if "native" in f:
+            return self.native(f, where)
+        if "paint" not in f:
+            self.fail(f"{where}.paint", "is missing")
         asset = self.choice(f["asset"], f"{where}.asset", assets.names())
         paint = self.choice(f["paint"], f"{where}.paint", assets.PAINTS)
         inscription = None
@@ -245,12 +252,25 @@ class _Reader:
                 if name in f:
                     self.fail(f"{where}.{name}", "stands beside 'path', which already says where the target is")
             return TargetRecord(asset, paint, inscription, path=self.path(f["path"], f"{where}.path"))
+        return TargetRecord(asset, paint, inscription, *self.pose(f, where))
+
+    def native(self, f: Mapping[str, Any], where: str) -> TargetRecord:
+        """Return a target that the map brings: what it is made of, the map knows."""
+        for name in ("paint", "inscription", "path"):
+            if name in f:
+                self.fail(f"{where}.{name}", "stands beside 'native': what the map brings keeps its look and its place")
+        for name in ("native", "asset"):
+            if not _NAME.fullmatch(self.text(f[name], f"{where}.{name}", 64)):
+                self.fail(f"{where}.{name}", "may hold small letters, digits, hyphens and underscores only")
+        position, yaw = self.pose(f, where)
+        return TargetRecord(f["asset"], None, None, position, yaw, native=f["native"])
+
+    def pose(self, f: Mapping[str, Any], where: str) -> tuple[Vec3, float]:
         for name in ("position_ned", "yaw_deg"):
             if name not in f:
                 self.fail(f"{where}.{name}", "is missing")
         position = self.vector(f["position_ned"], f"{where}.position_ned")
-        yaw = self.number(f["yaw_deg"], f"{where}.yaw_deg", -360.0, 360.0)
-        return TargetRecord(asset, paint, inscription, position, yaw)
+        return position, self.number(f["yaw_deg"], f"{where}.yaw_deg", -360.0, 360.0)
 
     def record(self, value: Any) -> EpisodeRecord:
         if not isinstance(value, dict):
@@ -296,9 +316,15 @@ class _Reader:
             self.fail("candidates", "or 'target.inscription' is missing: a commanding episode needs both")
         if not commanding and record.candidates:
             self.fail("candidates", f"is given, but a {record.cell} episode has one target only")
+        if commanding and record.target.native is not None:
+            self.fail(
+                "target.native", "is given, but the target of a commanding episode is placed, as its look-alikes are"
+            )
         for k, other in enumerate(record.candidates):
-            if other.path is not None:
-                self.fail(f"candidates[{k}].path", "is given, but look-alikes stand still")
+            if other.path is not None or other.native is not None:
+                self.fail(f"candidates[{k}]", "has a path or is native, but look-alikes are placed and stand still")
+        if moving and record.target.asset in STANDING:
+            self.fail("target.path", f"is given, but a {record.target.asset} cannot move")
 
 
 def _join(where: str, name: str) -> str:

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 from dronecats.border.frames import Vec3
 from episodes.record import TargetRecord
 
-AXLES_M = 2.7  # distance between the two points of the path that the heading is drawn through, a car's wheelbase
+# Distance (m) between the two points of the path that the heading is drawn through: a vehicle's wheelbase, and about
+# a step of what walks.
+AXLES_M = {
+    "bus": 6.0, "pickup": 3.35, "van": 3.1, "suv": 2.75, "sedan": 2.75, "hatchback": 2.55,
+    "service_cart": 1.7, "motorcycle": 1.4, "cyclist": 1.05, "delivery_robot": 0.45,
+    "person": 0.6, "pedestrian": 0.6,
+}  # fmt: skip
+AXLES_OF_OTHERS_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,17 +26,23 @@ class Motion:
     reached_m: tuple[float, ...]  # m along the path at each waypoint, measured in three dimensions
     speed_mps: float
     yaw: float  # rad, of a standing target
+    axles_m: float  # between the two points of the path that the heading is drawn through
+
+    @property
+    def length_m(self) -> float:
+        """Return how long the path is; 0 of a standing target."""
+        return self.reached_m[-1]
 
     def pose(self, t_s: float) -> tuple[Vec3, float]:
         """Return (position_ned of the asset's origin in m, yaw in rad in [-π, π]) at time t_s; before 0 as at 0.
 
         The path is followed once and the target stays at its end. The heading joins two points of the path half a
-        wheelbase ahead and behind, so it turns into a corner gradually, as a vehicle does.
+        wheelbase (of a walker: half a step) ahead and behind, so it turns into a corner gradually, as each would.
         """
         if self.speed_mps == 0.0:
             return self.waypoints_ned[0], self.yaw
         s = min(max(t_s, 0.0) * self.speed_mps, self.reached_m[-1])
-        rear, front = self._at(s - AXLES_M / 2), self._at(s + AXLES_M / 2)
+        rear, front = self._at(s - self.axles_m / 2), self._at(s + self.axles_m / 2)
         return self._at(s), math.atan2(front[1] - rear[1], front[0] - rear[0])
 
     def _at(self, s: float) -> Vec3:
@@ -45,9 +58,9 @@ def motion(target: TargetRecord) -> Motion:
     if target.path is None:
         if target.position_ned is None or target.yaw_deg is None:
             raise ValueError("a target has either a pose or a path")
-        return Motion((target.position_ned,), (0.0,), 0.0, math.radians(target.yaw_deg))
+        return Motion((target.position_ned,), (0.0,), 0.0, math.radians(target.yaw_deg), 0.0)
     points = target.path.waypoints_ned
     reached = [0.0]
     for a, b in itertools.pairwise(points):
         reached.append(reached[-1] + math.dist(a, b))
-    return Motion(points, tuple(reached), target.path.speed_mps, 0.0)
+    return Motion(points, tuple(reached), target.path.speed_mps, 0.0, AXLES_M.get(target.asset, AXLES_OF_OTHERS_M))

@@ -1,18 +1,24 @@
 """One episode's world: its map with the target in it, and every true answer about the two."""
 
+import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from dronecats.border.camera import CameraModel, CameraPose
+from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 from episodes import assets, maps
-from episodes.record import EpisodeRecord
+from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Scene
-from episodes.target import motion
+from episodes.target import Motion, motion
 from episodes.visibility import Solids, TargetView, turn
+
+NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
+NATIVE_TURNED_RAD = math.radians(0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,26 +38,27 @@ class World:
     """The map of a record with its target and look-alikes. Time is seconds since the episode began."""
 
     def __init__(self, record: EpisodeRecord) -> None:
-        """Build the scene. Raises UsageError for an unknown map, asset or paint."""
+        """Build the scene. Raises UsageError for an unknown map, asset or paint, or a native target that is not so."""
         self.record = record
         self._motion = motion(record.target)
-        plan = maps.build(record.map, record.map_seed)
+        plan = _plan(record.map, record.map_seed)
         next_id = max(i.id for i in plan.instances) + 1
-        mesh = assets.build(record.target.asset, record.target.paint, record.target.inscription)
-        place, yaw = self._motion.pose(0.0)
-        self.target_id: int = next_id
-        target = Instance(
-            next_id, "target", record.target.asset, mesh, place, yaw, movable=self._motion.speed_mps > 0.0
-        )
-        others = []
-        for k, one in enumerate(record.candidates, 1):
-            spot, heading = motion(one).pose(0.0)
-            look = assets.build(one.asset, one.paint, one.inscription)
-            others.append(Instance(next_id + k, f"candidate-{k}", one.asset, look, spot, heading))
-        self.scene: Scene = replace(plan, instances=(*plan.instances, target, *others))
-        self.solids = Solids((*plan.instances, *others))
-        self._view = TargetView(mesh, self.solids)
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        native = _native(plan, record)
+        if native:  # to the last digit where the map has it; a record's are rounded
+            self._motion = Motion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
+        target = native or _placed(next_id, "target", record.target, movable=self._motion.speed_mps > 0.0)
+        others = tuple(_placed(next_id + k, f"candidate-{k}", one) for k, one in enumerate(record.candidates, 1))
+        self.target = target
+        self.target_id: int = target.id
+        added = others if native else (target, *others)
+        self.scene: Scene = replace(plan, instances=(*plan.instances, *added))
+        # what may hide the target: everything that stands but the target itself
+        if native or others:
+            self.solids = Solids(i for i in self.scene.instances if i is not target)
+        else:
+            self.solids = _solids(record.map, record.map_seed)
+        self._view = TargetView(target.mesh, self.solids)
+        low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
         self._middle = tuple(float(v) for v in (high + low) / 2)
 
@@ -100,3 +107,51 @@ class World:
         The target is not among them: its distance is `measure(…).distance_box_m`.
         """
         return self.solids.clearance_m(point_ned)
+
+
+@lru_cache(maxsize=4)
+def _plan(name: str, seed: int) -> Scene:
+    """Return a map, built once per process: whoever reads a hundred records builds three maps."""
+    return maps.build(name, seed)
+
+
+@lru_cache(maxsize=4)
+def _solids(name: str, seed: int) -> Solids:
+    """Return what stands on a map and does not move."""
+    return Solids(_plan(name, seed).instances)
+
+
+def _placed(number: int, name: str, one: TargetRecord, *, movable: bool = False) -> Instance:
+    """Return a thing that a record adds to its map, where it is at the beginning."""
+    if one.paint is None:
+        raise UsageError(f"field '{name}.paint' is missing: only a target that the map brings has none.")
+    place, yaw = motion(one).pose(0.0)
+    return Instance(
+        number, name, one.asset, assets.build(one.asset, one.paint, one.inscription), place, yaw, movable=movable
+    )
+
+
+def _native(plan: Scene, record: EpisodeRecord) -> Instance | None:
+    """Return the map's own instance that a record names as its target; None when it names none. Raises UsageError."""
+    name = record.target.native
+    if name is None:
+        return None
+    found = next((i for i in plan.instances if i.name == name and i.kind != "ground"), None)
+    if found is None:
+        near = difflib.get_close_matches(name, [i.name for i in plan.instances if i.kind != "ground"], 3, 0.4)
+        hint = f": did you mean {', '.join(near)}?" if near else "."
+        raise UsageError(
+            f"{record.id}: field 'target.native' is '{name}', which map '{record.map}' does not have{hint}"
+        )
+    if found.kind != record.target.asset:
+        raise UsageError(
+            f"{record.id}: field 'target.asset' is '{record.target.asset}', but '{name}' is a '{found.kind}'."
+        )
+    place, yaw = motion(record.target).pose(0.0)
+    off, turned = math.dist(place, found.position_ned), wrap_pi(yaw - found.yaw)
+    if off > NATIVE_OFF_M or abs(turned) > NATIVE_TURNED_RAD:
+        raise UsageError(
+            f"{record.id}: field 'target.position_ned' or 'target.yaw_deg' is {off:.3f} m and "
+            f"{math.degrees(turned):.2f}° off where '{name}' stands."
+        )
+    return found

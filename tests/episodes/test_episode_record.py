@@ -2,6 +2,8 @@
 
 import copy
 import json
+import re
+import tracemalloc
 from pathlib import Path
 
 import jsonschema
@@ -16,6 +18,7 @@ from episodes.record import EpisodeRecord, Path3D, Start, TargetRecord, parse
 
 SCHEMA = json.loads((Path(records.__file__).parent / "record.schema.json").read_text())
 BASE = json.loads(catalogue.load("residential-approaching-01").to_json())
+NATIVE = {"asset": "bench", "native": "bench-12", "position_ned": [4.0, 5.0, -0.1], "yaw_deg": 90.0}
 TRACKING = json.loads(catalogue.load("residential-tracking-01").to_json())
 
 
@@ -129,6 +132,51 @@ def test_a_moving_cell_needs_a_path() -> None:
     assert "repeats" in refusal(json.dumps(still))
 
 
+def test_a_native_target_is_named_and_keeps_what_the_map_gave_it() -> None:
+    record = read({**BASE, "target": NATIVE})
+    assert (record.target.native, record.target.asset, record.target.paint) == ("bench-12", "bench", None)
+    assert parse(record.to_json(), "again") == record
+    jsonschema.validate(json.loads(record.to_json()), SCHEMA)
+
+
+@pytest.mark.parametrize(
+    ("target", "says"),
+    [
+        ({**NATIVE, "paint": "red"}, "target.paint"),
+        ({**NATIVE, "inscription": "A 1"}, "target.inscription"),
+        ({**NATIVE, "path": {"waypoints_ned": [[0, 0, 0], [9, 0, 0]], "speed_mps": 1}}, "target.path"),
+        ({**NATIVE, "native": "../../etc/passwd"}, "target.native"),
+        ({**NATIVE, "native": 7}, "target.native"),
+        ({**NATIVE, "asset": "Bench!"}, "target.asset"),
+        ({k: v for k, v in NATIVE.items() if k != "yaw_deg"}, "target.yaw_deg"),
+        ({k: v for k, v in NATIVE.items() if k != "native"}, "target.paint"),
+    ],
+)
+def test_a_native_target_that_is_not_one_is_refused_by_reader_and_schema(target: dict, says: str) -> None:
+    document = {**BASE, "target": target}
+    assert f"'{says}'" in refusal(json.dumps(document))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(document, SCHEMA)
+
+
+def test_a_file_of_a_gigabyte_is_refused_before_memory_is_spent(tmp_path: Path) -> None:
+    file = tmp_path / "vast.json"
+    with file.open("wb") as out:
+        out.truncate(10**9)
+    tracemalloc.start()
+    try:
+        with pytest.raises(UsageError, match="larger than"):
+            catalogue.load(file)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_stands_on_posts_cannot_move() -> None:
+    if "sign" in assets.names():
+        assert "cannot move" in refusal(json.dumps(changed(TRACKING, ("target", "asset"), "sign")))
+
+
 def test_big_file_is_not_parsed(tmp_path: Path) -> None:
     file = tmp_path / "big.json"
     file.write_bytes(b"[" * 3_000_000)
@@ -145,7 +193,8 @@ json_values = st.recursive(
 )
 places = [
     ("version",), ("id",), ("map",), ("map_seed",), ("cell",), ("instruction",), ("target",), ("target", "asset"),
-    ("target", "yaw_deg"), ("target", "position_ned"), ("target", "position_ned", 2), ("starts",), ("starts", 0),
+    ("target", "yaw_deg"), ("target", "native"), ("target", "paint"), ("target", "path"),
+    ("target", "position_ned"), ("target", "position_ned", 2), ("starts",), ("starts", 0),
     ("starts", 0, "position_ned"), ("starts", 0, "yaw_deg"), ("seed",), ("bearing_deg",), ("candidates",), ("extra",),
 ]  # fmt: skip
 
@@ -178,11 +227,11 @@ def test_schema_is_the_dataclasses() -> None:
     fields = list(EpisodeRecord.__dataclass_fields__)
     assert list(SCHEMA["properties"]) == fields
     assert SCHEMA["required"] == fields[:-1]
-    assert SCHEMA["properties"]["map"]["enum"] == maps.names()
+    name = re.compile(SCHEMA["$defs"]["name"]["pattern"])
+    assert all(name.fullmatch(known) for known in maps.names())
     assert SCHEMA["properties"]["cell"]["enum"] == list(records.CELLS)
-    target = SCHEMA["$defs"]["target"]["properties"]
-    assert target["asset"]["enum"] == assets.names()
-    assert target["paint"]["enum"] == list(assets.PAINTS)
+    assert SCHEMA["$defs"]["asset"]["enum"] == assets.names()
+    assert SCHEMA["$defs"]["target"]["properties"]["paint"]["enum"] == list(assets.PAINTS)
 
 
 def test_bounds_of_schema_and_loader_agree() -> None:

@@ -1,10 +1,15 @@
 """Moving targets: constant speed in three dimensions, one way, headings that turn gradually."""
 
 import itertools
+import json
 import math
+import os
+import subprocess
+import sys
 
 import pytest
 
+from episodes import catalogue
 from episodes.record import Path3D, TargetRecord
 from episodes.target import motion
 
@@ -47,3 +52,31 @@ def test_height_is_interpolated() -> None:
 def test_standing() -> None:
     still = motion(TargetRecord("suv", "cyan", None, (1.0, 2.0, 3.0), 90.0))
     assert still.pose(0.0) == still.pose(299.0) == ((1.0, 2.0, 3.0), math.radians(90.0))
+
+
+@pytest.mark.parametrize(("asset", "longest_s"), [("bus", 40.0), ("suv", 20.0), ("person", 5.0)])
+def test_a_corner_is_turned_over_a_wheelbase_or_a_step(asset: str, longest_s: float) -> None:
+    way = motion(TargetRecord(asset, "red", path=Path3D(((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (20.0, 20.0, 0.0)), 0.3)))
+    yaws = [way.pose(t / 10)[1] for t in range(1300)]
+    turning = sum(math.radians(1.0) < yaw < math.radians(89.0) for yaw in yaws) / 10
+    assert 0.25 * longest_s < turning <= longest_s
+
+
+def test_processes_agree_to_the_last_bit() -> None:
+    """Agent, logger and verifier each compute the pose themselves, under hash seeds of their own."""
+    asked = "residential-tracking-01", [0.0, 0.1, 17.3, 123.456, 299.99]
+    program = (
+        "import json, sys\nfrom episodes import catalogue\nfrom episodes.target import motion\n"
+        "name, times = json.loads(sys.argv[1])\nway = motion(catalogue.load(name).target)\n"
+        "print(json.dumps([[*p, y] for p, y in map(way.pose, times)]))"
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program, json.dumps(asked)],
+            capture_output=True, text=True, check=True, env={**os.environ, "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in ("1", "2")
+    ]  # fmt: skip
+    way = motion(catalogue.load(asked[0]).target)
+    here = [[*place, yaw] for place, yaw in map(way.pose, asked[1])]
+    assert [json.loads(text) for text in said] == [here, here]
