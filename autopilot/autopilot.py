@@ -14,6 +14,7 @@ from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Vehicle
 from autopilot.modes.setpoint import SetpointWriter
 from autopilot.parameters import Parameters
+from autopilot.plan.plans import Plans
 from autopilot.vehicle_state import VehicleState
 from autopilot.vibration import Vibration
 from dronecats.border.airframe import Airframe
@@ -41,7 +42,8 @@ class Autopilot:
     `log_dir` (one per vehicle) receives a ULog file for every flight; without it nothing is logged.
     `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or mends a part of the simulated vehicle and
     returns whether it could; without it failure injection is unsupported.
-    Raises UsageError when `parameter_file` exists but cannot be read, or `log_dir` cannot be made.
+    `parameter_file` and `plan_file` keep what a flight controller keeps without power; a missing one is begun.
+    Raises UsageError when one of them exists but cannot be read, or `log_dir` cannot be made.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Autopilot:
         *,
         system_id: int = 1,
         parameter_file: Path | None = None,
+        plan_file: Path | None = None,
         log_dir: Path | None = None,
         actuators: Any | None = None,
         inject: Inject | None = None,
@@ -64,6 +67,7 @@ class Autopilot:
         self.parameters.set("MAV_TYPE", airframe.mav_type)
         self.state = VehicleState(core.estimate, sensors)
         self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._say)
+        self._keep_plans(Plans(plan_file))
         self.calibration = Calibration(self.state, self._say)
         self.vibration = Vibration()
         vehicle = Vehicle(
@@ -90,6 +94,17 @@ class Autopilot:
         for port in self.node.ports:
             port.tick()
 
+    def stream(self) -> None:
+        """Queue the telemetry that is due between two updates. Call it as often as `stream_us` asks for."""
+        self.state.refresh()
+        for port in self.node.ports:
+            port.stream()
+
+    @property
+    def stream_us(self) -> int:
+        """The interval (µs) of the fastest stream that a client has asked for; below 10 ms `stream` is wanted."""
+        return self.node.shortest_us
+
     def close(self) -> None:
         """End the flight log that is being written, if any."""
         if self.log is not None:
@@ -102,16 +117,29 @@ class Autopilot:
         """
         port = Port(self.node, profile)
         self.node.ports.append(port)
+        self.node.find_shortest()
         return port
 
     def close_port(self, port: Port) -> None:
         """Forget a port. Raises ValueError when it is not open here."""
         self.node.ports.remove(port)
+        self.node.find_shortest()
 
     @property
     def reboot_requested(self) -> bool:
         """Whether a client has asked for a restart, which the owner of this object may grant by making a new one."""
         return self.node.reboot_requested
+
+    def adopt(self, former: "Autopilot") -> None:
+        """Take over what outlives a restart: the parameters, the plans and the item of the mission that comes next."""
+        for name in former.parameters.names:
+            self.parameters.set(name, former.parameters[name])
+        self._keep_plans(former.commander.flight.plans)
+
+    def _keep_plans(self, plans: Plans) -> None:
+        self.commander.flight.plans = plans
+        if plans.current:
+            self.commander.mission.rewind(plans.current)
 
     def _tell_core(self) -> None:
         landed = self.commander.landed

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from autopilot.mavlink import requests
+from autopilot.mavlink import mission, requests
 from autopilot.mavlink.node import COMPONENT_ID, Node
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.vehicle import Message
@@ -226,8 +226,7 @@ def _set_current_item(node: Node, port: "Port", c: Command) -> int:
         number = commander.mission.current  # reset only
     if number is None or not commander.fly_item(0 if c.number(2) == 1 else number):
         return int(DENIED)
-    node.forget_telemetry()
-    port.send_telemetry(BY_NAME["MISSION_CURRENT"].message_id)
+    mission.say_current(node)
     return int(ACCEPTED)
 
 

@@ -96,7 +96,10 @@ def _acknowledge(port: "Port", message: Message, result: int) -> None:
     port.send(dialect.MAVLink_mission_ack_message(*_client(message), result, getattr(message, "mission_type", 0)))
 
 
-def _say_current(node: Node) -> None:
+def say_current(node: Node) -> None:
+    """Tell everybody which item is in force, and keep it for the next boot; a finished mission begins anew then."""
+    commander = node.vehicle.commander
+    commander.flight.plans.remember(0 if commander.mission.complete else commander.mission.current)
     node.forget_telemetry()
     for port in node.ports:
         port.send_telemetry(BY_NAME["MISSION_CURRENT"].message_id)
@@ -105,7 +108,7 @@ def _say_current(node: Node) -> None:
 def _replace(node: Node, kind: int, items: tuple[Item, ...]) -> None:
     node.vehicle.commander.replace_plan(kind, items)
     if kind == MISSION:
-        _say_current(node)
+        say_current(node)
 
 
 # download
@@ -209,7 +212,7 @@ def acknowledged(node: Node, port: "Port", message: Message) -> None:
 
 
 def refuse(node: Node, port: "Port", message: Message) -> None:
-    """Refuse a partial write: a plan is replaced as a whole, as on PX4."""
+    """Refuse a partial write at once: a plan is replaced as a whole. PX4 leaves the client waiting for its time-out."""
     _acknowledge(port, message, UNSUPPORTED)
 
 
@@ -232,7 +235,7 @@ def set_current(node: Node, port: "Port", message: Message) -> None:
     """Go on with an item, and tell everybody which is in force."""
     if not node.vehicle.commander.fly_item(message.seq):
         node.complain(f"Mission item {message.seq} does not exist")
-    _say_current(node)
+    say_current(node)
 
 
 def tell_progress(node: Node) -> None:
@@ -242,4 +245,4 @@ def tell_progress(node: Node) -> None:
         for seq in mission.reached:
             node.broadcast(dialect.MAVLink_mission_item_reached_message(seq))
         mission.reached.clear()
-        _say_current(node)
+        say_current(node)

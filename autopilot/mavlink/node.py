@@ -43,6 +43,7 @@ class Node:
         self.reboot_requested = False
         self.handler_errors = 0
         self.uploads = uploads
+        self.shortest_us = 1_000_000  # the interval of the fastest stream of all ports
         self._text_id = 0
         self._shown = (vehicle.commander.mode, vehicle.commander.armed)
         self._complained: dict[str, int] = {}
@@ -52,6 +53,10 @@ class Node:
     @property
     def time_us(self) -> int:
         return self.vehicle.state.time_us
+
+    def find_shortest(self) -> None:
+        """Look which stream is the fastest: a port has changed its rates, come or gone."""
+        self.shortest_us = min((port.shortest_us for port in self.ports), default=1_000_000)
 
     def telemetry(self, message_id: int) -> Message | None:
         """Return the message of the present tick, made once for all ports; None when there is nothing to tell."""

@@ -35,6 +35,7 @@ class Port:
         self._out: list[bytes] = []
         self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
         self._next_due_us = 0  # the earliest of the streams
+        self.shortest_us = 1_000_000  # the interval of the fastest of them
         self._parameter_cursor: int | None = None
         for stream in TABLE:
             self.set_default_interval(stream.message_id)
@@ -104,6 +105,7 @@ class Port:
         else:
             self._streams[message_id] = [self._node.time_us, max(interval_us, FASTEST_US)]
             self._next_due_us = 0
+        self._find_shortest()
 
     def set_default_interval(self, message_id: int) -> None:
         """Stream a message as the port's profile has it."""
@@ -113,6 +115,7 @@ class Port:
             self._next_due_us = 0
         else:
             self._streams.pop(message_id, None)
+        self._find_shortest()
 
     def interval_us(self, message_id: int) -> int:
         """Return the interval (µs) at which a message is streamed, -1 when it is not."""
@@ -133,6 +136,16 @@ class Port:
             self._send_parameters(self._parameter_cursor)
         if self.transfers:
             self._send_transfers()
+
+    def stream(self) -> None:
+        """Queue the telemetry that is due, and nothing else: between two ticks, for what is faster than they are."""
+        node = self._node
+        if node.time_us >= self._next_due_us:
+            self._send_due(node, node.time_us)
+
+    def _find_shortest(self) -> None:
+        self.shortest_us = min(stream[1] for stream in self._streams.values())  # HEARTBEAT is always there
+        self._node.find_shortest()
 
     def _send_due(self, node: Node, now: int) -> None:
         for message_id, stream in self._streams.items():

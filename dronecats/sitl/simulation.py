@@ -24,6 +24,7 @@ from vehicles.wind import CALM, Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
+FINER_US = (5_000, 2_000)  # steps within a tick, while a client wants messages at more than 100 Hz
 TRUTH_US = 20_000  # 50 Hz
 
 
@@ -52,7 +53,7 @@ class SimulatedVehicle:
         faults: Sequence[Fault] = (),
         state_dir: Path | None = None,
     ) -> None:
-        """`state_dir` keeps the parameters and the flight logs; without it neither outlives the process."""
+        """`state_dir` keeps parameters, plans and flight logs; without it none of them outlives the process."""
         self.index = index
         self.origin = origin
         self.plant = Multirotor(
@@ -76,10 +77,21 @@ class SimulatedVehicle:
 
     def advance(self) -> None:
         """Advance by one tick."""
-        self._fused.advance(TICK_US // STEP_US)
+        if self.autopilot.stream_us < TICK_US:
+            self._stream_through(self.autopilot.stream_us)
+        else:
+            self._fused.advance(TICK_US // STEP_US)
         self.autopilot.update()
         if self.autopilot.reboot_requested:
             self._reboot()
+
+    def _stream_through(self, interval_us: int) -> None:
+        """Live through one tick in steps no longer than a stream's interval, and send what is due after each."""
+        step_us = next((step for step in FINER_US if step <= interval_us), STEP_US)
+        for _ in range(TICK_US // step_us - 1):
+            self._fused.advance(step_us // STEP_US)
+            self.autopilot.stream()
+        self._fused.advance(step_us // STEP_US)
 
     def _boot(self) -> None:
         airframe, folder = self.plant.airframe, self._state_dir
@@ -90,6 +102,7 @@ class SimulatedVehicle:
             self.plant.sensors,
             system_id=self.index + 1,
             parameter_file=folder / "parameters.json" if folder else None,
+            plan_file=folder / "plans.json" if folder else None,
             log_dir=folder / "log" if folder else None,
             actuators=self.plant.actuators,
             inject=self._failures.inject,
@@ -98,11 +111,10 @@ class SimulatedVehicle:
 
     def _reboot(self) -> None:
         """Start estimator and autopilot anew where the vehicle is; its clock, which a fleet shares, goes on."""
-        parameters = self.autopilot.parameters
-        self.autopilot.close()
+        former = self.autopilot
+        former.close()
         self._boot()
-        for name in parameters.names:  # kept as a flight controller keeps them, with a file or without
-            self.autopilot.parameters.set(name, parameters[name])
+        self.autopilot.adopt(former)  # with a file or without
         for port in self._ports:
             port.move(self.autopilot)
 

@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from autopilot.mavlink.streams import BY_NAME
+from autopilot.plan.items import FENCE, MISSION, RALLY, Item
 from dronecats.border.mavlink import MODES, dialect
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
@@ -41,6 +43,47 @@ def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
     link.arm()
     link.wait(6.0)
     assert vehicle.plant.truth["position_ned"][2] < -1.0
+
+
+@pytest.mark.parametrize("kept_in_a_file", [False, True])
+def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a_file):
+    folder = tmp_path if kept_in_a_file else None
+    place, origin = Place((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
+    vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=4, origin=origin, state_dir=folder)
+    link = Link(Lockstep(Simulation([vehicle])).transport(0, "onboard"))
+    link.connect()
+    link.wait(1.0)
+    plans = {
+        MISSION: (Item(22, 6, (0.0, 0.0, 0.0, math.nan), 474000000, 85000000, 10.0),) * 3,
+        FENCE: (Item(5003, 5, (80.0, 0.0, 0.0, 0.0), 474000000, 85000000, 0.0),),
+        RALLY: (Item(5100, 6, (0.0, 0.0, 0.0, 0.0), 474001000, 85000000, 0.0),),
+    }
+    for kind, items in plans.items():
+        vehicle.autopilot.commander.replace_plan(kind, items)
+    link.send(dialect.MAVLink_mission_set_current_message(1, 1, 2))
+    attitude, imu = BY_NAME["ATTITUDE"].message_id, BY_NAME["HIGHRES_IMU"].message_id
+    for message, interval in ((attitude, -1), (imu, 5_000)):
+        assert link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, interval) == dialect.MAV_RESULT_ACCEPTED
+    port = vehicle.autopilot.node.ports[0]
+    assert (port.interval_us(attitude), port.interval_us(imu)) == (-1, 5_000)
+    link.send(
+        dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0)
+    )
+    before = vehicle.autopilot
+    link.wait(1.0)
+    assert vehicle.autopilot is not before
+    flight = vehicle.autopilot.commander.flight
+    assert {kind: repr(items) for kind, items in flight.plans.items.items()} == {
+        kind: repr(items) for kind, items in plans.items()
+    }
+    assert vehicle.autopilot.commander.mission.current == 2
+    # intervals live in a link's memory alone: PX4 boots with the rates of its start script
+    port = vehicle.autopilot.node.ports[0]
+    assert (port.interval_us(attitude), port.interval_us(imu)) == (10_000, 20_000)
+    if kept_in_a_file:
+        vehicle.close()
+        again = SimulatedVehicle(0, airframe.load("x500"), place, seed=4, origin=origin, state_dir=folder)
+        assert repr(again.autopilot.commander.flight.plans.items) == repr(flight.plans.items)
 
 
 def test_a_vehicle_in_flight_does_not_restart():
