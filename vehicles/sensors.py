@@ -55,8 +55,9 @@ class Suite:
     gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
-    # s: what the ionosphere and the orbits leave wanders over tens of minutes; short multipath is in the white part
-    gps_error_time_s: float = 1200.0
+    # s: the atmosphere's delay wanders over 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of their
+    # troposphere model); short multipath is in the white part
+    gps_error_time_s: float = 1800.0
     gps_noise: float = 0.02  # m, white, on top
     gps_velocity_noise_h: float = 0.06  # m/s per axis: u-blox M8 data sheet, 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
