@@ -16,23 +16,41 @@ def ids() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.json"))
 
 
+def must_exist(id_or_path: str | Path) -> None:
+    """Raise UsageError when this is neither a shipped episode nor something on the disk that could be a record."""
+    name = str(id_or_path)
+    if name not in ids() and _file(name) is None:
+        raise UsageError(_unknown(name))
+
+
 def load(id_or_path: str | Path) -> EpisodeRecord:
     """Return a shipped episode by its id, or the one in a JSON file or in an episode's folder.
 
     Raises UsageError when there is no such episode or its record is wrong.
     """
     name = str(id_or_path)
-    known = ids()
-    if name in known:
+    if name in ids():
         return records.load(FOLDER / f"{name}.json")
+    path = _file(name)
+    if path is None:
+        raise UsageError(_unknown(name))
+    return records.load(path)
+
+
+def _file(name: str) -> Path | None:
+    """Return the file that a path means; None when it means none."""
     path = Path(name)
     try:
         if path.is_dir() and (path / "episode.json").is_file():
-            return records.load(path / "episode.json")
+            return path / "episode.json"
         if path.suffix == ".json" or path.is_file():
-            return records.load(path)
+            return path
     except (OSError, ValueError):  # a name too long or with a null byte is no path
         pass
-    near = ", ".join(difflib.get_close_matches(name[:100], known, 3, 0.4) or known)
+    return None
+
+
+def _unknown(name: str) -> str:
+    near = ", ".join(difflib.get_close_matches(name[:100], ids(), 3, 0.4) or (DEFAULT, "`dronecats episodes list`"))
     shown = name if len(name) <= 80 else name[:77] + "..."
-    raise UsageError(f"episode {shown!r} is neither an id nor a record file: did you mean {near}?")
+    return f"episode {shown!r} is neither an id nor a record file: did you mean {near}?"

@@ -1,0 +1,89 @@
+"""Where the target stands and goes: on the ground, through nothing, and on for the whole episode."""
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from episodes.check.finding import Finding, at_least, at_most
+from episodes.check.limits import CAP_S, OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M
+from episodes.check.solid import Standing, box_of
+from episodes.target import motion
+from episodes.world import World
+
+GROUND_STEP_M = 0.1
+SWEEP_STEP_M = 0.25
+MARGIN_M = 0.05  # kept to everything by what stands or passes
+LIFT_M = 0.12  # kerbs and roots lower than this stop no wheel
+
+
+def rules(world: World, standing: Standing) -> Iterator[Finding]:
+    """Yield the findings about the target's footing and its path."""
+    record = world.record
+    if record.target.native is not None:
+        return
+    if record.target.path is None:
+        (north, east, down), yaw = world.target_pose(0.0)
+        off = abs(down - world.ground_down(north, east))
+        yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
+        met = standing.met(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
+        yield Finding("what the target stands in", not met, met or "nothing", "nothing")
+        return
+    yield off_ground(world)
+    yield swept(world, standing)
+    yield long_enough(world)
+    yield from pace(world)
+    here = record.starts[0].position_ned
+    times = np.arange(0.0, CAP_S + 0.5, 1.0)
+    nearest = min(math.dist(here, world.target_centre(float(t))) for t in times)
+    yield at_least("the path's distance from the start", nearest, START_TO_PATH_M, "m")
+
+
+def off_ground(world: World) -> Finding:
+    """Return whether the path, as far as the target comes and between its waypoints too, lies on the ground."""
+    path = world.record.target.path
+    if path is None:
+        raise ValueError("the target stands still")
+    worst, where, gone = 0.0, path.waypoints_ned[0], 0.0
+    for a, b in itertools.pairwise(path.waypoints_ned):
+        leg = math.dist(a, b)
+        for u in np.linspace(0.0, 1.0, max(2, math.ceil(leg / GROUND_STEP_M) + 1)):
+            if gone + u * leg > path.speed_mps * CAP_S + MARGIN_M:
+                break  # farther than it comes
+            n, e, d = (float(p + u * (q - p)) for p, q in zip(a, b, strict=True))
+            off = abs(d - world.ground_down(n, e))
+            if off > worst:
+                worst, where = off, (n, e, d)
+        gone += leg
+    says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+    return Finding("the path off the ground", worst <= OFF_GROUND_M, says, f"≤ {OFF_GROUND_M:g} m")
+
+
+def swept(world: World, standing: Standing) -> Finding:
+    """Return whether the target's box, moved along its path, meets nothing that stands."""
+    way = motion(world.record.target)
+    last = min(CAP_S, way.length_m / way.speed_mps)
+    for t in np.linspace(0.0, last, max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1)):
+        place, yaw = way.pose(float(t))
+        met = standing.met(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
+        if met:
+            says = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
+            return Finding("what the target meets on its path", False, says, "nothing")
+    return Finding("what the target meets on its path", True, "nothing", "nothing")
+
+
+def long_enough(world: World) -> Finding:
+    """Return whether the target is still on its way when the episode ends."""
+    way = motion(world.record.target)
+    least = way.speed_mps * CAP_S
+    says = f"{way.length_m:.1f} m"
+    return Finding("the path's length", way.length_m > least, says, f"> {least:g} m, what it covers in {CAP_S:g} s")
+
+
+def pace(world: World) -> Iterator[Finding]:
+    """Yield whether the target moves at its map's speed."""
+    wanted = RULES.get(world.record.map, OF_OTHER_MAPS).speed_mps
+    speed = motion(world.record.target).speed_mps
+    if wanted is not None:
+        yield Finding("the target's speed", abs(speed - wanted) < 1e-9, f"{speed:g} m/s", f"{wanted:g} m/s")

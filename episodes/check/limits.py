@@ -1,0 +1,48 @@
+"""The numbers of the benchmark that records are held to (paper, appendix "Maps and Episodes")."""
+
+from dataclasses import dataclass
+
+Limits = tuple[float, float]  # least and most, both allowed
+
+CAP_S = 300.0  # an episode's longest time
+OCCUPANCY_PERCENT: Limits = (0.40, 12.0)  # of the picture, when the target is faced from the start
+ALTITUDE_M: Limits = (1.2, 2.2)  # above the ground under the start
+DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # between what a record says and what is measured
+REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
+BODY_M = 0.45  # half the diagonal of a vehicle with its propellers
+RADIUS_M = 5.0  # of success: so far from the target's centre ends the way that must be clear
+OFF_GROUND_M = 0.02
+START_TO_PATH_M = 6.0  # a drone that waits at its start must not be passed within the radius of success
+
+# Commanding
+CANDIDATES = 4
+NEAREST_PAIR_M: Limits = (5.5, 11.2)
+WIDEST_PAIR_M: Limits = (18.0, 32.0)
+GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02
+GRID_TO_TARGET_M: Limits = (12.0, 32.0)
+GRID_TO_CANDIDATES_M: Limits = (7.0, 37.0)
+SPOTTED_PX = 90  # of 1280×720: 22 of the picture that the model sees, a dot that can be told from none
+
+# How high letters stand in the 640 px picture (focal length 320 px). By the paper's reading probe no model reads a
+# plate (0.10 m) at 10 m, where its digits are 3.2 px high, and none a sign (0.136 m) beyond 13 m, where its letters are
+# 3.35 px high and two models still do. Under 3.3 px nothing has ever been read.
+READABLE_PX = 3.3
+READING_FOCAL_PX = 320.0
+FACING = 0.17  # cosine of the angle at which an inscription is seen: flatter than 80° it is a line
+
+
+@dataclass(frozen=True, slots=True)
+class MapRules:
+    """What differs from map to map."""
+
+    start_distance_m: Limits  # one drone, first frame, in three dimensions
+    speed_mps: float | None = None  # of moving targets; None: any
+    off_axes_deg: float = 0.0  # the least angle between the target's bearing and the map's axes
+    hidden_by_deg: tuple[float, ...] = ()  # yaw off the target, either way: the first that hides it; (): any
+
+
+RULES = {
+    "residential": MapRules((15.5, 16.5), 0.3, hidden_by_deg=(90.0,)),
+    "campus": MapRules((12.0, 48.0), 0.15, off_axes_deg=15.0, hidden_by_deg=(90.0, 135.0, 180.0)),
+}
+OF_OTHER_MAPS = MapRules((6.0, 100.0))

@@ -1,0 +1,60 @@
+"""Many records checked at once, each in a process of a small pool."""
+
+import multiprocessing
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+from dronecats.border.errors import InfrastructureError, UsageError
+from episodes import catalogue
+from episodes.check.finding import Finding
+from episodes.check.rules import check
+from episodes.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What the rules say about one record."""
+
+    name: str  # its id; where it cannot be read, what it was asked for by
+    asked: str  # id, file or folder
+    findings: tuple[Finding, ...] = ()
+    refused: str | None = None  # why it could not be read or built at all
+
+    @property
+    def reason(self) -> str | None:
+        """Return why the record is rejected, in one line with file, field and reason; None when it is accepted."""
+        if self.refused:
+            return self.refused
+        failed = "; ".join(f.sentence for f in self.findings if not f.passed)
+        return f"{self.asked}: {failed}." if failed else None
+
+
+def check_one(asked: str) -> Report:
+    """Return the report on a record given by its id, its file or its folder."""
+    name = asked
+    try:
+        record = catalogue.load(asked)
+        name = record.id
+        return Report(name, asked, tuple(check(World(record))))
+    except UsageError as error:
+        return Report(name, asked, refused=str(error))
+
+
+def check_all(asked: Sequence[str], jobs: int | None = None) -> Iterator[Report]:
+    """Yield the reports as they are done, on `jobs` processes (default: one per core)."""
+    jobs = min(jobs or os.cpu_count() or 1, len(asked))
+    if jobs <= 1:
+        yield from map(check_one, asked)
+        return
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        futures = [pool.submit(check_one, one) for one in asked]
+        try:
+            for done in as_completed(futures):
+                yield done.result()
+        except BrokenProcessPool:
+            raise InfrastructureError("a checking process died, perhaps for want of memory.") from None
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
