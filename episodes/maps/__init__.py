@@ -4,10 +4,10 @@ import difflib
 from collections.abc import Callable
 
 from dronecats.border.errors import UsageError
-from episodes.maps import residential
+from episodes.maps import campus, residential
 from episodes.scene import Scene
 
-_MAPS: dict[str, Callable[[int], Scene]] = {"residential": residential.build}
+_MAPS: dict[str, Callable[[int], Scene]] = {"campus": campus.build, "residential": residential.build}
 
 
 def names() -> list[str]:

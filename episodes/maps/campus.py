@@ -1,0 +1,165 @@
+"""A campus: a plaza and four courts between halls of three to five storeys, lawns, walks, and fixtures by the dozen.
+
+Everything of a kind looks alike, so that only where it stands tells it apart. The plan lies in `campus_plan`.
+"""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.terrain import HeightField
+from episodes.assets import buildings, campus_monuments, fixtures, plants
+from episodes.maps import campus_ground, campus_plan
+from episodes.maps.daylight import sun_at
+from episodes.maps.places import Landmark, Lane, Places, Spot
+from episodes.scene import Instance, Mesh, Scene
+
+ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
+MAY, HOUR = 135, 10.4  # day of the year and true solar hour
+STEP_M = 1.0  # between the waypoints of a lane: the ground bends less than a millimetre in between
+SPOT_GRID_M = 4.0  # between the free places that are looked at
+SPOT_CLEAR_M = 1.6  # from the edge of anything that stands
+Row = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
+
+
+def _movers() -> dict[str, Mesh]:
+    """Return what drives, as it stands parked: all in one paint."""
+    return {"delivery-robot": fixtures.delivery_robot("white"), "service-cart": fixtures.service_cart("white")}
+
+
+def _standing(seed: int) -> Iterator[Row]:
+    """Yield everything that stands on the campus but its halls, in the order that gives it its name."""
+    makers, parked = fixtures.MAKERS, _movers()
+    yield "fountain", campus_monuments.fountain(3), *campus_plan.TIERED, 0.0
+    for kind, north, east, facing in campus_plan.FIXTURES:
+        mesh = parked[kind] if kind in parked else makers[kind]()
+        yield kind, mesh, north, east, math.radians(facing)
+    rng = np.random.default_rng((seed, 11))
+    for species, north, east, height in campus_plan.TREES:
+        mesh = plants.tree(species, height, 1 + int(rng.integers(2)))
+        yield "tree", mesh, north, east, float(rng.uniform(0.0, 2.0 * np.pi))
+    for north, east, height in campus_plan.CONIFERS:
+        yield "conifer", plants.conifer(height, 1 + int(rng.integers(2))), north, east, float(rng.uniform(0, 6))
+    for row in _shrubs(rng):
+        yield row
+    for row in _backdrop():
+        yield row
+
+
+def _shrubs(rng: np.random.Generator) -> Iterator[Row]:
+    """Yield shrubs before the blind corners of the halls, wherever no fixture stands there."""
+    taken = np.array([(north, east) for _, north, east, _ in campus_plan.FIXTURES])
+    for plan, north, east, facing in campus_plan.HALLS:
+        yaw = math.radians(facing)
+        for side in (-1, 1):
+            for k in range(4):
+                out, along = plan.depth / 2 + 1.4, side * (plan.width / 2 - 1.4 - 1.7 * k)
+                n = north + math.cos(yaw) * out - math.sin(yaw) * along
+                e = east + math.sin(yaw) * out + math.cos(yaw) * along
+                if np.hypot(taken[:, 0] - n, taken[:, 1] - e).min() > 3.6:
+                    yield "shrub", plants.bush((0.5, 0.58, 0.42)[k % 3], k % 3 + 1), n, e, float(rng.uniform(0, 6))
+
+
+def _backdrop() -> Iterator[Row]:
+    """Yield the woods around the campus, so that no view ends in a bare horizon."""
+    for side in (-1, 1):
+        for k, along in enumerate((-90.0, -30.0, 30.0, 90.0)):
+            yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), side * 104.0, along, np.pi / 2
+            yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), along, side * 104.0, 0.0
+
+
+def build(seed: int = 1) -> Scene:
+    """Return the campus. `seed` varies the shapes of its plants; halls, walks and fixtures stay where they are."""
+    terrain, count = campus_ground.terrain(), Counter[str]()
+    instances: list[Instance] = []
+
+    def add(kind: str, mesh: Mesh, north: float, east: float, down: float, yaw: float) -> None:
+        count[kind] += 1
+        place = (float(north), float(east), float(down))
+        instances.append(Instance(len(instances) + 1, f"{kind}-{count[kind]}", kind, mesh, place, float(yaw)))
+
+    for use, mesh in campus_ground.ground():
+        instances.append(Instance(len(instances) + 1, use, "ground", mesh, (0.0, 0.0, 0.0)))
+    for plan, north, east, facing in campus_plan.HALLS:
+        yaw = math.radians(facing)
+        out = plan.depth / 2 + 2.0  # the ground before the door gives the level
+        down = terrain.at(north + math.cos(yaw) * out, east + math.sin(yaw) * out)
+        add("hall", buildings.hall(plan), north, east, down, yaw)
+    for kind, mesh, north, east, yaw in _standing(seed):
+        add(kind, mesh, north, east, terrain.at(north, east), yaw)
+    return Scene(
+        name="campus",
+        instances=tuple(instances),
+        terrain=terrain,
+        sun=sun_at(ORIGIN[0], MAY, HOUR),
+        latitude_deg=ORIGIN[0],
+        longitude_deg=ORIGIN[1],
+        altitude_m=ORIGIN[2],
+        spawn_ned=(12.0, 0.0, terrain.at(12.0, 0.0)),
+        spawn_yaw=math.pi,
+        notes=("The library stands north of the plaza; walks lead from it to the halls east, south and west.",),
+    )
+
+
+def landmarks() -> tuple[Landmark, ...]:
+    """Return what is unique enough to tell other things apart by."""
+    return tuple(Landmark(name, phrase) for name, phrase in campus_plan.LANDMARKS)
+
+
+@lru_cache(maxsize=4)
+def places(seed: int = 1) -> Places:
+    """Return the free ground and the ways of the campus; they do not depend on the seed, since its plants stay put."""
+    terrain = campus_ground.terrain()
+    lanes = tuple(
+        Lane(name, tuple((n, e, terrain.at(n, e)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
+        for name, corners in campus_plan.LANES
+    )
+    return Places(tuple(_spots(terrain, seed)), lanes, landmarks())
+
+
+def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
+    """Return the corners with points between them, no two more than STEP_M apart."""
+    found = [corners[0]]
+    for (n0, e0), (n1, e1) in itertools.pairwise(corners):
+        count = math.ceil(math.hypot(n1 - n0, e1 - e0) / STEP_M)
+        found += [(n0 + (n1 - n0) * k / count, e0 + (e1 - e0) * k / count) for k in range(1, count + 1)]
+    return found
+
+
+def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
+    """Yield free places on a grid over the grounds, facing the plaza."""
+    blocks = list(_blocks(seed))
+    for north in np.arange(-84.0, 46.1, SPOT_GRID_M):
+        for east in np.arange(-50.0, 52.1, SPOT_GRID_M):
+            n, e = float(north), float(east)
+            if all(_gap(n, e, block) >= SPOT_CLEAR_M for block in blocks):
+                yield Spot((n, e, terrain.at(n, e)), math.atan2(-e, -n), campus_ground.use_at(n, e))
+
+
+Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # north, east, yaw, low and high corner
+
+
+def _blocks(seed: int) -> Iterator[Block]:
+    """Yield (north, east, yaw, low, high) of the box around the foot of everything that stands."""
+    for kind, mesh, north, east, yaw in _standing(seed):
+        if kind in ("tree", "conifer"):
+            half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))
+            yield north, east, yaw, -half, half
+        elif kind != "wood":
+            yield north, east, yaw, mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0)
+    for plan, north, east, facing in campus_plan.HALLS:
+        forward, back, side = buildings.reach(plan)
+        yield north, east, math.radians(facing), np.array((-back, -side)), np.array((forward, side))
+
+
+def _gap(north: float, east: float, block: Block) -> float:
+    """Return the distance (m) in plan from a point to a block; 0 inside."""
+    n, e, yaw, low, high = block
+    c, s = math.cos(yaw), math.sin(yaw)
+    x, y = c * (north - n) + s * (east - e), -s * (north - n) + c * (east - e)
+    return math.hypot(max(low[0] - x, 0.0, x - high[0]), max(low[1] - y, 0.0, y - high[1]))

@@ -1,0 +1,229 @@
+"""The ground of the campus: one gently rolling surface, cut along the edges of plazas and walks.
+
+Areas are convex polygons of (north, east) in metres, counter-clockwise as seen with north up and east to the left,
+i.e. in the axes of the plan read as (x, y). The cuts keep the surface: drawn ground and height field agree everywhere.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.terrain import HeightField
+from episodes import geometry as g
+from episodes.assets import campus_textures
+from episodes.assets.textures import surface
+from episodes.geometry import Array
+from episodes.scene import Material, Mesh
+
+REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps the height of its edge
+CELL = 0.5  # m, of the height field
+LATTICE = 2.5  # m, of the drawn surface; a multiple of CELL
+FAR = (120.0, 170.0, 260.0, 430.0)  # m, where the drawn surface goes on beyond REACH
+RISE = 0.008  # m per m: the campus climbs gently to the north
+MOUNDS = (  # north, east, height, spread in m: all in lawns
+    (27.0, -13.0, 0.55, 5.0),
+    (31.0, -40.0, 0.7, 5.0),
+    (11.0, 31.5, 0.4, 3.0),
+    (33.0, 17.0, 0.4, 4.5),
+    (-25.0, 14.5, 0.6, 4.0),
+    (-17.5, 37.5, 0.6, 3.5),
+    (-24.5, -18.0, 0.5, 4.0),
+    (-20.0, -37.0, 0.6, 5.0),
+    (-70.0, -8.0, 0.5, 4.0),
+    (-72.0, 10.0, 0.5, 5.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A piece of paved ground."""
+
+    use: str  # 'plaza', 'walk', 'court', 'edging'
+    ring: tuple[tuple[float, float], ...]  # (north, east) m, convex
+    yaw: float = 0.0  # rad, along which its slabs are laid
+
+
+def rect(use: str, north: tuple[float, float], east: tuple[float, float]) -> Area:
+    """Return the area between two norths and two easts."""
+    (n0, n1), (e0, e1) = north, east
+    return Area(use, ((n0, e0), (n1, e0), (n1, e1), (n0, e1)))
+
+
+def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width: float) -> Area:
+    """Return the straight walk between two places."""
+    yaw = math.atan2(end[1] - start[1], end[0] - start[0])
+    n, e = -math.sin(yaw) * width / 2, math.cos(yaw) * width / 2
+    ring = (
+        (start[0] - n, start[1] - e),
+        (end[0] - n, end[1] - e),
+        (end[0] + n, end[1] + e),
+        (start[0] + n, start[1] + e),
+    )
+    return Area(use, ring, yaw)
+
+
+# in order of precedence: where two overlap, the first one is seen
+AREAS = (
+    rect("plaza", (-17.5, 17.5), (-23.5, 23.5)),
+    rect("edging", (-18.0, 18.0), (-24.0, 24.0)),
+    rect("court", (33.4, 45.6), (-14.6, 14.6)),
+    rect("edging", (33.0, 46.0), (-15.0, 15.0)),
+    rect("court", (-11.6, 13.6), (-49.6, -37.4)),
+    rect("edging", (-12.0, 14.0), (-50.0, -37.0)),
+    rect("court", (-7.6, 23.6), (38.4, 51.6)),
+    rect("edging", (-8.0, 24.0), (38.0, 52.0)),
+    rect("court", (-47.6, -35.4), (-13.6, 21.6)),
+    rect("edging", (-48.0, -35.0), (-14.0, 22.0)),
+    rect("walk", (40.0, 44.0), (-48.0, 50.0)),
+    rect("walk", (-46.0, -42.0), (-48.0, 50.0)),
+    rect("walk", (-46.0, 44.0), (46.0, 50.0)),
+    rect("walk", (-46.0, 44.0), (-48.0, -44.0)),
+    rect("walk", (18.0, 47.0), (-2.5, 2.5)),
+    rect("walk", (-84.0, -18.0), (-2.5, 2.5)),
+    rect("walk", (-2.5, 2.5), (-51.0, -24.0)),
+    rect("walk", (-2.5, 2.5), (24.0, 53.0)),
+    ribbon("walk", (15.0, 21.0), (42.0, 48.0), 3.2),
+    ribbon("walk", (15.0, -21.0), (42.0, -46.0), 3.2),
+    ribbon("walk", (-15.0, 21.0), (-44.0, 48.0), 3.2),
+    ribbon("walk", (-15.0, -21.0), (-44.0, -46.0), 3.2),
+    rect("walk", (44.0, 49.5), (51.5, 56.5)),
+    rect("walk", (44.0, 49.5), (-54.5, -49.5)),
+    rect("walk", (-50.5, -46.0), (25.5, 30.5)),
+    rect("walk", (-50.5, -46.0), (-34.5, -29.5)),
+    rect("court", (35.8, 40.0), (27.0, 33.0)),
+    rect("walk", (40.0, 44.0), (50.0, 60.0)),
+    rect("walk", (40.0, 44.0), (-58.0, -48.0)),
+)
+
+
+def _looks() -> dict[str, tuple[Material, float]]:
+    """Return use → material and metres per repeat."""
+    return {
+        "plaza": (campus_textures.material("paving"), 3.0),
+        "court": (campus_textures.material("setts"), 2.0),
+        "edging": (surface("concrete", (0.62, 0.60, 0.57)), 1.5),
+        "walk": (surface("concrete", (0.95, 0.93, 0.88)), 1.5),
+        "lawn": (surface("grass"), 4.0),
+        "meadow": (surface("grass", (1.1, 1.04, 0.95)), 9.0),
+    }
+
+
+def _rolling(north: Array, east: Array) -> Array:
+    """Return the NED z (m) from which the nodes of the surface are taken."""
+    n, e = np.clip(north, -REACH, REACH), np.clip(east, -REACH, REACH)
+    up = RISE * n
+    for middle_n, middle_e, height, spread in MOUNDS:
+        up = up + height * np.exp(-((n - middle_n) ** 2 + (e - middle_e) ** 2) / (2 * spread**2))
+    return np.asarray(-up)
+
+
+@cache
+def _lattice() -> tuple[Array, Array]:
+    """Return the lines (N,) m that cut the ground both ways, and the NED z (N, N) of its nodes."""
+    near = np.arange(-REACH, REACH + LATTICE / 2, LATTICE)
+    lines = np.concatenate([-np.array(FAR[::-1]), near, np.array(FAR)])
+    return lines, _rolling(lines[:, None], lines[None, :])
+
+
+def height(north: Array, east: Array) -> Array:
+    """Return the NED z (m) of the surface that is drawn, at points of any one shape."""
+    lines, z = _lattice()
+    i = np.clip(np.searchsorted(lines, north, side="right") - 1, 0, len(lines) - 2)
+    j = np.clip(np.searchsorted(lines, east, side="right") - 1, 0, len(lines) - 2)
+    u = (north - lines[i]) / (lines[i + 1] - lines[i])
+    v = (east - lines[j]) / (lines[j + 1] - lines[j])
+    a, b, c, d = z[i, j], z[i + 1, j], z[i + 1, j + 1], z[i, j + 1]
+    return np.asarray(np.where(u >= v, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d)))
+
+
+def terrain() -> HeightField:
+    """Return the height field of the surface."""
+    line = np.arange(-REACH, REACH + CELL / 2, CELL)
+    north, east = np.broadcast_arrays(line[:, None], line[None, :])
+    return HeightField(-REACH, -REACH, CELL, height(north, east))
+
+
+def use_at(north: float, east: float) -> str:
+    """Return the use of the ground at a point: one of AREAS', or 'lawn'."""
+    for area in AREAS:
+        ring = zip(area.ring, (*area.ring[1:], area.ring[0]), strict=True)
+        if all((n1 - n0) * (east - e0) - (e1 - e0) * (north - n0) >= 0.0 for (n0, e0), (n1, e1) in ring):
+            return area.use
+    return "lawn"
+
+
+def ground() -> list[tuple[str, Mesh]]:
+    """Return the ground as one mesh per use of it."""
+    looks = _looks()
+    rest = _triangles()
+    pieces: dict[str, list[tuple[Array, float]]] = {}
+    for area in AREAS:
+        inside, rest = _cut(rest, area.ring)
+        pieces.setdefault(area.use, []).append((inside, area.yaw))
+    far = np.abs(rest).max(axis=(1, 2)) > REACH
+    pieces["lawn"], pieces["meadow"] = [(rest[~far], 0.0)], [(rest[far], 0.0)]
+    return [(use, g.assemble([_part(tri, yaw, *looks[use]) for tri, yaw in found])) for use, found in pieces.items()]
+
+
+def _triangles() -> Array:
+    """Return the (T, 3, 2) triangles of the lattice in plan, counter-clockwise in (north, east)."""
+    lines, _ = _lattice()
+    n, e = np.broadcast_arrays(lines[:, None], lines[None, :])
+    p = np.stack([n, e], axis=2)
+    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
+    return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 2) for t in ((a, b, c), (a, c, d))])
+
+
+def _part(tri: Array, yaw: float, look: Material, tile: float) -> g.Part:
+    """Return triangles in plan as a part that lies on the surface, textured in plan along `yaw`."""
+    up = -height(tri[..., 0], tri[..., 1])
+    # authored in FLU: forward north, left west; turned over by the change of hand, hence the reversal
+    corners = np.stack([tri[..., 0], -tri[..., 1], up], axis=2)[:, ::-1]
+    part = g.soup(corners, look, 25.0, tile)
+    n, e, c, s = part.corners[..., 0], -part.corners[..., 1], math.cos(yaw), math.sin(yaw)
+    return replace(part, uv=np.stack([c * n + s * e, c * e - s * n], axis=2) / tile)
+
+
+def _cut(tri: Array, ring: tuple[tuple[float, float], ...]) -> tuple[Array, Array]:
+    """Return the triangles (T, 3, 2) cut along a convex ring: those inside, those outside."""
+    corners = np.array(ring)
+    beyond = (tri.max(axis=1) <= corners.min(axis=0)).any(axis=1) | (tri.min(axis=1) >= corners.max(axis=0)).any(axis=1)
+    outside, inside = [tri[beyond]], tri[~beyond]
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        inside, off = _split(inside, a, b)
+        outside.append(off)
+    return inside, np.concatenate(outside)
+
+
+def _split(tri: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """Return triangles split by the line a → b: the pieces on its left, the pieces on its right."""
+    way = (b - a) / np.linalg.norm(b - a)
+    side = way[0] * (tri[..., 1] - a[1]) - way[1] * (tri[..., 0] - a[0])
+    side[np.abs(side) < 1e-9] = 0.0
+    left, right = (side >= 0.0).all(axis=1), (side <= 0.0).all(axis=1)
+    mixed = ~left & ~right
+    kept, off = _crossed(tri[mixed], side[mixed])
+    return np.concatenate([tri[left], kept]), np.concatenate([tri[right & ~left], off])
+
+
+def _crossed(tri: Array, side: NDArray[np.float64]) -> tuple[Array, Array]:
+    """Return the pieces left and right of the line of triangles that it crosses."""
+    pieces: tuple[list[Array], list[Array]] = ([], [])
+    for corners, s in zip(tri, side, strict=True):
+        for found, sign in zip(pieces, (1.0, -1.0), strict=True):
+            ring: list[Array] = []
+            for k in range(3):
+                m = (k + 1) % 3
+                if sign * s[k] >= 0.0:
+                    ring.append(corners[k])
+                if s[k] * s[m] < 0.0:
+                    ring.append(corners[k] + (corners[m] - corners[k]) * s[k] / (s[k] - s[m]))
+            found.extend(np.stack([ring[0], ring[k], ring[k + 1]]) for k in range(1, len(ring) - 1))
+    return _stacked(pieces[0]), _stacked(pieces[1])
+
+
+def _stacked(found: list[Array]) -> Array:
+    return np.stack(found) if found else np.empty((0, 3, 2))
