@@ -16,18 +16,31 @@ from typing import Any
 import numba
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("vehicles", "autopilot", "episodes", "dronecats/border", "dronecats/sitl")
+# where kernels live, and the constants and records that they are compiled with; tests/architecture holds it complete
+SOURCES = (
+    "vehicles/*.py",
+    "autopilot/*.py",
+    "autopilot/control/*.py",
+    "episodes/render/*.py",
+    "episodes/scene.py",
+    "dronecats/border/*.py",
+    "dronecats/sitl/fused.py",
+)
 KEPT_S = 30 * 86_400  # s, a cache of sources that nobody has run for so long is removed
 
 
 def digest() -> str:
     """Return a name for the present state of every source that kernels are compiled from."""
     state = hashlib.sha256(numba.__version__.encode())
-    for folder in SOURCES:
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            state.update(str(path.relative_to(ROOT)).encode())
-            state.update(path.read_bytes())
+    for path in sources():
+        state.update(str(path.relative_to(ROOT)).encode())
+        state.update(path.read_bytes())
     return state.hexdigest()[:16]
+
+
+def sources() -> list[Path]:
+    """Return the files that a compiled kernel may depend on."""
+    return [path for pattern in SOURCES for path in sorted(ROOT.glob(pattern))]
 
 
 def cache_folder() -> Path:

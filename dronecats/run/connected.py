@@ -12,10 +12,10 @@ from dronecats.border.errors import CameraError, UsageError
 from dronecats.border.redaction import redacted
 from dronecats.pilots import roster
 from dronecats.run import folder as folders
+from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.connected_stage import ConnectedStage
 from dronecats.run.episode import Start, fly
 from dronecats.run.plan import CAMERA, SAMPLING, latency_for
-from dronecats.run.simulated import Say, conclude, progress
 from hil.http_camera import HttpCamera
 from hil.transport import connect
 
@@ -71,7 +71,10 @@ def fly_connected(args: argparse.Namespace, say: Say) -> dict[str, Any]:
         finally:
             stage.close()
 
-    return conclude(flight, folder, EPISODE, pilot_name or args.model, configuration)
+    def afterwards(flown: Any) -> None:
+        folders.write_run(folder.parent, {**configuration, "served_rate_hz": served_rate_hz(folder)})
+
+    return conclude(flight, folder, EPISODE, pilot_name or args.model, afterwards)
 
 
 def probe(url: str) -> None:

@@ -141,9 +141,7 @@ def _average_position(link: Link) -> Vec3:
     return (sums[0] / count, sums[1] / count, sums[2] / count)
 
 
-def _begin(
-    stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None]
-) -> Agent:
+def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None]) -> Agent:
     for link in stage.links:
         link.fly(Hold())
         link.start_offboard()

@@ -26,8 +26,7 @@ from hil.link import Link
 class LockstepStage:
     """The same parts as in real time, without the sockets between them; the pilot keeps its HTTP endpoint."""
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
-        world = World(plan.record)
+    def __init__(self, plan: Plan, folder: Path, world: World) -> None:
         camera = CameraModel()
         simulation = build(world, airframe=plan.airframe, seed=plan.seed)
         self._simulation = simulation
@@ -40,7 +39,7 @@ class LockstepStage:
             port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
-        self.camera = WorldCamera(world, camera, lambda data: announce(data))
+        self.camera = WorldCamera(world, camera, lambda data: announce(data), rendered=plan.rendered)
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
         self._server: PilotServer | None = None

@@ -7,8 +7,12 @@ from dronecats.agent.latency import Latency, latency
 from dronecats.agent.model import Request
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
+from dronecats.pilots import roster
+from episodes import catalogue
 from episodes.record import EpisodeRecord
+from vehicles import airframe as airframes
 
+SEED_MAX = 2**31 - 1
 _DEFAULT, _CAMERA = Request("", (), False), CameraModel()
 SAMPLING = {"temperature": _DEFAULT.temperature, "max_tokens": _DEFAULT.max_tokens}
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
@@ -29,10 +33,49 @@ class Plan:
     airframe: str
     prompt_file: Path | None
     full: bool  # fly to the cap although the verdict is decided
+    rendered: bool = True  # False: grey frames, for a pilot that does not look at them
 
     @property
     def pilot_name(self) -> str:
         return self.pilot or self.model or ""
+
+
+def resolve(
+    *,
+    episode: str | None = None,
+    pilot: str | None = None,
+    model: str | None = None,
+    base_url: str | None = None,
+    factor: str | None = None,
+    latency: str | None = None,
+    seed: int | None = None,
+    airframe: str | None = None,
+    prompt_file: Path | None = None,
+    full: bool = False,
+    rendered: bool = True,
+) -> Plan:
+    """Return the plan that a user's words ask for, None standing for the default. Raises UsageError."""
+    multiple = speed(factor or "1")
+    seed = 0 if seed is None else seed
+    if not 0 <= seed <= SEED_MAX:
+        raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {seed}")
+    airframes.load(airframe or "x500")
+    if not rendered and (model or (pilot or "vision") != "oracle"):
+        raise UsageError("only the oracle can fly without rendering; every other pilot looks at the frames")
+    return Plan(
+        episode=episode or catalogue.DEFAULT,
+        record=catalogue.load(episode or catalogue.DEFAULT),
+        pilot=None if model else roster.check(pilot or "vision"),
+        model=model,
+        base_url=base_url,
+        speed=multiple,
+        latency=latency_for(latency, multiple),
+        seed=seed,
+        airframe=airframe or "x500",
+        prompt_file=prompt_file,
+        full=full,
+        rendered=rendered,
+    )
 
 
 def speed(text: str) -> float | None:

@@ -1,0 +1,39 @@
+"""The cache of compiled kernels is named after every file that a kernel can depend on."""
+
+import ast
+import re
+
+from dronecats.border.compiled import ROOT, sources
+
+ROOMS = ("vehicles", "autopilot", "episodes", "dronecats", "hil")
+
+
+def file_of(module):
+    path = ROOT / module.replace(".", "/")
+    return next((f for f in (path.with_suffix(".py"), path / "__init__.py") if f.is_file()), None)
+
+
+def imported(path):
+    """Return the files of ours that a file imports at its top level."""
+    found = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in ROOMS:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            found |= {file_of(name) for name in names} - {None}
+        elif isinstance(node, ast.Import):
+            found |= {file_of(alias.name) for alias in node.names if alias.name.split(".")[0] in ROOMS} - {None}
+    return found
+
+
+def test_whatever_a_kernel_names_is_in_the_name_of_the_cache():
+    kernels = [
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.py")
+        if re.search(r"^@njit|= njit\(", path.read_text(), re.MULTILINE)
+    ]
+    assert len(kernels) > 20
+    known = set(sources())
+    assert set(kernels) <= known
+    named = {(path, other) for path in kernels for other in imported(path) if other not in known}
+    assert not {(p, o) for p, o in named if o.name != "__init__.py" and "compile_ahead" not in o.name}
