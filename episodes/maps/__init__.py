@@ -4,10 +4,14 @@ import difflib
 from collections.abc import Callable
 
 from dronecats.border.errors import UsageError
-from episodes.maps import campus, residential
+from episodes.maps import blocks, campus, residential
 from episodes.scene import Scene
 
-_MAPS: dict[str, Callable[[int], Scene]] = {"campus": campus.build, "residential": residential.build}
+_MAPS: dict[str, Callable[[int], Scene]] = {
+    "blocks": blocks.build,
+    "campus": campus.build,
+    "residential": residential.build,
+}
 
 
 def names() -> list[str]:
