@@ -1,0 +1,175 @@
+"""The ground of a map that nobody described: found from above, by rays.
+
+Every column of a grid is cut by a ray that goes down through everything. The surfaces that face up are joined to those
+of the neighbouring columns that one could step or drive onto; what hangs together with the place under the spawn is the
+ground. So a roof, a bridge or a tree above the street is none, whatever mesh it belongs to.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+
+from dronecats.border.terrain import HeightField
+
+FINEST_M = 0.25  # cell of a small map
+MOST_CELLS = 512  # per side, so a map of a kilometre is sampled every two metres
+REACH_M = 500.0  # from the spawn, each way; beyond it the last height holds
+STEP_M = 0.25  # a kerb or a stair that is still ground, on top of a slope of 45°
+LAYERS = 24  # surfaces one above the other that a ray is followed through
+FACES_UP = 0.5  # of a unit normal: 60° from level
+HEADROOM_M = 2.0  # above a spawn whose height was not said
+_APART = 1e-3  # m, between a hit and where its ray goes on
+_ASIDE = np.array([1.7e-4, 2.3e-4])  # m: no ray runs along the edges of a map built on a round grid
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """What was found."""
+
+    field: HeightField
+    triangles: NDArray[np.bool_]  # (T,) which of the given triangles are ground
+    spawn_down: float  # m, NED, of the ground at the spawn
+
+
+def find(triangles: Array, north: float, east: float, down: float | None) -> Ground | None:
+    """Return the ground of triangles (T, 3, 3), m NED, or None when there is none under the spawn.
+
+    Faces count as they are wound; when nothing under the spawn faces up, the winding is taken to be wrong and both
+    sides count. `down` (m) chooses among the floors above one another, the lowest with room above it when None.
+    """
+    corners = triangles.reshape(-1, 3).astype(np.float32)
+    area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    up = -area[:, 2] / np.maximum(np.linalg.norm(area, axis=1), 1e-12)
+    scene = EmbreeScene()
+    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
+    start = _Columns(scene, low[2], high[2]).cut(np.array([[north, east]]))
+    for facing in (up, np.abs(up)):
+        chosen = _floor(start[0][:, 0], start[1][:, 0], facing, down)
+        if chosen is not None:
+            return _grow(triangles, scene, facing, low, high, (north, east), chosen)
+    return None
+
+
+class _Columns:
+    """Rays straight down through a scene."""
+
+    def __init__(self, scene: EmbreeScene, top: float, bottom: float) -> None:
+        self._scene, self._top, self._length = scene, top - 1.0, bottom - top + 2.0
+
+    def cut(self, places: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Return (LAYERS, N) NED z of the surfaces under each place, top first, nan beyond; and their triangles."""
+        depth = np.full((LAYERS, len(places)), np.nan)
+        which = np.full((LAYERS, len(places)), -1, np.int64)
+        level = np.full(len(places), self._top)
+        going = np.arange(len(places))
+        way = np.array([0.0, 0.0, 1.0], np.float32)
+        for layer in range(LAYERS):
+            origin = np.column_stack([places[going], level[going]]).astype(np.float32)
+            reach = np.full(len(going), self._length, np.float32)
+            hit = self._scene.run(origin, np.tile(way, (len(going), 1)), reach, output=1)
+            met = np.asarray(hit["primID"]) >= 0
+            going = going[met]
+            if not len(going):
+                break
+            depth[layer, going] = origin[met, 2].astype(np.float64) + np.asarray(hit["tfar"])[met]
+            which[layer, going] = np.asarray(hit["primID"])[met]
+            level[going] = depth[layer, going] + _APART
+        return depth, which
+
+
+def _floor(depth: Array, which: NDArray[np.int64], facing: Array, down: float | None) -> float | None:
+    """Return the NED z of the ground among the surfaces of one column, top first."""
+    there = np.flatnonzero(which >= 0)
+    room = np.diff(depth[there], prepend=-np.inf)
+    floors = [k for k in there if facing[which[k]] > FACES_UP]
+    if not floors:
+        return None
+    if down is not None:
+        return float(min((depth[k] for k in floors), key=lambda z: abs(z - down)))
+    roomy = [k for k in floors if room[k] >= HEADROOM_M]
+    return float(depth[(roomy or floors)[-1]])
+
+
+def _grow(
+    triangles: Array,
+    scene: EmbreeScene,
+    facing: Array,
+    low: Array,
+    high: Array,
+    spawn: tuple[float, float],
+    spawn_down: float,
+) -> Ground:
+    """Return the surface that hangs together with the one at the spawn."""
+    first = np.maximum(low[:2], np.array(spawn) - REACH_M)
+    last = np.minimum(high[:2], np.array(spawn) + REACH_M)
+    cell = max(FINEST_M, float((last - first).max()) / (MOST_CELLS - 1))
+    shape = tuple(int(n) for n in np.floor((last - first) / cell + 1e-6).astype(int) + 1)
+    lattice = np.stack(np.meshgrid(*(first[k] + cell * np.arange(shape[k]) for k in (0, 1)), indexing="ij"), axis=-1)
+    inside = np.minimum(lattice.reshape(-1, 2) + _ASIDE, last - _ASIDE)
+    depth, which = _Columns(scene, low[2], high[2]).cut(inside)
+    layers = int((which >= 0).any(axis=1).sum())
+    if layers == 0:
+        flat = HeightField(float(first[0]), float(first[1]), cell, np.full(shape, spawn_down))
+        return Ground(flat, np.zeros(len(triangles), np.bool_), spawn_down)
+    depth, which = depth[:layers], which[:layers]
+    depth = np.where((which >= 0) & (facing[which] > FACES_UP), depth, np.nan)
+    label = _joined(depth.reshape(layers, *shape), STEP_M + cell).reshape(layers, -1)
+    row, column = (min(max(round((spawn[k] - first[k]) / cell), 0), shape[k] - 1) for k in (0, 1))
+    here = row * shape[1] + column
+    gap = np.abs(depth[:, here] - spawn_down)
+    if np.isnan(gap).all():  # the spawn stands in the only gap of its column: the nearest one tells
+        gap = np.abs(depth - spawn_down).ravel()
+        chosen = label.ravel()[np.nanargmin(gap)]
+    else:
+        chosen = label[np.nanargmin(gap), here]
+    mine = (label == chosen) & ~np.isnan(depth)
+    lowest = np.argmax(np.where(mine, depth, -np.inf), axis=0)
+    columns = np.arange(depth.shape[1])
+    known = mine[lowest, columns]
+    down = np.where(known, depth[lowest, columns], np.nan).reshape(shape)
+    flagged = np.zeros(len(triangles), np.bool_)
+    flagged[which[lowest, columns][known]] = True
+    nearest = ndimage.distance_transform_edt(np.isnan(down), return_distances=False, return_indices=True)
+    field = HeightField(float(first[0]), float(first[1]), cell, np.ascontiguousarray(down[tuple(nearest)]))
+    return Ground(field, flagged | _lying_on(triangles, facing, field), spawn_down)
+
+
+def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+    """Return a number for each surface (L, N, M), equal for those that one can step between; nan ones are alone."""
+    layers = depth.shape[0]
+    number = np.arange(depth.size).reshape(depth.shape)
+    ends: list[NDArray[np.int64]] = []
+    for axis in (1, 2):
+        size = depth.shape[axis] - 1
+        for a in range(layers):
+            near_a = np.take(depth[a], range(size), axis - 1)
+            if np.isnan(near_a).all():
+                continue
+            for b in range(layers):
+                near_b = np.take(depth[b], range(1, size + 1), axis - 1)
+                close = np.abs(near_a - near_b) <= step  # false for nan
+                pair = (
+                    np.take(number[a], range(size), axis - 1)[close],
+                    np.take(number[b], range(1, size + 1), axis - 1)[close],
+                )
+                ends.append(np.stack(pair))
+    edges = np.concatenate(ends, axis=1) if ends else np.zeros((2, 0), np.int64)
+    graph = sparse.coo_matrix((np.ones(edges.shape[1], np.int8), edges), shape=(depth.size, depth.size))
+    return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1], np.int64).reshape(depth.shape)
+
+
+def _lying_on(triangles: Array, facing: Array, field: HeightField) -> NDArray[np.bool_]:
+    """Return which triangles face up and lie in the field's surface: the small ones that no ray met."""
+    points = np.concatenate([triangles, triangles.mean(axis=1, keepdims=True)], axis=1)
+    i = (points[..., 0] - field.origin_north) / field.cell_m
+    j = (points[..., 1] - field.origin_east) / field.cell_m
+    level = ndimage.map_coordinates(field.down, [i.ravel(), j.ravel()], order=1, mode="nearest").reshape(i.shape)
+    near = (np.abs(points[..., 2] - level) < 0.06 + 0.1 * field.cell_m).all(axis=1)
+    return np.asarray((facing > FACES_UP) & near)

@@ -1,0 +1,75 @@
+"""The maps that users bring: glTF files in a folder of their own, flown by name like the ones that ship."""
+
+import difflib
+import os
+import re
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from dronecats.border.errors import UsageError
+from episodes.scene import Scene
+
+FOLDER = "DRONECATS_MAPS"  # environment variable: where the maps are
+_NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")
+
+
+def folder() -> Path:
+    """Return the folder of the user's maps: $DRONECATS_MAPS, else `dronecats/maps` under the user's data folder."""
+    given = os.environ.get(FOLDER)
+    if given:
+        return Path(given).expanduser()
+    data = os.environ.get("XDG_DATA_HOME")
+    return (Path(data) if data else Path.home() / ".local" / "share") / "dronecats" / "maps"
+
+
+def names() -> list[str]:
+    """Return the names of the user's maps, sorted."""
+    try:
+        return sorted(path.stem for path in folder().glob("*.glb") if _NAME.fullmatch(path.stem))
+    except OSError:
+        return []
+
+
+def build(name: str) -> Scene:
+    """Return a user's map. Raises UsageError when there is none of that name or its file is wrong."""
+    from episodes import gltf  # with its rays and pictures, which whoever only asks for names can do without
+
+    return gltf.load(path_of(name))
+
+
+def path_of(name: str) -> Path:
+    """Return the file of a user's map. A name that could lead out of the folder is none. Raises UsageError."""
+    if name not in names():
+        near = difflib.get_close_matches(name[:100], names(), 3, 0.3)
+        hint = f"did you mean {', '.join(near)}?" if near else "bring one with `dronecats maps import`."
+        raise UsageError(f"there is no map {name[:80]!r} of yours: {hint}")
+    return folder() / f"{name}.glb"
+
+
+def add(
+    path: Path, name: str, spawn: Sequence[float] | None, taken: Collection[str] = (), replace: bool = False
+) -> Scene:
+    """Check the glTF file of a map and keep it under a name; return the map as it will be flown.
+
+    What is kept is our own form of it: its ground is found, its transforms are applied and its pictures are reduced
+    once, here. Raises UsageError for a name that is none or one of `taken`, for one that the user has already unless
+    `replace`, and for a file that cannot be a map.
+    """
+    from episodes import gltf
+
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"{name[:80]!r} cannot name a map: use up to 40 small letters, digits and hyphens.")
+    if name in taken:
+        raise UsageError(f"the map '{name}' ships with DroneCATS: choose another name.")
+    kept = folder() / f"{name}.glb"
+    if kept.exists() and not replace:
+        raise UsageError(f"you have a map '{name}' already: choose another name, or say --replace.")
+    scene = gltf.load(path, spawn, name)
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        part = kept.with_suffix(".part")
+        gltf.save(scene, part)
+        part.replace(kept)
+    except OSError as error:
+        raise UsageError(f"the map cannot be kept in '{kept.parent}': {error.strerror}.") from None
+    return scene
