@@ -241,6 +241,13 @@ def placed(part: Part, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) ->
     return replace(part, corners=part.corners @ turn + np.asarray(offset), normals=part.normals @ turn)
 
 
+def without(part: Part, outward: ArrayLike) -> Part:
+    """Return the part without the triangles that face the unit vector `outward`, for a side that is never seen."""
+    area = face_normals(part.corners)
+    kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
+    return Part(part.corners[kept], part.normals[kept], part.uv[kept], part.material)
+
+
 def mirrored(part: Part) -> Part:
     """Return the part reflected left to right, still facing outwards."""
     flip = np.array([1.0, -1.0, 1.0])

@@ -57,9 +57,9 @@ def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
         centre = np.array([out * np.cos(turn), out * np.sin(turn), height * rng.uniform(0.50, 0.70)])
         parts.append(g.rod((0, 0, fork * 0.9), centre, (thick * 0.55, thick * 0.2), bark, 6))
         radius = reach * rng.uniform(0.52, 0.70)
-        parts += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 40)
+        parts += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 24)
     parts += _clump(
-        np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 60
+        np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 40
     )
     return g.assemble(parts)
 
@@ -69,7 +69,7 @@ def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
     """Return a fir: tiers of ragged skirts about a straight trunk."""
     rng, leaf = np.random.default_rng(seed), _foliage("conifer")
     parts = [g.rod((0, 0, -0.2), (0, 0, 0.9 * height), (0.022 * height, 0.05), surface("bark"), 8)]
-    tiers, sides = 6, 14
+    tiers, sides = 6, 10
     for k in range(tiers):
         low = height * (0.12 + 0.80 * k / tiers)
         high = low + height * 0.30 * (1.0 - 0.45 * k / tiers)
@@ -90,7 +90,7 @@ def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
     """Return a garden shrub."""
     leaf = _foliage("hedge")
     return g.assemble(
-        _clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 40, 1)
+        _clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 24, 1)
     )
 
 
@@ -98,7 +98,7 @@ def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
 def hedge(length: float = 6.0, height: float = 1.2, thick: float = 0.8, seed: int = 1) -> Mesh:
     """Return a clipped hedge along the forward axis."""
     rng, leaf = np.random.default_rng(seed), _foliage("hedge")
-    x = np.linspace(-length / 2, length / 2, max(3, int(length / 0.45)))
+    x = np.linspace(-length / 2, length / 2, max(3, int(length / 0.55)))
     half = thick / 2
     ring = [
         (-half, 0.0),
@@ -116,7 +116,7 @@ def hedge(length: float = 6.0, height: float = 1.2, thick: float = 0.8, seed: in
         g.soup(lattice[0][np.array([(0, k, k + 1) for k in range(1, len(ring) - 1)])], leaf, 0.0, 1.2),
         g.soup(lattice[-1][np.array([(0, k + 1, k) for k in range(1, len(ring) - 1)])], leaf, 0.0, 1.2),
     ]
-    return g.assemble([skin, *ends, _leaves(skin, int(length * 14), 0.06, rng, leaf)])
+    return g.assemble([skin, *ends, _leaves(skin, int(length * 9), 0.06, rng, leaf)])
 
 
 @lru_cache(maxsize=16)

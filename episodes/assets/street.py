@@ -1,11 +1,13 @@
 """What stands along a street: lamps, mailboxes, fences, bins, a hydrant."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from episodes import geometry as g
 from episodes.assets import paint as colors
-from episodes.assets.textures import surface
-from episodes.scene import Mesh
+from episodes.assets.textures import lettering, surface
+from episodes.scene import Material, Mesh
 
 
 def lamp(height: float = 5.6) -> Mesh:
@@ -34,6 +36,7 @@ def lamp(height: float = 5.6) -> Mesh:
     return g.assemble(parts)
 
 
+@lru_cache(maxsize=1)
 def mailbox() -> Mesh:
     """Return a kerbside mailbox that opens forward."""
     tin, wood = colors.plain("mailbox", (52, 58, 66), 0.4), surface("boards")
@@ -50,6 +53,7 @@ def mailbox() -> Mesh:
     )
 
 
+@lru_cache(maxsize=64)
 def board_fence(length: float = 10.0, height: float = 1.8) -> Mesh:
     """Return a close-boarded fence along the forward axis."""
     wood = surface("boards")
@@ -58,7 +62,7 @@ def board_fence(length: float = 10.0, height: float = 1.8) -> Mesh:
     parts += [g.box((-half, 0.02, z), (half, 0.07, z + 0.09), wood, 1.2) for z in (0.35, height - 0.4)]
     parts += [
         g.box((x - 0.05, -0.03, -0.2), (x + 0.05, 0.09, height + 0.06), wood, 1.2)
-        for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.4) + 1))
+        for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.8) + 1))
     ]
     return g.assemble(parts)
 
@@ -71,18 +75,44 @@ def picket_fence(length: float = 6.0, height: float = 0.95) -> Mesh:
         g.box((x - 0.05, -0.09, -0.2), (x + 0.05, 0.0, height + 0.05), wood)
         for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.0) + 1))
     ]
-    for x in np.arange(-half + 0.08, half - 0.04, 0.17):
-        ring = [
-            (x - 0.045, 0.06),
-            (x + 0.045, 0.06),
-            (x + 0.045, height - 0.07),
-            (x, height),
-            (x - 0.045, height - 0.07),
-        ]
-        parts.append(g.profile(ring, -0.01, 0.012, wood))
+    ring = [(-0.045, 0.06), (0.045, 0.06), (0.045, height - 0.07), (0.0, height), (-0.045, height - 0.07)]
+    picket = g.profile(ring, -0.01, 0.012, wood)
+    parts += [g.placed(picket, (float(x), 0.0, 0.0)) for x in np.arange(-half + 0.08, half - 0.04, 0.19)]
     return g.assemble(parts)
 
 
+def name_post(along: str, across: str) -> Mesh:
+    """Return a post with two street-name blades: `along` for the street that runs forward, `across` for the other."""
+    steel = colors.STEEL
+    parts = [g.rod((0, 0, -0.2), (0, 0, 2.75), (0.035, 0.035), steel, 8)]
+    for text, z, turn in ((along, 2.25, 0.0), (across, 2.5, np.pi / 2)):
+        picture = lettering(text.upper(), ink=(238, 238, 232), ground=(52, 60, 68))
+        look = Material(f"name-{text}", (1.0, 1.0, 1.0), picture)
+        half, high = 0.11 * picture.shape[1] / picture.shape[0], 0.22
+        blade = [g.box((-half, -0.012, z), (half, 0.012, z + high), steel)]
+        # one face to either side of the street's line
+        blade.append(
+            g.quad([(half, 0.014, z), (-half, 0.014, z), (-half, 0.014, z + high), (half, 0.014, z + high)], look)
+        )
+        blade.append(
+            g.quad([(-half, -0.014, z), (half, -0.014, z), (half, -0.014, z + high), (-half, -0.014, z + high)], look)
+        )
+        parts += [g.placed(p, yaw=turn) for p in blade]
+    return g.assemble(parts)
+
+
+def barrier(length: float = 7.4) -> Mesh:
+    """Return a timber guard rail along the forward axis, such as ends a road that goes no further."""
+    wood, half = surface("boards"), length / 2
+    parts = [g.box((-half, -0.05, z), (half, 0.03, z + 0.22), wood, 1.2) for z in (0.30, 0.66)]
+    parts += [
+        g.box((x - 0.09, 0.03, -0.3), (x + 0.09, 0.19, 0.98), wood, 1.2)
+        for x in np.linspace(-half + 0.3, half - 0.3, max(2, round(length / 1.8) + 1))
+    ]
+    return g.assemble(parts)
+
+
+@lru_cache(maxsize=1)
 def bin() -> Mesh:
     """Return a wheeled refuse bin."""
     shell = colors.plain("bin", (48, 56, 50), 0.15)

@@ -189,7 +189,7 @@ def wheel(radius: float, width: float) -> list[Part]:
         (0.70 * radius, half),
     ]
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
-    parts = [g.lathe(outline, colors.RUBBER, 20), g.lathe(dish[:2], colors.RIM, 18), g.lathe(dish[1:], colors.TRIM, 18)]
+    parts = [g.lathe(outline, colors.RUBBER, 20), g.lathe(dish[:2], colors.RIM, 14), g.lathe(dish[1:], colors.TRIM, 14)]
     inner, outer, root = 0.04, 0.67 * radius, 0.45 * half
     spoke = g.hull(
         [(inner, -0.045, root), (outer, -0.032, root), (outer, 0.032, root), (inner, 0.045, root)],
@@ -197,7 +197,7 @@ def wheel(radius: float, width: float) -> list[Part]:
         colors.RIM,
     )
     parts += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
-    parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], colors.RIM, 12))
+    parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], colors.RIM, 8))
     return [_about_y(p) for p in parts]
 
 

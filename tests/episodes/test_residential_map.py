@@ -96,7 +96,7 @@ def test_samples_lie_on_the_surface_and_spread_by_area() -> None:
 
 
 def test_map_is_sound_and_within_budget(scene: Scene) -> None:
-    assert sum(len(i.mesh.triangles) for i in scene.instances) <= 120_000
+    assert sum(len(i.mesh.triangles) for i in scene.instances) <= 250_000
     ids = [i.id for i in scene.instances]
     assert len(set(ids)) == len(ids)
     assert min(ids) >= 1

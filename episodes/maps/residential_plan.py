@@ -1,0 +1,170 @@
+"""The plan of the residential neighbourhood: its streets, plots and drives, and the level of the ground they lie on.
+
+Two streets run north, two run east and join them, so that a vehicle can go round the block; the arms of the latter end
+in the fields. Levels follow the paper's residential map: roads at +0.05 m and drives at −0.45 m, NED (appendix "Maps
+and Episodes"), so plots stand half a metre above the road.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dronecats.border.terrain import HeightField
+from episodes.assets import houses
+from episodes.geometry import Array
+
+REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; level beyond
+CELL = 0.25  # m
+CORNER = 9.5  # m from a centre line to the plots; also the centre of the round kerbs at junctions
+FRONT = 14.0  # m, house fronts from the centre line
+DEPTH = 32.0  # m, back fences from the centre line
+DRIVE_HALF = 2.3  # m
+DRIVE_END = 13.6  # m from the centre line
+FLANK = 0.25  # m, the sides of a dropped kerb
+
+# distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
+PROFILE = ((0.0, 0.05), (4.0, 0.05), (4.25, -0.07), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
+PROFILE_DRIVE = ((0.0, 0.05), (4.0, 0.05), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
+RINGS = (4.0, 4.25, 5.5, 7.0, 8.25, CORNER)  # m, where the use or the slope of the ground changes
+
+
+@dataclass(frozen=True, slots=True)
+class Street:
+    """A straight road with its verges, pavements and banks, 19 m wide."""
+
+    name: str
+    north: bool  # runs north (or else east)
+    middle: float  # m, of its centre line: east of the origin if it runs north, or else north of it
+    ends: tuple[float, float]  # m along it
+    dead: bool = False  # ends in a kerb instead of at another street
+
+    def at(self, along: float, out: float) -> tuple[float, float]:
+        """Return (north, east) of the point `along` the street and `out` of its centre line to the east or north."""
+        return (along, self.middle + out) if self.north else (self.middle + out, along)
+
+
+MAIN = Street("Main Street", True, 0.0, (-72.0, 72.0))
+SECOND = Street("Orchard Street", True, 64.0, (-72.0, 72.0))
+UPPER = Street("Hill Road", False, 72.0, (-52.0, 116.0), dead=True)
+LOWER = Street("Mill Road", False, -72.0, (-52.0, 116.0), dead=True)
+STREETS = (MAIN, SECOND, UPPER, LOWER)
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """A house with its garden and drive. `side` is +1 east or north of the street's centre line, -1 beyond it."""
+
+    number: int
+    street: Street
+    along: float  # m, middle of the plot
+    side: int
+    plan: houses.HousePlan
+    house: float  # m along the street, middle of the main block; the whole house is centred on the plot
+    drive: float  # m along the street, middle of the drive
+
+    def at(self, along: float, out: float) -> tuple[float, float]:
+        """Return (north, east) of the point `along` the street and `out` of its centre line towards this plot."""
+        return self.street.at(along, self.side * out)
+
+    @property
+    def yaw(self) -> float:
+        """Return which way the house looks: towards the street (rad)."""
+        if self.street.north:
+            return -self.side * math.pi / 2
+        return math.pi if self.side > 0 else 0.0
+
+    @property
+    def left(self) -> int:
+        """Return the sign of the way along the street that lies to the left of somebody who leaves the house."""
+        return -self.side if self.street.north else self.side
+
+
+def _sites() -> list[tuple[Street, float, int]]:
+    """Return (street, along, side) of every plot, those of the main street first."""
+    rows = (-50.0, -30.0, -10.0, 10.0, 30.0, 50.0)
+    found = [(street, along, side) for street in (MAIN, SECOND) for along in rows for side in (-1, 1)]
+    for street, outer in ((UPPER, 1), (LOWER, -1)):
+        found += [(street, along, outer) for along in np.arange(-40.0, 101.0, 20.0).tolist()]
+        found += [(street, along, -outer) for along in (-42.0, 106.0)]
+    return found
+
+
+def plots(seed: int) -> tuple[Plot, ...]:
+    """Return the plots; `seed` decides their houses, the sites stay."""
+    found = []
+    for number, (street, along, side) in enumerate(_sites()):
+        garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1
+        plan = replace(houses.plan_of(seed * 1000 + number), garage=garage, garage_width=5.4)
+        blank = Plot(number, street, along, side, plan, 0.0, 0.0)
+        house = along - blank.left * garage * plan.garage_width / 2
+        drive = house + blank.left * garage * (plan.width + plan.garage_width) / 2
+        found.append(replace(blank, house=house, drive=drive))
+    return tuple(found)
+
+
+def _away(street: Street, north: Array, east: Array) -> Array:
+    """Return how far points are from a street's centre line (m); `inf` before and behind a street that joins others."""
+    along, out = (north, east) if street.north else (east, north)
+    past = np.maximum(street.ends[0] - along, along - street.ends[1])
+    side = np.abs(out - street.middle)
+    if street.dead:
+        return np.asarray(np.maximum(side, past + RINGS[0]))
+    return np.asarray(np.where(past > 0.0, np.inf, side))
+
+
+def away(north: Array, east: Array) -> Array:
+    """Return the distance (m) of points from the nearest centre line; kerbs are round where two streets meet.
+
+    Within CORNER of both, the distance is taken from the corner of the plots, so that every ring of PROFILE goes round
+    it in an arc.
+    """
+    shape = np.broadcast(north, east).shape
+    runs = [
+        np.minimum.reduce([np.broadcast_to(_away(s, north, east), shape) for s in STREETS if s.north is way])
+        for way in (True, False)
+    ]
+    inset = [np.maximum(CORNER - run, 0.0) for run in runs]
+    near = CORNER - np.hypot(*inset)
+    return np.asarray(np.where(near < CORNER, np.maximum(near, 0.0), np.minimum(*runs)))
+
+
+def swell(north: Array, east: Array) -> Array:
+    """Return the gentle lie of the land, NED z: up towards both ends of the main street, and up to the east."""
+    ends = 0.2 * (np.cos(np.pi * np.clip(north, -70.0, 70.0) / 70.0) - 1.0)
+    t = np.clip((east - 23.0) / 18.0, 0.0, 1.0)
+    return np.asarray(ends - 0.6 * t * t * (3.0 - 2.0 * t))
+
+
+def dropped(plot: Plot, north: Array, east: Array) -> Array:
+    """Return the share (0 … 1) of the dropped kerb of a plot's drive at points."""
+    along, out = (north, east) if plot.street.north else (east, north)
+    flank = np.clip((DRIVE_HALF + FLANK - np.abs(along - plot.drive)) / FLANK, 0.0, 1.0)
+    out = plot.side * (out - plot.street.middle)
+    return np.asarray(flank * ((out > 0.0) & (out < CORNER)))
+
+
+def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
+    """Return NED z of the ground at broadcast coordinates."""
+    d = away(north, east)
+    z = np.interp(d, *np.array(PROFILE).T)
+    ramp = np.interp(d, *np.array(PROFILE_DRIVE).T)
+    share = np.zeros(d.shape)
+    for plot in homes:
+        share = np.maximum(share, dropped(plot, north, east))
+    return np.asarray(z * (1.0 - share) + ramp * share + swell(north, east))
+
+
+def terrain(homes: tuple[Plot, ...]) -> HeightField:
+    """Return the height field. A drive's nodes alone are looked at twice, since there are half a million others."""
+    n0, n1, e0, e1 = REACH
+    north, east = np.arange(n0, n1 + CELL / 2, CELL)[:, None], np.arange(e0, e1 + CELL / 2, CELL)[None, :]
+    down = height(north, east, ())
+    for plot in homes:
+        near, far = plot.at(plot.drive - 3.0, 0.0), plot.at(plot.drive + 3.0, CORNER)
+        rows, columns = (
+            slice(int((min(a, b) - low) / CELL), int((max(a, b) - low) / CELL) + 2)
+            for a, b, low in zip(near, far, (n0, e0), strict=True)
+        )
+        down[rows, columns] = height(north[rows], east[:, columns], (plot,))
+    return HeightField(n0, e0, CELL, down)
