@@ -1,0 +1,120 @@
+"""`dronecats maps`: what there is to fly in, and maps of one's own."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("maps", help="list the maps, export one, import your own")
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    listing = actions.add_parser("list", help="one line per map")
+    listing.add_argument("--json", action="store_true", help="print one JSON object")
+    showing = actions.add_parser("show", help="extent, triangles, things and origin of a map")
+    showing.add_argument("name", metavar="NAME")
+    showing.add_argument("--seed", type=int, default=1, help="of a map that ships (default 1)")
+    showing.add_argument("--json", action="store_true", help="print one JSON object")
+    export = actions.add_parser("export", help="write a map as a binary glTF file")
+    export.add_argument("name", metavar="NAME")
+    export.add_argument("--seed", type=int, default=1, help="of a map that ships (default 1)")
+    export.add_argument("--out", type=Path, required=True, metavar="FILE.glb")
+    bring = actions.add_parser("import", help="check a binary glTF file and keep it as a map of yours")
+    bring.add_argument("file", type=Path, metavar="FILE.glb")
+    bring.add_argument("--name", required=True, help="small letters, digits and hyphens")
+    bring.add_argument(
+        "--spawn",
+        type=spawn,
+        metavar="NORTH,EAST[,DOWN]",
+        help="a free place on the ground, metres; write --spawn=-3,4 when it begins with a minus",
+    )
+    bring.add_argument("--replace", action="store_true", help="in place of a map of yours of that name")
+    parser.set_defaults(run=run)
+
+
+def spawn(text: str) -> tuple[float, ...]:
+    """Return the two or three numbers (m, NED) of a spawn."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in (2, 3) or not all(math.isfinite(v) for v in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NORTH,EAST or NORTH,EAST,DOWN in metres")
+    return values
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what was asked for."""
+    from episodes import gltf, maps
+    from episodes.maps import user
+
+    if args.action == "list":
+        rows = [{"name": name, "origin": "shipped"} for name in maps.shipped()]
+        rows += [{"name": name, "origin": "yours"} for name in user.names()]
+        if args.json:
+            print(json.dumps({"maps": rows}))
+        else:
+            print("\n".join(f"{row['name']:24} {row['origin']}" for row in rows))
+        return 0
+    if args.action == "import":
+        scene = user.add(args.file, args.name, args.spawn, maps.shipped(), args.replace)
+        print(_text(_facts(scene)))
+        return 0
+    scene = maps.build(args.name, args.seed)
+    if args.action == "show":
+        print(json.dumps(_facts(scene)) if args.json else _text(_facts(scene)))
+        return 0
+    try:
+        gltf.save(scene, args.out)
+    except OSError as error:
+        from dronecats.border.errors import UsageError
+
+        raise UsageError(f"'{args.out}' cannot be written: {error.strerror}.") from None
+    print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")
+    return 0
+
+
+def _facts(scene: Any) -> dict[str, Any]:
+    """Return what is worth knowing about a map."""
+    from episodes.gltf.reader import extent
+
+    low, high = extent(scene)
+    pictures = {id(m.texture): m.texture for i in scene.instances for m in i.mesh.materials if m.texture is not None}
+    kinds: dict[str, int] = {}
+    for one in scene.instances:
+        kinds[one.kind] = kinds.get(one.kind, 0) + 1
+    return {
+        "name": scene.name,
+        "north_m": [round(low[0], 2), round(high[0], 2)],
+        "east_m": [round(low[1], 2), round(high[1], 2)],
+        "height_m": [round(-high[2], 2), round(-low[2], 2)],
+        "triangles": sum(len(one.mesh.triangles) for one in scene.instances),
+        "instances": len(scene.instances),
+        "kinds": dict(sorted(kinds.items())),
+        "texels": sum(p.shape[0] * p.shape[1] for p in pictures.values()),
+        "ground_cell_m": round(scene.terrain.cell_m, 3),
+        "spawn_ned": [round(v, 3) for v in scene.spawn_ned],
+        "latitude_deg": scene.latitude_deg,
+        "longitude_deg": scene.longitude_deg,
+        "altitude_m": scene.altitude_m,
+        "notes": list(scene.notes),
+    }
+
+
+def _text(facts: dict[str, Any]) -> str:
+    """Return the same for a person."""
+    (n0, n1), (e0, e1), (h0, h1) = facts["north_m"], facts["east_m"], facts["height_m"]
+    kinds = ", ".join(f"{count} {kind}" for kind, count in facts["kinds"].items())
+    lines = [
+        facts["name"],
+        f"  extent    north {n0:g} … {n1:g} m, east {e0:g} … {e1:g} m, height {h0:g} … {h1:g} m",
+        f"  triangles {facts['triangles']}, textures of {facts['texels'] / 1e6:.1f} million texels",
+        f"  things    {facts['instances']}: {kinds[:600]}",
+        f"  ground    every {facts['ground_cell_m']:g} m",
+        f"  spawn     {', '.join(f'{v:g}' for v in facts['spawn_ned'])} m north, east, down",
+        f"  origin    {facts['latitude_deg']:.6f}°, {facts['longitude_deg']:.6f}°, {facts['altitude_m']:g} m",
+        *(f"  note      {note}" for note in facts["notes"]),
+    ]
+    return "\n".join(lines)
