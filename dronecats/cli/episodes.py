@@ -6,7 +6,7 @@ One file per action, imported when it is asked for.
 import argparse
 import importlib
 
-ACTIONS = ("list", "show", "check")
+ACTIONS = ("list", "show", "check", "audit")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

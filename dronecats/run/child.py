@@ -13,6 +13,7 @@ import queue
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from dronecats.border.errors import DronecatsError
@@ -23,11 +24,15 @@ KINDS = {
     "logger": "dronecats.logger.logger_process",
     "estimate-logger": "dronecats.logger.estimate_process",
     "pilot": "dronecats.pilots.pilot_process",
+    "worker": "dronecats.bench.worker",
 }
 
 
 class Part(Protocol):
-    """What a child process does. Its module offers `create(config) -> Part`."""
+    """What a child process does. Its module offers `create(config) -> Part`.
+
+    A part whose commands take long may also have `orphaned()`: called, from another thread, when the parent is gone.
+    """
 
     def ready(self) -> dict[str, Any]:
         """Return what the parent has to know, such as the ports that were bound."""
@@ -62,7 +67,7 @@ def main() -> int:
         return error.exit_status
     say({"ready": part.ready()})
     commands: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-    threading.Thread(target=_read, args=(commands,), daemon=True).start()
+    threading.Thread(target=_read, args=(commands, getattr(part, "orphaned", None)), daemon=True).start()
     try:
         while True:
             while not commands.empty():
@@ -81,9 +86,11 @@ def main() -> int:
         part.close()
 
 
-def _read(commands: "queue.SimpleQueue[str | None]") -> None:
+def _read(commands: "queue.SimpleQueue[str | None]", orphaned: Callable[[], None] | None) -> None:
     for line in sys.stdin:
         commands.put(line)
+    if orphaned:
+        orphaned()
     commands.put(None)
 
 

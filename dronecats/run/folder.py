@@ -3,6 +3,7 @@
 import json
 import platform
 import re
+from collections.abc import Mapping
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
@@ -22,12 +23,12 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
     episode already or belongs to another configuration, or when nothing can be written there.
     """
     try:
-        run = out or _fresh_run(pilot_name)
+        run = out or fresh_run(pilot_name)
         folder = run / episode_id
         if (folder / "decisions.jsonl").exists():
             raise UsageError(f"{folder} already holds a flight; choose another --out")
-        before = _configuration(run / "run.json")
-        if before is not None and any(before.get(key) != value for key, value in configuration.items()):
+        before = configuration_of(run / "run.json")
+        if before is not None and differences(before, configuration):
             raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
         (folder / "frames").mkdir(parents=True, exist_ok=True)
         for log in ("decisions.jsonl", "truth.jsonl"):
@@ -38,7 +39,8 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
     return folder
 
 
-def _fresh_run(pilot_name: str) -> Path:
+def fresh_run(pilot_name: str) -> Path:
+    """Return a new folder below `runs`, named after the time and the pilot. Raises UsageError, OSError."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # a name for people, never read back
     name = f"{stamp}-{re.sub('[^A-Za-z0-9.]+', '-', pilot_name)}"
     Path("runs").mkdir(exist_ok=True)
@@ -52,12 +54,18 @@ def _fresh_run(pilot_name: str) -> Path:
     raise UsageError(f"runs/{name} exists a thousand times; choose --out")
 
 
-def _configuration(path: Path) -> dict[str, Any] | None:
+def configuration_of(path: Path) -> dict[str, Any] | None:
+    """Return what a run.json holds, None when there is none that can be read."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return value if isinstance(value, dict) else None
+
+
+def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:
+    """Return the names of what a run was configured with otherwise."""
+    return [key for key, value in configuration.items() if before.get(key) != value]
 
 
 def missing_package(error: ImportError) -> str:

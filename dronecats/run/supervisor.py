@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import select
 import signal
@@ -45,10 +46,10 @@ class ChildProcess:
             raise self._fault(answer)
         return dict(answer["ready"])
 
-    def do(self, command: str, **arguments: Any) -> Any:
-        """Have a command carried out and return its answer."""
+    def do(self, command: str, timeout_s: float | None = ANSWER_S, /, **arguments: Any) -> Any:
+        """Have a command carried out and return its answer; a `timeout_s` of None waits for as long as it lives."""
         self._say({"do": command, **arguments})
-        answer = self._answer(ANSWER_S, lambda: None)
+        answer = self._answer(math.inf if timeout_s is None else timeout_s, lambda: None)
         if "done" not in answer:
             raise self._fault(answer)
         return answer["done"]
@@ -58,6 +59,11 @@ class ChildProcess:
         status = self._process.poll()
         if status is not None:
             raise InfrastructureError(f"the {self.kind} process ended in flight ({_ending(status)}); see {self.log}")
+
+    def kill(self) -> None:
+        """End the process at once, whatever it is doing. May be called from another thread."""
+        self._process.kill()
+        self._process.wait()
 
     def close(self) -> None:
         """End the process: its standard input closes, which it obeys; a deaf one is killed."""

@@ -1,0 +1,62 @@
+"""A run of many episodes on disk: what it is made of, which episodes are done, and what a kill has left half flown."""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from dronecats.border.errors import UsageError
+from dronecats.run.folder import configuration_of, differences, write_run
+
+UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
+SCORED = ("success", "failure")
+
+
+class Batch:
+    """The run folder. One folder per episode; an episode is done when its verdict is a success or a failure."""
+
+    def __init__(self, run: Path, configuration: Mapping[str, Any]) -> None:
+        """Make the folder, or go on with the one that stands there.
+
+        Raises UsageError when it belongs to another configuration or cannot be written.
+        """
+        self.run = run
+        try:
+            run.mkdir(parents=True, exist_ok=True)
+            before = configuration_of(run / "run.json")
+            if before is not None:
+                other = differences(before, configuration)
+                if other:
+                    raise UsageError(f"{run} is a run with another {', '.join(other)}; choose another --out")
+            elif any(run.iterdir()):
+                raise UsageError(f"{run} is not empty and has no run.json; choose another --out")
+            write_run(run, dict(configuration))
+        except OSError as error:
+            raise UsageError(f"the run folder {run} cannot be written: {error.strerror}") from None
+
+    def done(self, episode: str) -> dict[str, Any] | None:
+        """Return the verdict of an episode that has been flown to its end, None for any other."""
+        try:
+            verdict = json.loads((self.run / episode / "verdict.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return verdict if isinstance(verdict, dict) and verdict.get("outcome") in SCORED else None
+
+    def left(self, episodes: Iterable[str]) -> list[str]:
+        """Return the episodes that are still to be flown, in their order."""
+        return [episode for episode in episodes if self.done(episode) is None]
+
+    def fresh(self, episode: str) -> Path:
+        """Return an empty folder for an episode. What an earlier attempt has left is kept under `unfinished`."""
+        folder = self.run / episode
+        if folder.exists():
+            kept = self.run / UNFINISHED
+            kept.mkdir(exist_ok=True)
+            number = 1
+            while (kept / f"{episode}-{number}").exists():
+                number += 1
+            folder.rename(kept / f"{episode}-{number}")
+        (folder / "frames").mkdir(parents=True)
+        for log in ("decisions.jsonl", "truth.jsonl"):
+            (folder / log).touch()
+        return folder

@@ -1,0 +1,129 @@
+"""`dronecats episodes audit`: fly the episodes with a pilot whose answers are known, to see that they can be solved."""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from dronecats.cli import signals
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser("audit", help="fly episodes with a built-in pilot, in parallel, and report per suite")
+    parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="these only (default: all that are shipped)")
+    parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick or all")
+    parser.add_argument("--pilot", default="oracle", metavar="NAME", help="oracle (default), vision or blind")
+    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
+    parser.add_argument("--rendered", action="store_true", help="draw the frames for the oracle, too")
+    parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default: one per core)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is gone on with")
+    parser.add_argument("--write-par", action="store_true", help="keep the oracle's steps in episodes/par.json")
+    parser.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
+    from dronecats.bench.audit import pars, table, text
+    from dronecats.bench.batch import Batch
+    from dronecats.bench.runner import Runner
+    from dronecats.border.errors import UsageError
+    from dronecats.run.folder import fresh_run
+
+    signals.as_interrupts()
+    if args.jobs is not None and not 1 <= args.jobs <= 64:
+        raise UsageError(f"--jobs wants 1 to 64, got {args.jobs}")
+    if args.write_par and args.pilot != "oracle":
+        raise UsageError("--write-par keeps the oracle's steps; leave out --pilot")
+    chosen = _chosen(args.episodes, args.suite)
+    settings, flight = _settings(args)
+    batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings)
+    left = batch.left(chosen)
+    results = [{"episode": e, **(batch.done(e) or {})} for e in chosen if e not in left]
+    bar = _bar(len(chosen), len(results))
+
+    def ended(result: dict[str, Any]) -> None:
+        if result["outcome"] != "success":
+            bar.write(f"{result['episode']}: {result['outcome']}{_reason(result)}", file=sys.stderr)
+        bar.update()
+
+    try:
+        if left:
+            results += Runner(batch, flight, args.jobs or os.cpu_count() or 1).fly(left, ended)
+    except KeyboardInterrupt:
+        print(f"\ngo on where it stopped with --out {batch.run}", file=sys.stderr)
+        raise
+    finally:
+        bar.close()
+    rows = table(results)
+    if args.write_par:
+        _keep(pars(results))
+    if args.json:
+        unsolved = {r["episode"]: r["outcome"] for r in results if r["outcome"] != "success"}
+        report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [r.as_json() for r in rows]}
+        print(json.dumps({**report, "unsolved": unsolved}))
+    else:
+        print(text(rows))
+        print(f"run folder: {batch.run}")
+    if rows[-1].errors:
+        return 3
+    return 1 if args.pilot == "oracle" and rows[-1].solved < rows[-1].flown else 0
+
+
+def _chosen(episodes: list[str], suite: str | None) -> list[str]:
+    """Return the ids or files to fly. Raises UsageError for one that cannot be read."""
+    from dronecats.border.errors import UsageError
+    from episodes import catalogue, suites
+
+    if episodes and suite:
+        raise UsageError("choose one: the episodes by name, or --suite")
+    chosen = list(dict.fromkeys(episodes)) or suites.ids(suite or "all")
+    for episode in chosen:
+        catalogue.load(episode)
+    names = [Path(episode).stem for episode in chosen]
+    for name in names:
+        if names.count(name) > 1:
+            raise UsageError(f"two of the episodes are called '{name}', and each needs a folder of its own")
+    return chosen
+
+
+def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return (what run.json holds, what the workers resolve their plans from). Raises UsageError."""
+    from dronecats.agent.prompt import Prompt
+    from dronecats.run.plan import resolve
+    from dronecats.run.simulated import configuration
+
+    flight = {
+        "pilot": args.pilot,
+        "factor": "max",
+        "seed": args.seed,
+        "rendered": args.rendered or args.pilot != "oracle",
+    }
+    plan = resolve(**flight)
+    return configuration(plan, Prompt.load(None)), flight
+
+
+def _bar(total: int, done: int) -> Any:
+    from tqdm import tqdm
+
+    seldom = 0.1 if sys.stderr.isatty() else 30.0  # s; a log file wants no more than a line now and then
+    return tqdm(total=total, initial=done, unit="episode", dynamic_ncols=True, mininterval=seldom)
+
+
+def _reason(result: dict[str, Any]) -> str:
+    if result.get("error"):
+        return f": {result['error']}"
+    return f", {result['ne_m']:.1f} m away at the end" if result.get("ne_m") is not None else ""
+
+
+def _keep(steps: dict[str, int]) -> None:
+    """Put the steps of shipped episodes into the table of pars; those that were not flown keep theirs."""
+    from dronecats.run.folder import write_json
+    from episodes import catalogue, par
+
+    known = catalogue.ids()
+    table = {**par.load(), **steps}
+    write_json(par.FILE, {episode: table[episode] for episode in known if episode in table})

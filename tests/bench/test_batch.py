@@ -1,0 +1,75 @@
+"""A run of many episodes on disk: gone on with, never mixed, nothing thrown away."""
+
+import json
+
+import pytest
+
+from dronecats.bench.audit import pars, table, text
+from dronecats.bench.batch import UNFINISHED, Batch
+from dronecats.border.errors import UsageError
+
+
+def judged(batch, episode, outcome):
+    folder = batch.fresh(episode)
+    (folder / "verdict.json").write_text(json.dumps({"outcome": outcome, "steps": 3}))
+    return folder
+
+
+def test_only_what_was_scored_is_done(tmp_path):
+    batch = Batch(tmp_path / "run", {"pilot": "oracle"})
+    for episode, outcome in (("a", "success"), ("b", "failure"), ("c", "error")):
+        judged(batch, episode, outcome)
+    (batch.fresh("d") / "verdict.json").write_text('{"outcome": "succ')  # killed while it was written
+    batch.fresh("e")
+    assert Batch(tmp_path / "run", {"pilot": "oracle"}).left("abcdef") == ["c", "d", "e", "f"]
+
+
+def test_a_second_attempt_keeps_the_first(tmp_path):
+    batch = Batch(tmp_path / "run", {})
+    for attempt in ("one", "two", "three"):
+        (batch.fresh("a") / "decisions.jsonl").write_text(attempt)
+    kept = sorted((tmp_path / "run" / UNFINISHED).glob("a-*/decisions.jsonl"))
+    assert [path.read_text() for path in kept] == ["one", "two"]
+    assert (tmp_path / "run" / "a" / "decisions.jsonl").read_text() == "three"
+
+
+def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):
+    Batch(tmp_path / "run", {"pilot": "oracle", "seed": 0})
+    with pytest.raises(UsageError, match="another seed"):
+        Batch(tmp_path / "run", {"pilot": "oracle", "seed": 1})
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("three years of work")
+    with pytest.raises(UsageError, match=r"not empty and has no run\.json"):
+        Batch(tmp_path, {})
+
+
+def test_a_folder_that_cannot_be_is_a_sentence(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="cannot be written"):
+        Batch(tmp_path / "file" / "run", {})
+
+
+def results():
+    rows = [("residential-tracking", "success", 4), ("residential-search-and-track", "success", 9)]
+    rows += [("campus-approaching", "failure", 30), ("residential-tracking", "error", 1)]
+    return [{"episode": f"{g}-{k:02d}", "outcome": o, "steps": s} for k, (g, o, s) in enumerate(rows, 1)]
+
+
+def test_errors_are_nobodys_score():
+    rows = {each.name: each for each in table(results())}
+    assert (rows["residential-tracking"].solved, rows["residential-tracking"].flown) == (1, 1)
+    assert rows["residential-tracking"].errors == 1
+    assert (rows["all"].solved, rows["all"].flown, rows["all"].errors) == (2, 3, 1)
+    assert rows["all"].steps == 6.5
+
+
+def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
+    names = [each.name for each in table(results())]
+    assert names[:3] == ["campus-approaching", "residential-tracking", "residential-search-and-track"]
+    assert "1 error, not scored" in text(table(results()))
+
+
+def test_pars_are_of_solved_episodes_only():
+    assert pars(results()) == {"residential-tracking-01": 4, "residential-search-and-track-02": 9}
