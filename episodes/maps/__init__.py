@@ -4,13 +4,19 @@ import difflib
 from collections.abc import Callable
 
 from dronecats.border.errors import UsageError
-from episodes.maps import blocks, campus, residential, user
+from episodes.maps import blocks, campus, residential, residential_places, user
+from episodes.maps.places import Places
 from episodes.scene import Scene
 
 _MAPS: dict[str, Callable[[int], Scene]] = {
     "blocks": blocks.build,
     "campus": campus.build,
     "residential": residential.build,
+}
+_PLACES: dict[str, Callable[[int], Places]] = {
+    "blocks": blocks.places,
+    "campus": campus.places,
+    "residential": residential_places.places,
 }
 
 
@@ -35,3 +41,10 @@ def build(name: str, seed: int = 1) -> Scene:
         near = ", ".join(difflib.get_close_matches(name, names(), 3, 0.3) or names())
         raise UsageError(f"map '{name}' does not exist: did you mean {near}?")
     return _MAPS[name](seed)
+
+
+def places(name: str, seed: int = 1) -> Places:
+    """Return the free ground, lanes and landmarks of a map that ships. Raises UsageError for any other."""
+    if name not in _PLACES:
+        raise UsageError(f"map '{name}' lists no free places: only {', '.join(shipped())} do.")
+    return _PLACES[name](seed)

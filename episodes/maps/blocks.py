@@ -69,7 +69,7 @@ BANDS: tuple[tuple[str, float, float, float], ...] = (
     ("box", -51.0, 51.0, 40.0),
     ("pyramid", -51.0, -51.0, 0.0),
 )
-RING_M, RING_STEP_M = 66.0, 12.0  # where the ring's solids stand and how far apart
+RING_M, RING_STEP_M = 70.0, 14.0  # where the ring's solids stand and how far apart
 
 
 @cache
@@ -77,9 +77,9 @@ def _floor_look() -> Material:
     """Return the floor: a line each metre, a stronger one every five, for a repeat of 5 m."""
     row, column = np.mgrid[0:512, 0:512]
     value = np.ones((512, 512))
-    value[(row % 102 < 2) | (column % 102 < 2)] = 0.95
-    value[(row < 5) | (column < 5)] = 0.86
-    return Material("floor", (1.0, 1.0, 1.0), np.asarray(value[..., None] * np.array((172, 172, 168)), np.uint8))
+    value[(row % 102 < 2) | (column % 102 < 2)] = 0.94
+    value[(row < 5) | (column < 5)] = 0.82
+    return Material("floor", (1.0, 1.0, 1.0), np.asarray(value[..., None] * np.array((146, 147, 145)), np.uint8))
 
 
 def _floor() -> Mesh:
@@ -138,7 +138,7 @@ def _standing(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
         for k, place in enumerate(along[:-1]):
             shape = shapes[int(rng.integers(len(shapes)))]
             n, e = ((RING_M, place), (-place, RING_M), (-RING_M, -place), (place, -RING_M))[side]
-            mesh = _solid(shape, rng, float(rng.uniform(1.3, 3.4)), 1.25)
+            mesh = _solid(shape, rng, float(rng.uniform(1.5, 4.0)), 1.6)
             yield shape, mesh, float(n), float(e), math.radians(float(rng.uniform(-20.0, 20.0)) + 90.0 * (k % 2))
 
 

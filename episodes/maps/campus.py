@@ -116,7 +116,7 @@ def places(seed: int = 1) -> Places:
     """Return the free ground and the ways of the campus; they do not depend on the seed, since its plants stay put."""
     terrain = campus_ground.terrain()
     lanes = tuple(
-        Lane(name, tuple((n, e, terrain.at(n, e)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
+        Lane(name, tuple((n, e, round(terrain.at(n, e), 4)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
         for name, corners in campus_plan.LANES
     )
     return Places(tuple(_spots(terrain, seed)), lanes, landmarks())
@@ -127,7 +127,8 @@ def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, floa
     found = [corners[0]]
     for (n0, e0), (n1, e1) in itertools.pairwise(corners):
         count = math.ceil(math.hypot(n1 - n0, e1 - e0) / STEP_M)
-        found += [(n0 + (n1 - n0) * k / count, e0 + (e1 - e0) * k / count) for k in range(1, count + 1)]
+        steps = [k / count for k in range(1, count + 1)]
+        found += [(round(n0 + (n1 - n0) * u, 3), round(e0 + (e1 - e0) * u, 3)) for u in steps]
     return found
 
 
@@ -138,7 +139,7 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
         for east in np.arange(-50.0, 52.1, SPOT_GRID_M):
             n, e = float(north), float(east)
             if all(_gap(n, e, block) >= SPOT_CLEAR_M for block in blocks):
-                yield Spot((n, e, terrain.at(n, e)), math.atan2(-e, -n), campus_ground.use_at(n, e))
+                yield Spot((n, e, round(terrain.at(n, e), 4)), math.atan2(-e, -n), campus_ground.use_at(n, e))
 
 
 Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # north, east, yaw, low and high corner

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dronecats.border.errors import UsageError
 from dronecats.border.frames import Vec3
 from episodes import maps
 from episodes.maps import blocks
@@ -92,6 +93,16 @@ def test_places_are_free(scene: Scene) -> None:
         assert lane.length_m >= 48.0
         for n, e, d in lane.waypoints_ned[::3]:
             assert solids.clearance_m((n, e, d - 1.0)) >= lane.width_m / 2 - 1e-6
+
+
+def test_every_shipped_map_lists_its_places() -> None:
+    for name in maps.shipped():
+        places = maps.places(name)
+        assert places.spots
+        assert places.lanes
+        assert places.landmarks or name != "campus"
+    with pytest.raises(UsageError, match="campus"):
+        maps.places("nowhere")
 
 
 def arrangement(rng: np.random.Generator, spots: Array, solids: Solids) -> bool:
