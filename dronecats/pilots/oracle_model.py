@@ -1,14 +1,15 @@
 """The oracle behind the interface a model has: it listens on the truth bus. Built by the run, never by the agent."""
 
-import json
+import math
 from collections.abc import Callable
 
 from dronecats.agent.model import Reply, Request
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import ModelError
 from dronecats.border.frames import quat_yaw
-from dronecats.border.truth import NewestTruth, Origin
+from dronecats.border.truth import NewestTruth, Origin, TruthSample
 from dronecats.pilots import oracle
+from dronecats.pilots import reply as reply_text
 from episodes.world import World
 
 AHEAD_S = 0.5  # s, over which the target's velocity is taken
@@ -30,19 +31,34 @@ class OracleModel:
         self._t0_us = t0_us
 
     def ask(self, request: Request) -> Reply:
+        """Answer for every picture's drone. Of a fleet the nearest flies, the others hover: one arrival is enough."""
         self._listen()
-        replies = [self._reply(drone) for drone in range(len(request.images_jpeg))]
-        text = replies[0] if len(replies) == 1 else json.dumps([json.loads(reply) for reply in replies])
-        return Reply(text, 0.0)
+        drones = range(len(request.images_jpeg))
+        if len(drones) == 1:
+            return Reply(self._reply(0), 0.0)
+        nearest = min(drones, key=self._distance_m)
+        replies = [self._reply(drone) if drone == nearest else reply_text.think() for drone in drones]
+        return Reply(reply_text.fleet(replies), 0.0)
 
     def close(self) -> None:
         pass
 
-    def _reply(self, drone: int) -> str:
+    def _sample(self, drone: int) -> TruthSample:
         sample = self._truth.of(drone)
         if sample is None:
             raise ModelError(f"the oracle has not heard where drone {drone} is")
-        t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
+        return sample
+
+    def _time_s(self, time_us: int) -> float:
+        return 0.0 if self._t0_us is None else max(0.0, (time_us - self._t0_us) / 1e6)
+
+    def _distance_m(self, drone: int) -> float:
+        sample = self._sample(drone)
+        return math.dist(sample.position_ned, self._world.target_centre(self._time_s(sample.time_us)))
+
+    def _reply(self, drone: int) -> str:
+        sample = self._sample(drone)
+        t_s = self._time_s(sample.time_us)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
         north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
         return oracle.reply(
