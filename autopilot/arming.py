@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from autopilot.accuracy import required
 from autopilot.parameters import Parameters
 from autopilot.vehicle_state import VehicleState
 
@@ -49,7 +50,7 @@ def preflight_failures(state: VehicleState, parameters: Parameters) -> list[str]
         reasons.append("attitude not converged")
     if not state.altitude_valid:
         reasons.append("altitude not converged")
-    if not state.velocity_valid or state.velocity_std_h > p["COM_VEL_FS_EVH"]:
+    if not state.velocity_valid or state.velocity_std_h > required(p, "COM_VEL_FS_EVH"):
         reasons.append("velocity not converged")
     if not p["COM_ARM_WO_GPS"] and not health.gps:
         reasons.append("no 3-D fix")
@@ -75,7 +76,8 @@ def mode_failures(
     `mission`: what is wrong with the loaded mission.
     """
     reasons = []
-    if mode in POSITION_MODES and not (state.position_valid and state.position_std_h < parameters["COM_POS_FS_EPH"]):
+    accurate = state.position_valid and state.position_std_h < required(parameters, "COM_POS_FS_EPH")
+    if mode in POSITION_MODES and not accurate:
         reasons.append("position not converged")
     if mode == "RETURN" and not home:
         reasons.append("no home position")

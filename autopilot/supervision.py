@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from autopilot.accuracy import AccuracyWatch
 from autopilot.failsafe import (
     OFFBOARD_LOST,
     POSITION_LOST,
@@ -47,6 +48,7 @@ class Supervision:
         self._armed_with_sticks = False
         self._battery_at_arming = math.nan
         self._attitude = AttitudeWatch(parameters)
+        self._accuracy = AccuracyWatch(parameters)
         self._parameters = parameters
         self._say = say
 
@@ -68,6 +70,7 @@ class Supervision:
         self.breach = ""
         self._waiting_since_us, self._overridden = None, frozenset()
         self._attitude.reset()
+        self._accuracy.reset()
 
     def overrule(self) -> None:
         """The pilot has chosen a mode: the present cause only warns until it has gone."""
@@ -87,6 +90,7 @@ class Supervision:
         if not urgent and now - self._looked_us < LOOK_US:
             return
         self._looked_us = now
+        self._accuracy.look(flight.state)
         self.breach = fence.breach(flight, flight.state.position_ned) if flight.state.position_valid else self.breach
         self._attitude.look(flight.state, controlled=mode != "ACRO")
         found = evaluate(

@@ -43,7 +43,8 @@ class VehicleState:
     it all at once, when the first of them is asked for: on most ticks nobody needs more than the time.
     """
 
-    __slots__ = ("__dict__", "_buffer", "estimate", "sensors")  # what stays; the snapshot itself is in __dict__
+    # what stays; the snapshot itself is in __dict__
+    __slots__ = ("__dict__", "_buffer", "estimate", "position_limit", "sensors", "velocity_limit")
 
     time_us: int
     attitude: Quat
@@ -79,6 +80,8 @@ class VehicleState:
     def __init__(self, estimate: Any, sensors: Any) -> None:
         self.estimate = estimate
         self.sensors = sensors
+        self.position_limit = math.inf  # m, position_std_h from which on the position is not valid: `AccuracyWatch`
+        self.velocity_limit = math.inf  # m/s, velocity_std_h likewise
         self._buffer = memoryview(estimate)
         self.refresh()
 
@@ -93,6 +96,10 @@ class VehicleState:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
         fields = _fields(_FORMAT.unpack_from(self._buffer))
         fields["time_us"] = self.__dict__["time_us"]
+        if fields["position_std_h"] > self.position_limit:
+            fields["position_valid"] = 0
+        if fields["velocity_std_h"] > self.velocity_limit:
+            fields["velocity_valid"] = 0
         self.__dict__ = fields
         return fields[name]
 

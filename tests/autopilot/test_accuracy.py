@@ -1,0 +1,138 @@
+"""COM_POS_FS_EPH and COM_VEL_FS_EVH in flight: an estimate that grows too uncertain is lost, and found again."""
+
+import math
+
+import pytest
+from commander_bench import Bench
+
+from autopilot.accuracy import IN_USE, required
+from dronecats.border.mavlink import dialect
+from dronecats.sitl.simulation import Place, SimulatedVehicle
+from vehicles import airframe
+
+GPS, OFF = dialect.FAILURE_UNIT_SENSOR_GPS, dialect.FAILURE_TYPE_OFF
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = Bench(profile="minimal")
+    bench.fly()
+    return bench
+
+
+def lost(bench: Bench) -> bool:
+    return any("Failsafe: position lost" in text for text in bench.client.texts())
+
+
+def test_what_is_in_use_may_be_two_and_a_half_times_as_uncertain(bench: Bench) -> None:
+    bench.core.estimate["position_std_h"] = 12.4  # COM_POS_FS_EPH is 5 m
+    bench.run(3.0)
+    assert not bench.commander.in_failsafe
+    bench.core.estimate["position_std_h"] = 12.6
+    bench.run(0.3)
+    assert lost(bench)
+    assert bench.commander.mode == "LAND"
+    height = bench.height
+    bench.run(2.0)
+    assert bench.height < height - 0.5
+    assert all(math.isnan(x) for x in bench.core.setpoint["position_ned"][:2])  # no place to hold is believed
+
+
+def test_what_is_lost_must_be_good_for_a_second(bench: Bench) -> None:
+    estimate = bench.core.estimate
+    estimate["position_std_h"] = 20.0
+    bench.run(0.5)
+    assert bench.commander.mode == "LAND"
+    estimate["position_std_h"] = 6.0  # good enough to stay, not to come back
+    bench.run(3.0)
+    assert bench.commander.mode == "LAND"
+    for _ in range(4):  # a second is a second in one piece
+        estimate["position_std_h"] = 4.0
+        bench.run(0.7)
+        estimate["position_std_h"] = 6.0
+        bench.run(0.2)
+    assert bench.commander.mode == "LAND"
+    estimate["position_std_h"] = 4.0
+    bench.run(0.8)
+    assert bench.commander.mode == "LAND"
+    bench.run(0.5)
+    assert bench.commander.mode == "HOLD"
+
+
+def test_the_same_for_the_velocity(bench: Bench) -> None:
+    bench.core.estimate["velocity_std_h"] = 2.4  # COM_VEL_FS_EVH is 1 m/s
+    bench.run(1.0)
+    assert bench.autopilot.state.velocity_valid
+    bench.core.estimate["velocity_std_h"] = 2.6
+    bench.run(0.3)
+    assert not bench.autopilot.state.velocity_valid
+
+
+def test_a_position_setpoint_is_no_offboard_signal_without_a_position(bench: Bench) -> None:
+    def stream() -> None:
+        bench.client.send(
+            dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xDF8, 0, 0, -5, 0, 0, 0, 0, 0, 0, 0, 0)
+        )
+
+    bench.autopilot.parameters.set("COM_OBL_RC_ACT", 4)
+    stream()
+    bench.client.mode(6)
+    bench.run(1.0, stream)
+    assert bench.commander.mode == "OFFBOARD"
+    bench.core.estimate["position_std_h"] = 20.0
+    bench.run(1.0, stream)
+    assert bench.commander.mode == "LAND"
+
+
+def test_a_negative_parameter_switches_it_off(bench: Bench) -> None:
+    bench.autopilot.parameters.set("COM_POS_FS_EPH", -1.0)
+    bench.core.estimate["position_std_h"] = 400.0
+    bench.run(2.0)
+    assert not bench.commander.in_failsafe
+    assert required(bench.autopilot.parameters, "COM_POS_FS_EPH") == math.inf
+
+
+def test_a_landed_vehicle_is_judged_afresh(bench: Bench) -> None:
+    bench.core.estimate["position_std_h"] = 20.0
+    bench.until(lambda: not bench.commander.armed, 60)
+    bench.core.estimate["position_std_h"] = 0.3
+    bench.run(0.1)
+    assert bench.client.mode(4, 3) == 0
+    assert bench.client.arm() == 0
+    bench.client.disarm(force=True)
+    bench.core.estimate["position_std_h"] = 5.1  # on the ground it must be good to begin with
+    bench.run(0.1)
+    assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+@pytest.mark.parametrize("demanded", [0.2, 5.0])
+def test_without_a_receiver_the_smaller_of_accuracy_and_timeout_decides(demanded: float) -> None:
+    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=1, origin=(47.4, 8.5, 488.0))
+
+    def live(seconds: float) -> None:
+        for _ in range(round(seconds * 100)):
+            vehicle.advance()
+
+    commander, parameters = vehicle.autopilot.commander, vehicle.autopilot.parameters
+    live(15.0)
+    parameters.set("COM_POS_FS_EPH", demanded)
+    assert commander.arm() == dialect.MAV_RESULT_ACCEPTED
+    commander.take_off(-5.0)
+    live(10.0)
+    assert commander.mode == "HOLD"
+    parameters.set("SYS_FAILURE_EN", 1)
+    assert vehicle._failures.inject(GPS, OFF, 0)
+    began = vehicle.time_us
+    while not commander.in_failsafe:
+        live(0.01)
+        assert vehicle.time_us - began < 8_000_000
+    after_s = (vehicle.time_us - began) * 1e-6
+    deviation = float(vehicle.core.estimate["position_std_h"])
+    if demanded < 1.0:
+        assert deviation == pytest.approx(IN_USE * demanded, rel=0.1)
+        assert 1.0 < after_s < 4.5
+        assert vehicle.core.estimate["position_valid"]  # the estimator itself has not given up yet
+    else:
+        assert after_s == pytest.approx(5.0, abs=0.3)  # EKF2_NOAID_TOUT
+        assert deviation < IN_USE * demanded
+    assert commander.failsafe.cause == "position lost"
