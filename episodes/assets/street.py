@@ -6,7 +6,8 @@ import numpy as np
 
 from episodes import geometry as g
 from episodes.assets import paint as colors
-from episodes.assets.textures import lettering, surface
+from episodes.assets.lettering import plate
+from episodes.assets.textures import surface
 from episodes.scene import Material, Mesh
 
 
@@ -86,7 +87,7 @@ def name_post(along: str, across: str) -> Mesh:
     steel = colors.STEEL
     parts = [g.rod((0, 0, -0.2), (0, 0, 2.75), (0.035, 0.035), steel, 8)]
     for text, z, turn in ((along, 2.25, 0.0), (across, 2.5, np.pi / 2)):
-        picture = lettering(text.upper(), ink=(238, 238, 232), ground=(52, 60, 68))
+        picture = plate(text.upper(), ink=(238, 238, 232), ground=(52, 60, 68))
         look = Material(f"name-{text}", (1.0, 1.0, 1.0), picture)
         half, high = 0.11 * picture.shape[1] / picture.shape[0], 0.22
         blade = [g.box((-half, -0.012, z), (half, 0.012, z + high), steel)]

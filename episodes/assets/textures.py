@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -135,24 +134,6 @@ def garage_door() -> NDArray[np.uint8]:
     value[raised & ((r > 51) | (c > 53))] = 1.0
     value[r < 2] = 0.6
     return _tinted(value, (240, 239, 235))
-
-
-@cache
-def lettering(
-    text: str, height: int = 64, ink: Vec3 = (18, 24, 70), ground: Vec3 = (238, 238, 232)
-) -> NDArray[np.uint8]:
-    """Return a sign that shows `text` once: 64 px high by default, its capitals three fifths of the height."""
-    scale = 4  # drawn large and reduced by area, so that strokes keep their even weight
-    tall = height * scale
-    font, thick = cv2.FONT_HERSHEY_SIMPLEX, max(2, tall // 14)
-    (_, cap), _ = cv2.getTextSize("H0", font, 1.0, 1)
-    size = 0.62 * tall / cap
-    (wide, cap), _ = cv2.getTextSize(text, font, size, thick)
-    image = np.empty((tall, wide + tall // 2, 3), np.uint8)
-    image[:] = np.array(ground, np.uint8)
-    cv2.putText(image, text, (tall // 4, (tall + cap) // 2), font, size, ink, thick, cv2.LINE_AA)
-    cv2.rectangle(image, (0, 0), (image.shape[1] - 1, tall - 1), ink, tall // 24)
-    return np.asarray(cv2.resize(image, (image.shape[1] // scale, height), interpolation=cv2.INTER_AREA))
 
 
 @cache

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from episodes import geometry as g
+from episodes.assets import lettering
 from episodes.assets import paint as colors
-from episodes.assets.textures import lettering
 from episodes.geometry import Array, Part
 from episodes.scene import Material, Mesh
 
@@ -63,13 +63,13 @@ SHAPES: dict[str, CarShape] = {
 }  # fmt: skip
 
 
-def _plan(shape: CarShape, x: Array) -> Array:
+def plan_at(shape: CarShape, x: Array) -> Array:
     """Return the half width of the body at x: full amidships, drawn in at nose and tail."""
     reach = np.clip(np.abs(x) / (shape.length / 2), 0.0, 1.0)
     return shape.width / 2 * (1.0 - 0.10 * reach**5 - 0.06 * np.clip((reach - 0.93) / 0.07, 0, 1) ** 2)
 
 
-def _body(shape: CarShape, material: Material) -> list[Part]:
+def body(shape: CarShape, material: Material) -> list[Part]:
     """Return the lower body: cross-sections lofted from tail to nose, the underside raised over the wheels."""
     half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
     around = arch * np.cos(np.linspace(0.0, np.pi, 11))
@@ -91,7 +91,7 @@ def _body(shape: CarShape, material: Material) -> list[Part]:
         rise = np.sqrt(np.clip(arch**2 - (x - centre) ** 2, 0.0, None))
         bottom = np.where(inside, np.maximum(bottom, shape.wheel_radius + rise), bottom)
     bottom = np.minimum(bottom, top - 0.08)
-    wide = _plan(shape, x)
+    wide = plan_at(shape, x)
     tall = top - bottom
     # half section from the keel to the crown: fractions of the half width and of the height
     section = [(0.0, 0.0), (0.93, 0.0), (0.985, 0.06), (1.0, 0.30), (1.0, 0.62), (0.985, 0.84), (0.94, 0.96)]
@@ -112,7 +112,7 @@ def _body(shape: CarShape, material: Material) -> list[Part]:
 def _cabin_side(shape: CarShape, x: float, z: float) -> float:
     """Return the half width of the cabin: it leans in towards the roof and narrows with the body towards the tail."""
     up = (z - shape.belt) / (shape.roof - shape.belt)
-    ends = _plan(shape, np.array(shape.cabin_low)) / (shape.width / 2)
+    ends = plan_at(shape, np.array(shape.cabin_low)) / (shape.width / 2)
     taper = float(np.interp(x, shape.cabin_low, ends))
     return shape.width / 2 * taper * (0.945 - 0.145 * up)
 
@@ -198,10 +198,10 @@ def wheel(radius: float, width: float) -> list[Part]:
     )
     parts += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
     parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], colors.RIM, 8))
-    return [_about_y(p) for p in parts]
+    return [about_y(p) for p in parts]
 
 
-def _about_y(part: Part) -> Part:
+def about_y(part: Part) -> Part:
     """Return a part whose z axis has become +y."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     return replace(part, corners=part.corners @ turn, normals=part.normals @ turn)
@@ -295,17 +295,18 @@ def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> lis
     ]
 
 
-def _plates(shape: CarShape, text: str, tail: float, low: float) -> list[Part]:
-    """Return both number plates."""
-    picture = lettering(text)
+DIGIT_M = 0.10  # height of a plate's letters (paper, appendix "Maps and Episodes")
+
+
+def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> list[Part]:
+    """Return both number plates, given (x, height of the lower edge) of each."""
+    picture = lettering.plate(text)
     sign = Material(f"plate-{text}", (1.0, 1.0, 1.0), picture, emission=0.05)
-    # 0.165 m high: its digits are 0.10 m (paper, appendix "Maps and Episodes")
-    h, half = 0.165, shape.length / 2 + 0.027
-    w = h * picture.shape[1] / picture.shape[0] / 2
-    z = max(tail - 0.52, low + 0.20)
-    back = g.quad([(-half, w, z), (-half, -w, z), (-half, -w, z + h), (-half, w, z + h)], sign)
-    z = low - 0.01
-    return [back, g.quad([(half, -w, z), (half, w, z), (half, w, z + h), (half, -w, z + h)], sign)]
+    h = DIGIT_M * picture.shape[0] / lettering.CAP_PX
+    w = DIGIT_M * picture.shape[1] / lettering.CAP_PX / 2
+    (x, z), (nose, low) = rear, front
+    back = g.quad([(x, w, z), (x, -w, z), (x, -w, z + h), (x, w, z + h)], sign)
+    return [back, g.quad([(nose, -w, low), (nose, w, low), (nose, w, low + h), (nose, -w, low + h)], sign)]
 
 
 def car(kind: str, paint: str, plate: str) -> Mesh:
@@ -315,10 +316,12 @@ def car(kind: str, paint: str, plate: str) -> Mesh:
     """
     shape, material = SHAPES[kind], colors.paint(paint)
     nose, tail, low = shape.deck[-1][1], shape.deck[0][1], shape.clearance + 0.08
-    end = float(_plan(shape, np.array([shape.length / 2]))[0])
+    end = float(plan_at(shape, np.array([shape.length / 2]))[0])
     flank = _flank(shape, material)
-    parts = [*_body(shape, material), *_cabin(shape, material), *_wheels(shape), *flank, *map(g.mirrored, flank)]
-    parts += _lamps(shape, end, nose, tail, low) + _plates(shape, plate, tail, low)
+    parts = [*body(shape, material), *_cabin(shape, material), *_wheels(shape), *flank, *map(g.mirrored, flank)]
+    parts += _lamps(shape, end, nose, tail, low)
+    half = shape.length / 2 + 0.027
+    parts += plates(plate, (-half, max(tail - 0.52, low + 0.20)), (half, low - 0.01))
     if shape.bed is not None:
         parts += _bed(shape, shape.bed, material)
     return g.assemble(parts)

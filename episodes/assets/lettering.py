@@ -1,0 +1,111 @@
+"""Inscriptions: capitals and digits of an exact height, drawn large and reduced by area so that strokes stay even."""
+
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.frames import Vec3
+
+CAP_PX = 40  # height of a capital in every picture made here
+CAP_SHARE = 0.625  # of a plate's height
+MARGIN_PX = 13  # left and right of a plate's line
+OVERSAMPLED = 4
+STROKE = 0.17  # of the height of a capital: as heavy as leaves the holes of 8 and B open at a few pixels
+SPACING = 0.19  # of the height of a capital, between letters
+LEADING = 1.55  # lines of a sign, heights of a capital apart
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+ZERO_WIDTH = 0.86  # of the letter O, by which a nought is drawn: a slash through it would make it an 8 from afar
+
+Picture = NDArray[np.uint8]
+
+
+def _drawn(text: str, scale: float) -> NDArray[np.uint8]:
+    """Return a text on a dark canvas (3 caps high), its baseline two caps down, cut to the columns it covers."""
+    cap, thick = CAP_PX * OVERSAMPLED, round(STROKE * CAP_PX * OVERSAMPLED)
+    image = np.zeros((3 * cap, 4 * cap), np.uint8)
+    cv2.putText(image, text, (cap, 2 * cap), FONT, scale, 255, thick, cv2.LINE_AA)
+    inked = np.flatnonzero(image.max(axis=0) > 127)
+    return image[:, inked[0] : inked[-1] + 1]
+
+
+@cache
+def _measure() -> tuple[float, int]:
+    """Return (scale, row of the top) at which an H is exactly CAP_PX · OVERSAMPLED high, whatever OpenCV's font."""
+    cap, scale = CAP_PX * OVERSAMPLED, 5.0
+    for _ in range(8):
+        rows = np.flatnonzero(_drawn("H", scale).max(axis=1) > 127)
+        scale *= cap / len(rows)
+    return scale, int(rows[0])
+
+
+@cache
+def _glyph(letter: str) -> NDArray[np.uint8]:
+    """Return (cap, W) of one letter, oversampled; a Q is pressed between the lines, tail and all."""
+    cap = CAP_PX * OVERSAMPLED
+    if letter == " ":
+        return np.zeros((cap, round(0.36 * cap)), np.uint8)
+    scale, top = _measure()
+    shape = _drawn("O" if letter == "0" else letter, scale)
+    if letter == "Q":
+        rows = np.flatnonzero(shape.max(axis=1) > 127)
+        shape = cv2.resize(shape[rows[0] : rows[-1] + 1], (shape.shape[1], cap), interpolation=cv2.INTER_AREA)
+    else:
+        shape = shape[top : top + cap]
+    if letter == "0":
+        shape = cv2.resize(shape, (round(shape.shape[1] * ZERO_WIDTH), cap), interpolation=cv2.INTER_AREA)
+    return np.asarray(shape, np.uint8)
+
+
+@cache
+def line(text: str) -> NDArray[np.float32]:
+    """Return (CAP_PX, W): how much of each pixel the ink of one line covers, 0 … 1, cut to the letters.
+
+    Capitals and digits fill the height exactly.
+    """
+    cap = CAP_PX * OVERSAMPLED
+    gap = np.zeros((cap, round((SPACING) * cap)), np.uint8)
+    pieces = [piece for letter in text for piece in (_glyph(letter), gap)][:-1]
+    image = np.concatenate(pieces, axis=1)
+    width = -(-image.shape[1] // OVERSAMPLED)
+    image = np.pad(image, ((0, 0), (0, width * OVERSAMPLED - image.shape[1])))
+    small = cv2.resize(image, (width, CAP_PX), interpolation=cv2.INTER_AREA)
+    return np.asarray(small / np.float32(255.0), np.float32)
+
+
+def _printed(shape: tuple[int, int], lines: tuple[str, ...], ink: Vec3, ground: Vec3) -> Picture:
+    """Return a picture (H, W, 3) sRGB of lines in its middle."""
+    cover = np.zeros(shape, np.float32)
+    step = round(LEADING * CAP_PX)
+    top = (shape[0] - CAP_PX - step * (len(lines) - 1)) // 2
+    for k, text in enumerate(lines):
+        mask = line(text)
+        left = (shape[1] - mask.shape[1]) // 2
+        cover[top + k * step : top + k * step + CAP_PX, left : left + mask.shape[1]] = mask
+    mixed = cover[..., None] * np.array(ink) + (1.0 - cover[..., None]) * np.array(ground)
+    return np.asarray(np.round(mixed), np.uint8)
+
+
+@cache
+def plate(text: str, ink: Vec3 = (18, 24, 70), ground: Vec3 = (240, 240, 234)) -> Picture:
+    """Return (H, W, 3): one framed line, CAP_SHARE of its height."""
+    height = round(CAP_PX / CAP_SHARE)
+    image = _printed((height, line(text).shape[1] + 2 * MARGIN_PX), (text,), ink, ground)
+    cv2.rectangle(image, (0, 0), (image.shape[1] - 1, height - 1), ink, 2)
+    return image
+
+
+@cache
+def board(text: str, ink: Vec3, ground: Vec3, least_px: tuple[int, int]) -> Picture:
+    """Return (H, W, 3): the words of a text on as many lines as they need, at least `least_px` (height, width)."""
+    room = least_px[1] - CAP_PX
+    lines: list[str] = []
+    for word in text.split():
+        if lines and line(f"{lines[-1]} {word}").shape[1] <= room:
+            lines[-1] = f"{lines[-1]} {word}"
+        else:
+            lines.append(word)
+    wide = max([least_px[1], *(line(text).shape[1] + CAP_PX for text in lines)])
+    high = max(least_px[0], round(LEADING * CAP_PX * len(lines)) + CAP_PX // 2)
+    return _printed((high, wide), tuple(lines), ink, ground)
