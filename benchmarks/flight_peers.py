@@ -152,13 +152,16 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 def compare(folder: Path, core_rtf: float) -> dict[str, Any]:
     """Return per peer its times-real-time and ours divided by it, or a `note` on why it was skipped."""
     found: dict[str, Any] = {}
+    this = Path(__file__).absolute()
     for name in PEERS:
-        python = folder / name / "bin" / "python"
+        python = folder.absolute() / name / "bin" / "python"
         if not python.exists():
             found[name] = {"note": f"skipped: no virtual environment at {folder / name}"}
             continue
         try:
-            done = subprocess.run([python, __file__, name], capture_output=True, text=True, timeout=LIMIT_S, check=True)
+            done = subprocess.run(
+                [python, this, name], cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=True
+            )  # some of them leave logs where they are started
             found[name] = json.loads(done.stdout.splitlines()[-1])
             found[name]["ours_over_it"] = round(core_rtf / found[name]["rtf"], 1)
         except subprocess.TimeoutExpired:
