@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dronecats.border.terrain import HeightField
 from episodes import geometry as g
@@ -204,26 +203,27 @@ def _split(tri: Array, a: Array, b: Array) -> tuple[Array, Array]:
     side = way[0] * (tri[..., 1] - a[1]) - way[1] * (tri[..., 0] - a[0])
     side[np.abs(side) < 1e-9] = 0.0
     left, right = (side >= 0.0).all(axis=1), (side <= 0.0).all(axis=1)
-    mixed = ~left & ~right
-    kept, off = _crossed(tri[mixed], side[mixed])
+    crossed = ~left & ~right
+    kept, off = _crossed(tri[crossed], side[crossed])
     return np.concatenate([tri[left], kept]), np.concatenate([tri[right & ~left], off])
 
 
-def _crossed(tri: Array, side: NDArray[np.float64]) -> tuple[Array, Array]:
-    """Return the pieces left and right of the line of triangles that it crosses."""
-    pieces: tuple[list[Array], list[Array]] = ([], [])
-    for corners, s in zip(tri, side, strict=True):
-        for found, sign in zip(pieces, (1.0, -1.0), strict=True):
-            ring: list[Array] = []
-            for k in range(3):
-                m = (k + 1) % 3
-                if sign * s[k] >= 0.0:
-                    ring.append(corners[k])
-                if s[k] * s[m] < 0.0:
-                    ring.append(corners[k] + (corners[m] - corners[k]) * s[k] / (s[k] - s[m]))
-            found.extend(np.stack([ring[0], ring[k], ring[k + 1]]) for k in range(1, len(ring) - 1))
-    return _stacked(pieces[0]), _stacked(pieces[1])
+def _crossed(tri: Array, side: Array) -> tuple[Array, Array]:
+    """Return the pieces left and right of the line of triangles that it crosses; `side` (T, 3) is positive left."""
+    positive = side > 0.0
+    one_left = positive.sum(axis=1) == 1  # one corner lies left and the others do not, or the other way round
+    lone = np.where(one_left, positive.argmax(axis=1), (side < 0.0).argmax(axis=1))
+    row, order = np.arange(len(tri))[:, None], (lone[:, None] + np.arange(3)) % 3
+    (a, b, c), (sa, sb, sc) = tri[row, order].transpose(1, 0, 2), side[row, order].T[..., None]
+    p, q = a + (b - a) * (sa / (sa - sb)), a + (c - a) * (sa / (sa - sc))
+    tip = np.stack([a, p, q], axis=1)
+    rest = [np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)]
+    kept = np.concatenate([tip[one_left], *(piece[~one_left] for piece in rest)])
+    off = np.concatenate([tip[~one_left], *(piece[one_left] for piece in rest)])
+    return _solid(kept), _solid(off)
 
 
-def _stacked(found: list[Array]) -> Array:
-    return np.stack(found) if found else np.empty((0, 3, 2))
+def _solid(tri: Array) -> Array:
+    """Return the triangles without those that a cut through a corner left without area."""
+    u, v = tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]
+    return tri[np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) > 1e-12]
