@@ -276,7 +276,7 @@ def main() -> None:
     chosen = parser.parse_args()
     found = measure(max(1, chosen.repeat), max(1.0, chosen.seconds), chosen.quick)
     if chosen.peers:
-        found["peers"] = flight_peers.compare(chosen.peers_dir, found["core_rtf"])
+        found["peers"] = flight_peers.compare(chosen.peers_dir, found["core_rtf"], found["core_rtf_cpu"])
     if chosen.json:
         print(json.dumps(found))
     else:
