@@ -158,6 +158,11 @@ FIXTURES: tuple[Standing, ...] = (
     ("picnic-table", 24.0, 24.2, 40.0),
     ("picnic-table", -24.0, 24.6, 0.0),
     ("clock-tower", 33.5, -25.5, 180.0),
+    # more of what drives, parked beside the walks
+    ("service-cart", 4.4, -35.2, 90.0),
+    ("delivery-robot", 45.0, -38.0, 90.0),
+    ("delivery-robot", -41.2, 33.0, 270.0),
+    ("service-cart", -12.0, 44.6, 0.0),
 )
 TIERED = (0.0, 0.0)  # north, east of the one fountain that has three bowls: the first of its kind
 

@@ -60,7 +60,7 @@ def test_budget_and_ids(scene: Scene) -> None:
 
 def test_many_of_each_kind_and_all_alike(scene: Scene) -> None:
     count = Counter(i.kind for i in scene.instances)
-    assert {kind: count[kind] for kind in MANY if count[kind] < 4} == {"service-cart": 3}
+    assert not {kind: count[kind] for kind in MANY if count[kind] < 4}
     for kind in fixtures.MAKERS:
         looks = {id(i.mesh) for i in scene.instances if i.kind == kind}
         assert len(looks) == (2 if kind == "fountain" else 1), kind
