@@ -1,7 +1,8 @@
 """One example against one fresh simulator, in whatever network this process was started in: a subprocess of the test.
 
-Argument: a JSON object (see `main`). Its last line of output is a JSON object {outcome, seconds, lines}. In a network
-namespace of its own it first brings the loopback interface up.
+Argument: a JSON object (see `main`). Its last line of output is a JSON object {outcome, seconds, lines, hits}; `hits`
+is what the truth bus said that the vehicle ran into. In a network namespace of its own it first brings the loopback
+interface up.
 """
 
 import contextlib
@@ -19,8 +20,10 @@ from pathlib import Path
 from pymavlink import mavutil
 
 READY = "Ctrl-C ends it"
+OPEN_FIELD = Path(__file__).with_name("open_field.py")
 START_S = 240.0  # the first start of an installation compiles
 GROUND_STATION, ARM = 18570, 400  # where the simulator hears ground stations; MAV_CMD_COMPONENT_ARM_DISARM
+TRUTH = 19410  # where the simulator tells the truth
 SETTLE_S = 15.0  # a flight just ended: landed, disarmed, log closed
 
 
@@ -99,6 +102,16 @@ def arm_and_disarm(ended: threading.Event) -> None:
     link.close()
 
 
+def listen(ended: threading.Event, hits: list[str]) -> None:
+    """Note what the vehicle runs into, as the truth bus says it."""
+    bus = mavutil.mavlink_connection(f"udpin:127.0.0.1:{TRUTH}")
+    while not ended.is_set():
+        message = bus.recv_match(type="STATUSTEXT", blocking=True, timeout=0.2)
+        if message is not None:
+            hits.append(message.text)
+    bus.close()
+
+
 def main() -> int:
     """Keys: python, folder, example (as in example_table), where, state, isolated. See `follow` for the outcome."""
     task = json.loads(sys.argv[1])
@@ -108,6 +121,7 @@ def main() -> int:
     example, where = task["example"], Path(task["where"])
     running: list[Script] = []
     ended = threading.Event()
+    hits: list[str] = []
 
     def start(*command: str) -> Script:
         running.append(Script(list(command), where))
@@ -117,7 +131,8 @@ def main() -> int:
         return [task["python"], str(Path(task["folder"]) / name)]
 
     try:
-        simulator = start(sys.executable, "-m", "dronecats.cli.main", "sitl", "--state", task["state"])
+        threading.Thread(target=listen, args=(ended, hits)).start()
+        simulator = start(sys.executable, str(OPEN_FIELD), "--state", task["state"])
         outcome = follow(simulator, {READY: 1}, START_S, endless=True, linger_s=0.0)
         lines, began = simulator.lines, time.monotonic()
         if outcome == "ok" and example["after"]:
@@ -138,7 +153,7 @@ def main() -> int:
             script = start(*example_script(example["script"]), *example["arguments"])
             outcome = follow(script, example["shows"], example["limit_s"], example["endless"], example["linger_s"])
             lines = script.lines
-        answer = {"outcome": outcome, "seconds": time.monotonic() - began, "lines": lines}
+        answer = {"outcome": outcome, "seconds": time.monotonic() - began, "lines": lines, "hits": hits}
     finally:
         ended.set()
         for script in reversed(running):

@@ -4,6 +4,7 @@ The selection, the plugins and the words core and yes are those of the client su
 the lines are what the examples themselves print. A pattern with a count must be printed so many times.
 """
 
+import math
 from dataclasses import dataclass, field
 
 HEALTHY = "[Gg]lobal position (estimate OK|state is good enough)"
@@ -28,6 +29,7 @@ class Example:
     server: str | None = None  # the script wants a mavsdk_server that is already there: its address for the vehicle
     eventful: bool = False  # meanwhile a ground station arms and disarms: a vehicle at rest has nothing to say
     downloads: str | None = None  # a pattern of files it writes, which must be byte for byte the vehicle's logs
+    stays_below_m: float = math.inf  # and never be higher than this
     refused: str | None = None  # the one error that is right: what it asks for does not exist here
     note: str = ""
 
@@ -65,7 +67,8 @@ EXAMPLES = (
     Example("mission_import.py", "mission_raw", "yes", {"Mission uploaded": 1}, files=("example-mission.plan",)),
     Example("geofence.py", "geofence, telemetry", "yes", {"Geofence uploaded!": 1}),
     Example("follow_me_example.py", "follow_me", "yes",
-            {"-- Following Target": 3, "-- Stopping Follow Me": 1, "-- Landing": 1}, climbs_m=2.0),
+            {"-- Following Target": 3, "-- Stopping Follow Me": 1, "-- Landing": 1}, climbs_m=7.5,
+            stays_below_m=9.5),
     Example("manual_control.py", "manual_control", "yes", {HEALTHY: 1, "-- Starting manual control": 1},
             endless=True, linger_s=15.0, climbs_m=2.0),
     Example("telemetry.py", "telemetry", "core",
