@@ -41,9 +41,10 @@ class World:
         """Build the scene. Raises UsageError for an unknown map, asset or paint, or a native target that is not so."""
         self.record = record
         self._motion = motion(record.target)
-        plan = _plan(record.map, record.map_seed)
-        next_id = max(i.id for i in plan.instances) + 1
-        native = _native(plan, record)
+        shipped = record.map in maps.shipped()
+        built = plan(record.map, record.map_seed)
+        next_id = max(i.id for i in built.instances) + 1
+        native = _native(built, record)
         if native:  # to the last digit where the map has it; a record's are rounded
             self._motion = Motion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
         target = native or _placed(next_id, "target", record.target, movable=self._motion.speed_mps > 0.0)
@@ -51,12 +52,12 @@ class World:
         self.target = target
         self.target_id: int = target.id
         added = others if native else (target, *others)
-        self.scene: Scene = replace(plan, instances=(*plan.instances, *added))
+        self.scene: Scene = replace(built, instances=(*built.instances, *added))
         # what may hide the target: everything that stands but the target itself
         if native or others:
             self.solids = Solids(i for i in self.scene.instances if i is not target)
         else:
-            self.solids = _solids(record.map, record.map_seed)
+            self.solids = solids(record.map, record.map_seed) if shipped else Solids(built.instances)
         self._view = TargetView(target.mesh, self.solids)
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
@@ -109,15 +110,23 @@ class World:
         return self.solids.clearance_m(point_ned)
 
 
+def plan(name: str, seed: int) -> Scene:
+    """Return a map; one that ships is built once per process, a user's own may have changed and is read anew."""
+    return _plan(name, seed) if name in maps.shipped() else maps.build(name, seed)
+
+
 @lru_cache(maxsize=4)
 def _plan(name: str, seed: int) -> Scene:
-    """Return a map, built once per process: whoever reads a hundred records builds three maps."""
     return maps.build(name, seed)
+
+
+def solids(name: str, seed: int) -> Solids:
+    """Return what stands on a map and does not move."""
+    return _solids(name, seed) if name in maps.shipped() else Solids(plan(name, seed).instances)
 
 
 @lru_cache(maxsize=4)
 def _solids(name: str, seed: int) -> Solids:
-    """Return what stands on a map and does not move."""
     return Solids(_plan(name, seed).instances)
 
 
@@ -131,14 +140,14 @@ def _placed(number: int, name: str, one: TargetRecord, *, movable: bool = False)
     )
 
 
-def _native(plan: Scene, record: EpisodeRecord) -> Instance | None:
+def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
     """Return the map's own instance that a record names as its target; None when it names none. Raises UsageError."""
     name = record.target.native
     if name is None:
         return None
-    found = next((i for i in plan.instances if i.name == name and i.kind != "ground"), None)
+    found = next((i for i in built.instances if i.name == name and i.kind != "ground"), None)
     if found is None:
-        near = difflib.get_close_matches(name, [i.name for i in plan.instances if i.kind != "ground"], 3, 0.4)
+        near = difflib.get_close_matches(name, [i.name for i in built.instances if i.kind != "ground"], 3, 0.4)
         hint = f": did you mean {', '.join(near)}?" if near else "."
         raise UsageError(
             f"{record.id}: field 'target.native' is '{name}', which map '{record.map}' does not have{hint}"

@@ -4,28 +4,11 @@ import re
 from collections.abc import Iterator
 
 from episodes import assets
+from episodes.check import referring, scenery
 from episodes.check.finding import Finding
+from episodes.check.nouns import kind_of, nouns
 from episodes.record import EpisodeRecord
 from episodes.world import World
-
-# What people call the assets; any other is called by its name.
-NOUNS: dict[str, tuple[str, ...]] = {
-    "suv": ("SUV",),
-    "sedan": ("sedan", "saloon"),
-    "hatchback": ("hatchback",),
-    "pickup": ("pickup truck", "pickup"),
-    "van": ("van",),
-    "bus": ("bus",),
-    "motorcycle": ("motorcycle", "motorbike"),
-    "cyclist": ("cyclist", "bicycle"),
-    "person": ("person", "pedestrian"),
-    "quadrotor": ("quadrotor", "drone on the stand"),
-}
-
-
-def nouns(asset: str) -> tuple[str, ...]:
-    """Return what people call an asset or a kind of fixture, the commonest word first."""
-    return NOUNS.get(asset, (asset.replace("-", " ").replace("_", " "),))
 
 
 def says(text: str, words: str) -> bool:
@@ -42,8 +25,10 @@ def rules(world: World) -> Iterator[Finding]:
         return
     named = any(says(record.instruction, word) for word in kinds)
     yield Finding("the instruction's noun", named, f"'{record.instruction}'", " or ".join(f"'{k}'" for k in kinds))
-    if record.target.native is None and record.map == "residential":
+    if record.map == "residential" and record.target.native is None:
         yield from paint(world)
+    elif named and scenery.places(record.map, record.map_seed).landmarks:
+        yield place(world)
 
 
 def inscription(record: EpisodeRecord) -> Iterator[Finding]:
@@ -71,3 +56,22 @@ def paint(world: World) -> Iterator[Finding]:
     ]
     alone = Finding("others in the target's colour", not others, ", ".join(others[:3]) or "none", "none")
     yield alone
+
+
+def place(world: World) -> Finding:
+    """Return whether the instruction tells the target from its near-duplicates by where it stands."""
+    record = world.record
+    kind = kind_of(record.target.asset)
+    things = {i.name: i.position_ned for i in world.scene.instances if kind_of(i.kind) == kind}
+    viewer = record.starts[0].position_ned
+    yaw = record.starts[0].yaw_deg if record.visible_at_start else None
+    marks = scenery.landmarks(record.map, record.map_seed, kind, viewer, yaw)
+    told = referring.read(record.instruction, marks)
+    rule, wanted = "what the instruction's place tells", f"{world.target.name} alone"
+    if told is None:
+        alone = list(things) == [world.target.name]
+        hint = "nearest, left of, right of, in front of, behind or between landmarks"
+        return Finding(rule, alone, f"none of {len(things)}", f"{wanted}, by {hint}")
+    clear, loose = referring.denotes(told, things, marks, viewer)
+    fine = clear == loose == [world.target.name]
+    return Finding(rule, fine, ", ".join(dict.fromkeys([*clear, *loose])) or "nothing", wanted)

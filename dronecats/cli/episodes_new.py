@@ -1,0 +1,49 @@
+"""`dronecats episodes new`: proposes records that pass the checks, from a seed."""
+
+import argparse
+from pathlib import Path
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser("new", help="propose records that pass the checks, from a seed")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
+    parser.add_argument("--map", metavar="NAME", help="a map's name")
+    parser.add_argument("--cell", metavar="CELL", help="approaching, searching, tracking, search-and-track, commanding")
+    parser.add_argument("--count", type=int, default=1, metavar="N", help="how many (default: 1)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same records")
+    parser.add_argument(
+        "--first", type=int, default=1, metavar="N", help="number in the first record's id (default: 1)"
+    )
+    parser.add_argument("--map-seed", type=int, default=1, metavar="N", help="the map's own seed (default: 1)")
+    parser.add_argument("--official", action="store_true", help="instead of all that: make the shipped catalogue again")
+    parser.add_argument(
+        "--jobs", type=int, default=0, metavar="N", help="processes for --official (default: one per core)"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the records and print their files."""
+    from dronecats.border.errors import UsageError
+    from episodes.propose import official, proposals
+
+    if args.official:
+        if args.map or args.cell:
+            raise UsageError("--official makes every map and cell: leave --map and --cell out.")
+        batches = official.make(args.jobs or None)
+    else:
+        if not (args.map and args.cell):
+            raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")
+        task = proposals.Batch(args.map, args.cell, args.first, args.count, args.seed, args.map_seed)
+        batches = iter([proposals.propose(task)])
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out '{args.out}' cannot be made a folder: {error.strerror}.") from None
+    for batch in batches:
+        for record in batch:
+            file = args.out / f"{record.id}.json"
+            file.write_text(record.to_json(), encoding="utf-8")
+            print(f"{file}  {record.instruction}", flush=True)
+    return 0

@@ -1,0 +1,189 @@
+"""A fleet and four look-alikes, of which the instruction names one by what is written on it."""
+
+import itertools
+import math
+import random
+from collections.abc import Iterator
+
+from dronecats.border.frames import Vec3
+from episodes import assets
+from episodes.check.candidates import LETTER_M, PLATE_LETTER_M
+from episodes.check.limits import (
+    CANDIDATES,
+    GRID_SIDE_M,
+    GRID_TO_CANDIDATES_M,
+    GRID_TO_TARGET_M,
+    NEAREST_PAIR_M,
+    READABLE_PX,
+    READING_FOCAL_PX,
+    WIDEST_PAIR_M,
+)
+from episodes.check.sight import bearing_deg
+from episodes.check.solid import box_of
+from episodes.maps.places import Spot
+from episodes.propose import phrases
+from episodes.propose.draft import Draft, flight_seed
+from episodes.propose.site import ALTITUDES_M, Site, Thing, start
+from episodes.record import TargetRecord
+from episodes.scene import Instance
+
+CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # their plates are 0.10 m and in sight from before and behind
+SPARE_M = 0.3  # kept off every limit
+GROUPS = 3000  # groups of four places tried for one draft
+GRIDS = 40  # places tried for the fleet of a group, by distances and room alone …
+VIEWS = 6  # … and of those, by what the drones see
+HALF_VIEW_DEG = 40.0  # of a picture that is 90° across, with room for the width of what stands there
+ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
+TURNED_DEG = 35.0  # that a sign may face past the fleet
+SEEN = 0.3  # of every candidate, from every drone …
+FACED = 0.6  # … and of the named one, from the first
+
+
+def drafts(site: Site, rng: random.Random) -> Iterator[Draft]:
+    """Yield drafts without end: looks in turn, places at random."""
+    signs = site.name != "residential"
+    kinds = ["sign"] if signs else list(CARS)
+    paints = list(assets.PAINTS) if signs else (site.free_paints() or list(assets.PAINTS))
+    boards = list(phrases.BOARDS)
+    for deck in (kinds, paints, boards):
+        rng.shuffle(deck)
+    spots = tuple(s for s in site.places.spots if signs or s.place in ROADSIDE)
+    if len(spots) < CANDIDATES:
+        return
+    for turn in itertools.count():
+        asset, paint = kinds[turn % len(kinds)], paints[turn % len(paints)]
+        texts = list(boards[turn % len(boards)]) if signs else phrases.plates(CANDIDATES, rng)
+        rng.shuffle(texts)
+        made = next(_groups(site, spots, asset, paint, texts, rng), None)
+        if made is None:
+            return
+        yield made
+
+
+def _groups(
+    site: Site, spots: tuple[Spot, ...], asset: str, paint: str, texts: list[str], rng: random.Random
+) -> Iterator[Draft]:
+    for _ in range(GROUPS):
+        group = four(spots, rng)
+        if group is None:
+            continue
+        centre = (sum(s.position_ned[0] for s in group) / 4, sum(s.position_ned[1] for s in group) / 4)
+        toward = rng.uniform(-math.pi, math.pi)
+        middles = []
+        for _ in range(GRIDS):
+            angle, away = toward + rng.uniform(-0.3, 0.3), rng.uniform(10.0, 32.0)
+            middle = (centre[0] - away * math.cos(angle), centre[1] - away * math.sin(angle))
+            if _far_enough(middle, group, asset) and all(site.free(p) for p in _grid(site, middle, angle, ALTITUDES_M)):
+                middles.append(middle)
+        if not middles:
+            continue
+        everyone = [_candidate(site, asset, paint, texts[k], group[k], toward, rng) for k in range(CANDIDATES)]
+        things = [site.placed(one) for one in everyone]
+        if any(_blocked(site, asset, thing) for thing in things):
+            continue
+        for middle in middles[:VIEWS]:
+            made = _draft(site, everyone, things, middle, rng)
+            if made is not None:
+                yield made
+                break
+
+
+def four(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None:
+    """Return four spots whose nearest and widest pairs are as they must be; None when a try misses."""
+    first = rng.choice(spots)
+    chosen, low, high = [first], NEAREST_PAIR_M[0] + SPARE_M, WIDEST_PAIR_M[1] - SPARE_M
+    near = [s for s in spots if low <= math.dist(s.position_ned, first.position_ned) <= high]
+    rng.shuffle(near)
+    for one in near:
+        ways = [math.dist(one.position_ned, other.position_ned) for other in chosen]
+        if min(ways) >= low and max(ways) <= high:
+            chosen.append(one)
+        if len(chosen) == CANDIDATES:
+            break
+    if len(chosen) < CANDIDATES:
+        return None
+    pairs = [math.dist(a.position_ned, b.position_ned) for a, b in itertools.combinations(chosen, 2)]
+    fits = min(pairs) <= NEAREST_PAIR_M[1] - SPARE_M and max(pairs) >= WIDEST_PAIR_M[0] + SPARE_M
+    return chosen if fits else None
+
+
+def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> bool:
+    """Return whether a fleet's place keeps its distances, near enough to be refined by the rules."""
+    ways = [math.dist(middle, s.position_ned[:2]) for s in spots]
+    unread = READING_FOCAL_PX * LETTER_M.get(asset, PLATE_LETTER_M) / READABLE_PX
+    bearings = [math.atan2(s.position_ned[1] - middle[1], s.position_ned[0] - middle[0]) for s in spots]
+    ahead = math.atan2(sum(map(math.sin, bearings)), sum(map(math.cos, bearings)))
+    off = max(abs(math.degrees(math.remainder(b - ahead, 2.0 * math.pi))) for b in bearings)
+    low = max(GRID_TO_CANDIDATES_M[0] + SPARE_M, unread + (1.0 if asset == "sign" else 0.0))
+    return min(ways) >= low and max(ways) <= GRID_TO_CANDIDATES_M[1] - 1.0 and off <= HALF_VIEW_DEG
+
+
+def _draft(
+    site: Site, everyone: list[TargetRecord], things: list[Thing], middle: tuple[float, float], rng: random.Random
+) -> Draft | None:
+    """Return the draft of a fleet before four things; None when none is at the target's distance or one is hidden."""
+    bearings = [math.atan2(t.centre_ned[1] - middle[1], t.centre_ned[0] - middle[0]) for t in things]
+    turned = [math.remainder(b - bearings[0], 2.0 * math.pi) for b in bearings]
+    ahead = bearings[0] + (min(turned) + max(turned)) / 2.0
+    height = rng.uniform(ALTITUDES_M[0] + 0.2, ALTITUDES_M[1] - 0.2)
+    places = _grid(site, middle, ahead, (height, height))
+    if any(not site.on_map(p[0], p[1]) or not site.free(p) for p in places):
+        return None
+    yaw = math.degrees(ahead)
+    if any(site.seen(thing, place, yaw) < SEEN for thing in things for place in places):
+        return None
+    low, high = GRID_TO_TARGET_M
+    near = [
+        k
+        for k, thing in enumerate(things)
+        if low + SPARE_M <= math.dist(middle, thing.centre_ned[:2]) <= high - SPARE_M
+        and site.seen(thing, places[0], bearing_deg(places[0], thing.centre_ned)) >= FACED
+        and site.clear(places[0], thing.centre_ned)
+    ]
+    if not near:
+        return None
+    named = rng.choice(near)
+    target, others = everyone[named], tuple(one for k, one in enumerate(everyone) if k != named)
+    words = phrases.inscribed(target.asset, str(target.inscription), rng)
+    return Draft(
+        target=target,
+        place_ned=things[named].position_ned,
+        goal_ned=things[named].centre_ned,
+        starts=tuple(start(place, yaw) for place in places),
+        visible=True,
+        instruction=phrases.instruction("commanding", words, target.asset, rng),
+        seed=flight_seed(rng),
+        candidates=others,
+    )
+
+
+def _candidate(
+    site: Site, asset: str, paint: str, text: str, spot: Spot, toward: float, rng: random.Random
+) -> TargetRecord:
+    """Return a look-alike on a spot: a vehicle as the spot has it, a sign turned to whoever looks `toward` (rad)."""
+    north, east, _ = spot.position_ned
+    yaw = math.degrees(spot.yaw)
+    if asset == "sign":
+        yaw = math.degrees(toward) + 180.0 + rng.uniform(-TURNED_DEG, TURNED_DEG)
+    place = (round(north, 3), round(east, 3), round(site.ground(round(north, 3), round(east, 3)), 3))
+    return TargetRecord(asset, paint, text, place, round(math.remainder(yaw, 360.0), 1))
+
+
+def _blocked(site: Site, asset: str, thing: Thing) -> bool:
+    one = Instance(1, "candidate", asset, thing.mesh, thing.position_ned, thing.yaw)
+    return bool(site.standing.met(box_of(one, one.position_ned, one.yaw, 0.2, 0.12)))
+
+
+def _grid(site: Site, middle: tuple[float, float], ahead: float, heights_m: tuple[float, float]) -> list[Vec3]:
+    """Return the places (m) of four drones in a square, in the middle of these heights above the ground under it."""
+    down = site.ground(*middle) - sum(heights_m) / 2.0
+    c, s, half = math.cos(ahead), math.sin(ahead), GRID_SIDE_M / 2.0
+    corners = [
+        (half, -half),
+        (half, half),
+        (-half, -half),
+        (-half, half),
+    ]  # front left, front right, rear left, rear right
+    return [
+        (round(middle[0] + c * x - s * y, 3), round(middle[1] + s * x + c * y, 3), round(down, 3)) for x, y in corners
+    ]

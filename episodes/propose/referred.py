@@ -1,0 +1,121 @@
+"""Targets among near-duplicates, told by where they stand, as on the campus: its fixtures, or what moves among them."""
+
+import itertools
+import math
+import random
+from collections.abc import Iterator
+
+from episodes import assets
+from episodes.check import referring, scenery
+from episodes.check.limits import CAP_S, OCCUPANCY_PERCENT, OF_OTHER_MAPS, RULES
+from episodes.check.nouns import kind_of, nouns
+from episodes.check.sight import CAMERA, bearing_deg
+from episodes.propose import phrases
+from episodes.propose.draft import Draft, flight_seed, yaw_deg
+from episodes.propose.lanes import stretch
+from episodes.propose.site import Site, Thing, start
+from episodes.record import HIDDEN, MOVING, Path3D, TargetRecord
+from episodes.scene import Instance
+
+# kinds of a map that no episode has as its target
+NO_TARGETS = (*scenery.UNNAMED, "clock-tower")
+MOVERS = ("delivery_robot", "service_cart", "pedestrian")
+PAINT = "white"  # of what drives: the same that its look-alikes wear
+SPARE_M = 1.0
+ANYWHERE = ("nearest", "between")  # relations that hold wherever one stands: what is out of sight is told by these
+ROUNDS, STARTS = 4, 4  # distances tried, and starts at each
+FILL = 0.75  # of a target's box that its pixels are reckoned to span, seen from anywhere
+
+
+def drafts(site: Site, cell: str, rng: random.Random) -> Iterator[Draft]:
+    """Yield drafts without end: kinds in turn, things, starts and words at random."""
+    if cell in MOVING:
+        yield from _walking(site, cell, rng)
+        return
+    fixtures: dict[str, list[Instance]] = {}
+    for one in site.scene.instances:
+        if one.solid and one.kind not in NO_TARGETS:
+            fixtures.setdefault(one.kind, []).append(one)
+    kinds = [kind for kind in sorted(fixtures) if len(fixtures[kind]) > 1]
+    rng.shuffle(kinds)
+    while kinds:
+        for kind in kinds:
+            for one in rng.sample(fixtures[kind], len(fixtures[kind])):
+                made = _before(site, cell, _native(one), site.native(one), one.name, kind, rng)
+                if made is not None:
+                    yield made
+                    break
+
+
+def _native(one: Instance) -> TargetRecord:
+    n, e, d = one.position_ned
+    yaw = round(math.degrees(math.remainder(one.yaw, 2.0 * math.pi)), 1)
+    return TargetRecord(one.kind, None, None, (round(n, 3), round(e, 3), round(d, 3)), yaw, native=one.name)
+
+
+def _walking(site: Site, cell: str, rng: random.Random) -> Iterator[Draft]:
+    movers = list(MOVERS)
+    speed = RULES.get(site.name, OF_OTHER_MAPS).speed_mps or 0.15
+    need = speed * CAP_S + SPARE_M
+    lanes = [lane for lane in site.places.lanes if lane.length_m > need]
+    rng.shuffle(movers)
+    while movers and lanes:
+        for asset in movers:
+            for _ in range(20):
+                lane = rng.choice(lanes)
+                first = rng.uniform(0.0, lane.length_m - need)
+                path = Path3D(stretch(lane.waypoints_ned, first, need, site.scene.terrain), speed)
+                paint = rng.choice(assets.PAINTS) if asset == "pedestrian" else PAINT
+                target = TargetRecord(asset, paint, path=path)
+                made = _before(site, cell, target, site.placed(target), "target", kind_of(asset), rng)
+                if made is not None:
+                    yield made
+                    break
+
+
+def _before(
+    site: Site, cell: str, target: TargetRecord, thing: Thing, name: str, kind: str, rng: random.Random
+) -> Draft | None:
+    """Return a draft of a start before a thing from which words can tell it; None when none is found.
+
+    A relation is drawn first and looked for, so that they are not all 'nearest'; any other is the second choice.
+    """
+    rules = RULES.get(site.name, OF_OTHER_MAPS)
+    nearest, farthest = rules.start_distance_m[0] + 0.2, min(rules.start_distance_m[1] - 0.3, farthest_m(thing))
+    if farthest < nearest:  # large enough from its broad side at best
+        farthest = farthest_m(thing, 1.0)
+    if farthest < nearest:
+        return None
+    things = {i.name: i.position_ned for i in site.scene.instances if i.kind == kind}
+    things[name] = thing.position_ned
+    hidden = cell in HIDDEN
+    asked = rng.choice(ANYWHERE if hidden else tuple(referring.WORDS))
+    second: Draft | None = None
+    for _ in range(ROUNDS):
+        distance = rng.uniform(nearest, farthest)
+        for place in itertools.islice(site.starts(thing, distance, rng, rules.off_axes_deg), STARTS):
+            one = start(place, yaw_deg(cell, bearing_deg(place, thing.centre_ned), rng))
+            marks = scenery.landmarks(site.name, site.seed, kind, place, None if hidden else one.yaw_deg)
+            found = referring.expressions(nouns(kind)[0], name, things, marks, place)
+            found = [f for f in found if not hidden or f.relation in ANYWHERE]
+            for said in rng.sample(found, len(found)):
+                draft = Draft(
+                    target=target,
+                    place_ned=thing.position_ned,
+                    goal_ned=thing.centre_ned,
+                    starts=(one,),
+                    visible=not hidden,
+                    instruction=phrases.instruction(cell, said.words, kind, rng),
+                    seed=flight_seed(rng),
+                )
+                if said.relation == asked:
+                    return draft
+                second = second or draft
+    return second
+
+
+def farthest_m(thing: Thing, fill: float = FILL) -> float:
+    """Return from how far a thing still fills the picture as it must."""
+    wide, high = thing.size_m
+    least = OCCUPANCY_PERCENT[0] / 100.0 * CAMERA.width * CAMERA.height
+    return CAMERA.focal_px * math.sqrt(fill * wide * high / least)
