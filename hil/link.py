@@ -109,9 +109,7 @@ class Link:
     def _request_streams(self) -> None:
         for message_id, interval_us in WATCHED.items():
             self.send(self._command_long(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, interval_us)))
-        self.send(
-            self._command_long(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,))
-        )
+        self.send(self._command_long(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,)))
 
     def _send_heartbeat(self) -> None:
         self.send(
@@ -137,8 +135,22 @@ class Link:
         if self._tick_due_us < self.time_us - 4 * TICK_US:  # we were away, for instance drawing a frame
             self._tick_due_us = self.time_us
         self._tick_due_us += TICK_US
+        self._wait_until(self._due)
+        self._speak()
+
+    def keep_up(self) -> None:
+        """Take in what has arrived and send what is due, without waiting: for a link whose turn it is not."""
+        self.listen()
+        if self._due():
+            self._tick_due_us = self.time_us + TICK_US
+            self._speak()
+
+    def _due(self) -> bool:
         # half a tick of grace: a stream of exactly 20 Hz must not be missed by a rounded millisecond
-        self._wait_until(lambda: self.time_us >= self._tick_due_us - TICK_US // 2)
+        return self.time_us >= self._tick_due_us - TICK_US // 2
+
+    def _speak(self) -> None:
+        """Send the heartbeat when it is due, and what is being streamed."""
         if self.time_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = self.time_us + 1_000_000
             self._send_heartbeat()

@@ -84,7 +84,7 @@ class Agent:
                 return
 
     def _step(self, cap_s: float) -> list[Decision]:
-        frames = [self.camera.newest(drone.index) for drone in self.drones]
+        frames = self._see()
         for drone in self.drones:  # a frame takes its time to come, which is not the model's
             drone.vehicle.listen()
         asking, thinking = self._ask(frames)
@@ -99,6 +99,13 @@ class Agent:
         decisions = self._decide(frames, asking, thinking)
         self._act(cap_s)
         return decisions
+
+    def _see(self) -> list[Frame]:
+        """Return every drone's newest frame. The vehicles are kept holding meanwhile: a fleet's frames take a while."""
+        coming = self.executor.submit(lambda: [self.camera.newest(drone.index) for drone in self.drones])
+        while not coming.done():
+            self._tick()
+        return coming.result()
 
     def _ask(self, frames: Sequence[Frame]) -> tuple[Asking, bool]:
         pictures = tuple(encode(frame.image_rgb) for frame in frames)

@@ -64,9 +64,9 @@ def fly(
     began_s: float | None = None
     watch = Watch(folder, full)
     try:
-        for link, start in zip(stage.links, starts, strict=True):
-            link.on_wait = stage.check
-            ascend(link, start, say)
+        for link in stage.links:
+            link.on_wait = _tending(stage, link)
+        ascend(stage.links, starts, say)
         agent = _begin(stage, pilot, folder, log, on_step)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
@@ -112,21 +112,38 @@ def _finish(
     return fault
 
 
-def ascend(link: Link, start: Start, say: Callable[[str], None]) -> None:
-    """Connect, arm, take off, fly to the start pose and hold there. Raises LinkError."""
-    link.connect()
+def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
+    """Return what is to be done while one link waits: look after the stage, and keep up with the other drones."""
+    others = [link for link in stage.links if link is not waiting]
+
+    def tend() -> None:
+        stage.check()
+        for link in others:
+            link.keep_up()
+
+    return tend
+
+
+def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], None]) -> None:
+    """Connect, arm, take off, fly to the start poses and hold there, all drones at a time. Raises LinkError."""
+    for link in links:
+        link.connect()
     say("waiting until the autopilot is ready to arm …")
-    link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
-    ground = _average_position(link)
+    for link in links:
+        link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
+    grounds = [_average_position(link) for link in links]
     say("arming and taking off …")
-    link.arm()
-    link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
-    link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
+    for link in links:
+        link.arm()
+        link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+    for link in links:
+        link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
     say("flying to the start pose …")
-    north, east, down = (g + o for g, o in zip(ground, start.offset_ned, strict=True))
-    euler = link.state.euler
-    link.go_to((north, east, down), start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
-    link.stop_offboard()
+    for link, ground, start in zip(links, grounds, starts, strict=True):
+        north, east, down = (g + o for g, o in zip(ground, start.offset_ned, strict=True))
+        euler = link.state.euler
+        link.go_to((north, east, down), start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
+        link.stop_offboard()
 
 
 def _average_position(link: Link) -> Vec3:
@@ -149,6 +166,8 @@ def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: 
     stage.begin(t0_us)
     for link in stage.links:  # so that the first frame is younger than the episode
         link.wait(0.1)
+    for link in stage.links:  # from now on the agent ticks them all in turn
+        link.on_wait = stage.check
     return Agent(
         pilot=pilot,
         vehicles=stage.links,
