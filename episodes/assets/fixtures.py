@@ -35,7 +35,7 @@ def _wheel(x: float, y: float, radius: float, width: float) -> list[Part]:
     """Return a wheel that touches the ground, its hub outwards."""
     out = np.sign(y) * width / 2
     return [
-        g.rod((x, y - out, radius), (x, y + out, radius), (radius, radius), colors.RUBBER, 18),
+        g.rod((x, y - out, radius), (x, y + out, radius), (radius, radius), colors.RUBBER, 20),
         g.rod((x, y + out * 0.9, radius), (x, y + out * 1.12, radius), (radius * 0.62, radius * 0.5), colors.RIM, 12),
     ]
 
@@ -51,7 +51,7 @@ def delivery_robot(paint: str) -> Mesh:
         rings.append([(x * k, y, 1.03 + (z - 1.03) * k) for x, z in [*side, side[0]]])
     skin = g.grid(np.array(rings)[::-1], shell, 40.0)
     caps = []
-    for row, flip in ((rings[0], 1), (rings[-1], -1)):
+    for row, flip in ((rings[0], -1), (rings[-1], 1)):
         loop = np.array(row[:-1])
         caps.append(g.soup(loop[np.array([(0, k, k + 1)[::flip] for k in range(1, len(loop) - 1)])], shell, 0.0))
     parts = [skin, *caps, g.box((-0.95, -0.46, 0.26), (0.95, 0.46, 0.46), colors.TRIM)]
@@ -68,7 +68,7 @@ def delivery_robot(paint: str) -> Mesh:
         parts.append(g.box((-0.15, min(y, y + 0.02 * s), 0.98), (-0.09, max(y, y + 0.02 * s), 1.12), colors.TRIM))
         parts.append(g.box((-1.0, min(y, y - 0.02 * s), 0.48), (1.0, max(y, y - 0.02 * s), 0.56), colors.TRIM))
     glass = [(0.935, 1.53), (1.095, 1.25), (1.175, 1.01)]
-    parts.append(g.grid([[(x, y, z) for x, z in glass] for y in (-0.42, 0.42)], colors.GLASS))
+    parts.append(g.grid([[(x, y, z) for x, z in glass] for y in (0.42, -0.42)], colors.GLASS))
     parts += [g.box((1.15, y - 0.13, 0.66), (1.21, y + 0.13, 0.74), colors.HEADLAMP) for y in (-0.30, 0.30)]
     parts += [g.box((-1.215, y - 0.06, 0.72), (-1.17, y + 0.06, 0.95), colors.TAIL_LAMP) for y in (-0.38, 0.38)]
     parts += [

@@ -127,7 +127,7 @@ def motorcycle(paint: str, plate: str) -> Mesh:
         fan = np.array([(0, k, k + 1) for k in range(1, 5)])
         parts.append(g.soup(cap[fan if s < 0 else fan[:, ::-1]], shell, 0.0))
     screen = np.array([[(0.66, -0.24, 1.03), (0.66, 0.24, 1.03)], [(0.44, -0.20, 1.38), (0.44, 0.20, 1.38)]])
-    parts += [g.grid(screen, colors.GLASS), g.grid(screen[::-1] - (0.012, 0, 0), colors.GLASS)]
+    parts += [g.grid(screen[::-1], colors.GLASS), g.grid(screen - (0.012, 0, 0), colors.GLASS)]
     arc = np.linspace(0.25 * np.pi, 0.9 * np.pi, 9)
     guard = np.array([[(front + r * np.cos(a), y, 0.31 + r * np.sin(a)) for a in arc] for y, r in
                       ((-0.09, 0.34), (-0.05, 0.365), (0.05, 0.365), (0.09, 0.34))])  # fmt: skip
