@@ -84,11 +84,11 @@ def bin() -> Mesh:
 def _bicycle(at: tuple[float, float], lean: float) -> list[Part]:
     """Return a bicycle whose front wheel points forward, seen as thin rods."""
     tyre, frame = colors.RUBBER, colors.plain("bicycle", (64, 68, 74), 0.4)
-    turn = np.linspace(0, 2 * np.pi, 15)
+    turn = np.linspace(0, 2 * np.pi, 13)
     parts = []
     for x in (-0.52, 0.52):
         rim = [(x + 0.33 * np.cos(a), 0.0, 0.35 + 0.33 * np.sin(a)) for a in turn]
-        parts += [g.rod(p, q, (0.022, 0.022), tyre, 4) for p, q in itertools.pairwise(rim)]
+        parts += [g.rod(p, q, (0.022, 0.022), tyre, 3) for p, q in itertools.pairwise(rim)]
         parts += [
             g.rod((x, 0, 0.35), (x + 0.33 * np.cos(a), 0, 0.35 + 0.33 * np.sin(a)), (0.006, 0.006), colors.STEEL, 3)
             for a in turn[:-1:2]
@@ -97,7 +97,7 @@ def _bicycle(at: tuple[float, float], lean: float) -> list[Part]:
         ((-0.52, 0.35), (-0.10, 0.33)), ((-0.52, 0.35), (-0.22, 0.82)), ((-0.10, 0.33), (-0.24, 0.92)),
         ((-0.10, 0.33), (0.34, 0.76)), ((-0.22, 0.80), (0.34, 0.82)), ((0.52, 0.35), (0.32, 0.98)),
     ]  # fmt: skip
-    parts += [g.rod((a, 0, b), (c, 0, d), (0.022, 0.022), frame, 6) for (a, b), (c, d) in tubes]
+    parts += [g.rod((a, 0, b), (c, 0, d), (0.022, 0.022), frame, 5) for (a, b), (c, d) in tubes]
     parts.append(g.rod((0.30, -0.26, 1.0), (0.30, 0.26, 1.0), (0.018, 0.018), colors.TRIM, 6))
     parts.append(g.ball((-0.27, 0, 0.95), (0.14, 0.07, 0.04), colors.TRIM, 1))
     return [g.placed(p, (*at, 0.0), lean) for p in parts]
@@ -127,8 +127,8 @@ def bollard() -> Mesh:
     steel = colors.plain("bollard-band", (196, 198, 198), 0.4)
     return g.assemble(
         [
-            g.lathe([*outline, (0.09, 1.02), (0.0, 1.05)], IRON, 14),
-            *[g.rod((0, 0, z), (0, 0, z + 0.05), (0.108, 0.108), steel, 14) for z in (0.62, 0.74)],
+            g.lathe([*outline, (0.09, 1.02), (0.0, 1.05)], IRON, 12),
+            *[g.rod((0, 0, z), (0, 0, z + 0.05), (0.11, 0.11), steel, 12) for z in (0.62, 0.74)],
         ]
     )
 
@@ -146,7 +146,7 @@ def planter() -> Mesh:
     ]
     for k in range(7):
         a = 2 * np.pi * k / 7
-        clump = g.ball((0.68 * np.cos(a), 0.68 * np.sin(a), 0.82), (0.2, 0.2, 0.17), leaf, 1)
+        clump = g.ball((0.68 * np.cos(a), 0.68 * np.sin(a), 0.82), (0.24, 0.24, 0.2), leaf, 0)
         parts.append(g.roughened(clump, 0.03, k, 0.2))
     return g.assemble(parts)
 

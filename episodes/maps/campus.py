@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.border.terrain import HeightField
-from episodes.assets import buildings, campus_monuments, fixtures, plants
+from episodes.assets import buildings, campus_monuments, fixtures, people, plants
 from episodes.maps import campus_ground, campus_plan
 from episodes.maps.daylight import sun_at
 from episodes.maps.places import Landmark, Lane, Places, Spot
@@ -28,16 +28,20 @@ Row = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in r
 
 
 def _movers() -> dict[str, Mesh]:
-    """Return what drives, as it stands parked: all in one paint."""
-    return {"delivery-robot": fixtures.delivery_robot("white"), "service-cart": fixtures.service_cart("white")}
+    """Return what may also move as an episode's target, as it stands about: each kind in one paint."""
+    return {
+        "delivery-robot": fixtures.delivery_robot("white"),
+        "person": people.person("grey"),
+        "service-cart": fixtures.service_cart("white"),
+    }
 
 
 def _standing(seed: int) -> Iterator[Row]:
     """Yield everything that stands on the campus but its halls, in the order that gives it its name."""
-    makers, parked = fixtures.MAKERS, _movers()
+    makers, movers = fixtures.MAKERS, _movers()
     yield "fountain", campus_monuments.fountain(3), *campus_plan.TIERED, 0.0
     for kind, north, east, facing in campus_plan.FIXTURES:
-        mesh = parked[kind] if kind in parked else makers[kind]()
+        mesh = movers[kind] if kind in movers else makers[kind]()
         yield kind, mesh, north, east, math.radians(facing)
     rng = np.random.default_rng((seed, 11))
     for species, north, east, height in campus_plan.TREES:

@@ -163,6 +163,23 @@ FIXTURES: tuple[Standing, ...] = (
     ("delivery-robot", 45.0, -38.0, 90.0),
     ("delivery-robot", -41.2, 33.0, 270.0),
     ("service-cart", -12.0, 44.6, 0.0),
+    # people who stand about
+    ("person", 4.6, -10.5, 90.0),
+    ("person", 4.7, -9.2, 270.0),
+    ("person", 4.4, 11.0, 225.0),
+    ("person", 13.0, -12.9, 0.0),
+    ("person", 14.9, 6.3, 0.0),
+    ("person", 37.6, -11.4, 100.0),
+    ("person", 38.8, 8.0, 180.0),
+    ("person", 12.5, 40.9, 40.0),
+    ("person", 3.5, 43.8, 180.0),
+    ("person", -5.2, -49.6, 270.0),
+    ("person", 11.4, -38.9, 225.0),
+    ("person", -35.5, 12.6, 215.0),
+    ("person", -40.8, 17.2, 0.0),
+    ("person", -28.5, -3.5, 90.0),
+    ("person", 25.6, 11.2, 250.0),
+    ("person", -25.4, -11.0, 30.0),
 )
 TIERED = (0.0, 0.0)  # north, east of the one fountain that has three bowls: the first of its kind
 

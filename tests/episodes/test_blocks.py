@@ -15,15 +15,14 @@ from episodes.scene import Instance, Scene
 from episodes.visibility import Solids, turn
 
 Array = NDArray[np.float64]
-KEPT: dict[str, Scene] = {}
 EYE_M = 1.7  # height of a drone
 NEAREST, WIDEST = (5.5, 11.2), (18.0, 32.0)  # m, of the pairs of signs
 TO_NAMED, TO_EACH = (12.0, 32.0), (7.0, 37.0)  # m, from the middle of the start grid
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def scene() -> Scene:
-    return KEPT.setdefault("blocks", maps.build("blocks", 1))
+    return maps.build("blocks", 1)
 
 
 def standing(scene: Scene) -> list[Instance]:

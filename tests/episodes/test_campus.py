@@ -17,13 +17,12 @@ from episodes.visibility import Solids, turn
 Array = NDArray[np.float64]
 BUDGET = 250_000
 MANY = ("bench", "lamp", "bin", "bike-rack", "fountain", "statue", "bollard", "kiosk", "vending-machine")
-MANY += ("notice-board", "planter", "picnic-table", "tree", "conifer", "delivery-robot", "service-cart")
-KEPT: dict[str, Scene] = {}
+MANY += ("notice-board", "planter", "picnic-table", "tree", "conifer", "delivery-robot", "service-cart", "person")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def scene() -> Scene:
-    return KEPT.setdefault("campus", maps.build("campus", 1))
+    return maps.build("campus", 1)
 
 
 def standing(scene: Scene) -> list[Instance]:
@@ -61,7 +60,7 @@ def test_budget_and_ids(scene: Scene) -> None:
 def test_many_of_each_kind_and_all_alike(scene: Scene) -> None:
     count = Counter(i.kind for i in scene.instances)
     assert not {kind: count[kind] for kind in MANY if count[kind] < 4}
-    for kind in fixtures.MAKERS:
+    for kind in (*fixtures.MAKERS, "delivery-robot", "service-cart", "person"):
         looks = {id(i.mesh) for i in scene.instances if i.kind == kind}
         assert len(looks) == (2 if kind == "fountain" else 1), kind
     for one in standing(scene):
