@@ -1,0 +1,89 @@
+"""What is true of a draft: the checks that accept an episode, and what a drone's camera sees at its start."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.camera import CameraModel
+from dronecats.border.errors import UsageError
+from dronecats.border.frames import Vec3, quat_from_euler
+from episodes.check import rules
+from episodes.check.finding import Finding
+from episodes.record import EpisodeRecord, TargetRecord, parse
+from episodes.render import Renderer
+from episodes.render.pose import camera_pose
+from episodes.scene import Scene
+from episodes.target import motion
+from episodes.world import World
+
+PREVIEW = CameraModel(width=640, height=360)
+
+
+def findings(record: EpisodeRecord) -> list[Finding]:
+    """Return what `dronecats episodes check` would find; a record that cannot even be read is one red finding."""
+    try:
+        return rules.check(World(parse(record.to_json(), record.id or "the draft")))
+    except UsageError as error:
+        return [Finding("the record", False, str(error).split(": ", 1)[-1].rstrip("."), "one that can be read")]
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """All of a record that a renderer must be built for; what only moves is not of it."""
+
+    map: str
+    seed: int
+    target: tuple[str, str | None, str | None, str | None]  # asset, paint, inscription, native
+    others: tuple[tuple[str, str | None, str | None, str | None], ...]
+
+
+class Previews:
+    """Pictures of what drones see. Dragging a thing moves it in the scene; only another look builds another one."""
+
+    def __init__(self, threads: int = 2) -> None:
+        """Take the number of threads that draw."""
+        self._threads = threads
+        self._look: Look | None = None
+        self._renderer: Renderer | None = None
+        self._ids: tuple[int, ...] = ()
+
+    def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
+        """Return the (360, 640, 3) sRGB picture of one drone at its start. Raises UsageError."""
+        renderer = self._ready(record)
+        start = record.starts[drone]
+        attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
+        placed = [one for one in (record.target, *record.candidates) if one.native is None]
+        moved: dict[int, tuple[Vec3, float]] = {
+            number: motion(one).pose(t_s) for number, one in zip(self._ids, placed, strict=True)
+        }
+        return renderer.render(camera_pose(start.position_ned, attitude, PREVIEW), moved).rgb
+
+    def _ready(self, record: EpisodeRecord) -> Renderer:
+        look = Look(record.map, record.map_seed, _look(record.target), tuple(_look(one) for one in record.candidates))
+        if self._renderer is None or look != self._look:
+            if self._renderer is not None:
+                self._renderer.close()
+            scene, self._ids = _movable(World(record))
+            self._renderer, self._look = Renderer(scene, PREVIEW, self._threads, shadow_cells=2048), look
+        return self._renderer
+
+    def close(self) -> None:
+        """Let the renderer's threads go."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _look(one: TargetRecord) -> tuple[str, str | None, str | None, str | None]:
+    return (one.asset, one.paint, one.inscription, one.native)
+
+
+def _movable(world: World) -> tuple[Scene, tuple[int, ...]]:
+    """Return a world's scene with everything that the record placed free to move, and the ids of that, target first."""
+    placed = len(world.record.candidates) + (world.record.target.native is None)
+    plan = world.scene.instances[: len(world.scene.instances) - placed]
+    free = tuple(replace(one, movable=True) for one in world.scene.instances[len(plan) :])
+    still = tuple(replace(one, movable=False) for one in plan)
+    return replace(world.scene, instances=(*still, *free)), tuple(one.id for one in free)
