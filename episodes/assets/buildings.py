@@ -88,10 +88,23 @@ def _kept(plan: HallPlan, y: float, storey: int, front: bool) -> bool:
     return not (front and storey == 0 and abs(y) < 3.4)
 
 
+def _foot_of(plan: HallPlan, y: float, front: bool) -> float:
+    """Return the height (m) at which a pier at y begins: over the doors where they stand in its way."""
+    return FLOOR_M + (plan.storey_m if front and abs(y) < 2.8 else 0.0)
+
+
 def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Material) -> Part:
     """Return an upright picture that faces forward."""
     (y0, y1), (z0, z1) = y, z
     return g.quad([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)], look)
+
+
+def _band(
+    y: tuple[float, float], z: tuple[float, float], out: float, look: Material, tile: float, door: bool
+) -> list[Part]:
+    """Return a level band that stands out of a wall, interrupted where the entrance is."""
+    ends = ((y[0], -2.3), (2.3, y[1])) if door else (y,)
+    return [g.box((-0.1, a, z[0]), (out, b, z[1]), look, tile) for a, b in ends]
 
 
 def _blind(column: int, storey: int) -> float:
@@ -104,7 +117,7 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
     brick, stone = surface("brick"), surface("concrete", (0.98, 0.94, 0.86))
     edges, half = _bays(plan, width), width / 2
     parts = [g.box((-0.1, -half - 0.06, -FOOT_M), (0.34, half + 0.06, FLOOR_M), stone, 1.5)]
-    parts += [g.box((-0.1, y - 0.42, FLOOR_M), (0.26, y + 0.42, plan.top), brick, 0.6) for y in edges]
+    parts += [g.box((-0.1, y - 0.42, _foot_of(plan, y, front)), (0.26, y + 0.42, plan.top), brick, 0.6) for y in edges]
     parts += [
         g.box((-0.1, min(a, b), FLOOR_M), (0.26, max(a, b), plan.top), brick, 0.6)
         for a, b in ((-half, edges[0]), (edges[-1], half))
@@ -133,7 +146,7 @@ def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
         floor = FLOOR_M + storey * plan.storey_m
         sill, head = floor + 1.0, floor + plan.storey_m - 0.5
         low = -FOOT_M if storey == 0 else floor - 0.5
-        parts.append(g.box((-0.1, -half - 0.02, low), (0.22, half + 0.02, sill), panel, 3.6))
+        parts += _band((-half - 0.02, half + 0.02), (low, sill), 0.22, panel, 3.6, front and storey == 0)
         for k, (a, b) in enumerate(itertools.pairwise(edges)):
             if _kept(plan, (a + b) / 2, storey, front):
                 parts.append(_quad(0.03, (a, b), (sill, head), textures.window(DARK_FRAME, 3, _blind(k, storey))))
@@ -156,9 +169,9 @@ def _stone_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
     """Return a wall of dressed stone: flat pilasters, tall windows with hoods, a heavy cornice."""
     stone = _stone(plan)
     edges, half = _bays(plan, width), width / 2
-    parts = [g.box((-0.1, -half - 0.1, -FOOT_M), (0.4, half + 0.1, FLOOR_M + 0.5), stone, 2.4)]
+    parts = _band((-half - 0.1, half + 0.1), (-FOOT_M, FLOOR_M + 0.5), 0.4, stone, 2.4, front)
     for y in edges:
-        parts.append(g.box((-0.1, y - 0.36, FLOOR_M), (0.3, y + 0.36, plan.top), stone, 2.4))
+        parts.append(g.box((-0.1, y - 0.36, _foot_of(plan, y, front)), (0.3, y + 0.36, plan.top), stone, 2.4))
         parts.append(g.box((-0.1, y - 0.46, plan.top - 0.5), (0.38, y + 0.46, plan.top - 0.15), stone, 2.4))
     for storey in range(plan.storeys):
         floor = FLOOR_M + storey * plan.storey_m
@@ -186,8 +199,7 @@ def _glass_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
         z = FLOOR_M + storey * plan.storey_m
         parts.append(g.box((-0.1, -half - 0.2, z - 0.3), (0.45, half + 0.2, z), band))
     for y in np.linspace(-half, half, max(3, round(width / 2.4) + 1)):
-        low = FLOOR_M + (plan.storey_m if front and abs(y) < 3.4 else 0.0)
-        parts.append(g.box((-0.1, y - 0.05, low), (0.36, y + 0.05, plan.top), fin))
+        parts.append(g.box((-0.1, y - 0.05, _foot_of(plan, y, front)), (0.36, y + 0.05, plan.top), fin))
     parts.append(g.box((-0.1, -half - 0.3, plan.top), (1.1, half + 0.3, plan.top + 0.35), band))
     return parts
 
