@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dronecats.border.errors import UsageError
+from dronecats.report.map_plan import SIDE_PX, map_plan
 from dronecats.report.map_view import LARGEST_BYTES, VANTAGE, map_view
 from episodes import maps
 
@@ -30,6 +31,17 @@ def test_unknown_maps_and_unwritable_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="cannot be written"):
         map_view("blocks", tmp_path / "file" / "a.jpg")
+
+
+def test_the_plan_names_what_stands(tmp_path: Path) -> None:
+    """Without names the picture from above would have no ink as dark as theirs."""
+    map_plan("blocks", tmp_path / "plan.jpg")
+    plan = cv2.imread(str(tmp_path / "plan.jpg"), cv2.IMREAD_GRAYSCALE)
+    assert plan.shape == (SIDE_PX, SIDE_PX)
+    rows, columns = np.nonzero(plan < 60)
+    assert len(rows) > 20 * len(maps.build("blocks").instances)
+    assert np.ptp(rows) > 0.8 * SIDE_PX  # from the north side of the ring to the south side
+    assert np.ptp(columns) > 0.8 * SIDE_PX
 
 
 @pytest.mark.parametrize("name", sorted(VANTAGE))
