@@ -200,14 +200,14 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Part
                     colors.WHITE_WOOD,
                 )
             )
-            parts += [
-                g.box(
-                    (front + reach - 0.135, k - 0.02, FOUNDATION_M),
-                    (front + reach - 0.105, k + 0.02, FOUNDATION_M + 0.85),
-                    colors.WHITE_WOOD,
-                )
-                for k in np.arange(a + 0.1, b, 0.22)
-            ]
+            baluster = g.box(
+                (front + reach - 0.135, -0.02, FOUNDATION_M),
+                (front + reach - 0.105, 0.02, FOUNDATION_M + 0.85),
+                colors.WHITE_WOOD,
+            )
+            for end in (-1.0, 1.0):
+                baluster = g.without(baluster, (0.0, 0.0, end))
+            parts += [g.placed(baluster, (0.0, float(k), 0.0)) for k in np.arange(a + 0.1, b, 0.22)]
     return parts
 
 

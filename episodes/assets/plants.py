@@ -48,18 +48,18 @@ def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
     rng, leaf, bark = np.random.default_rng(seed), _foliage(species), surface("bark")
     fork, reach = 0.36 * height, 0.26 * height
     thick = 0.022 * height + 0.04
-    parts = [g.rod((0, 0, -0.2), (0, 0, fork), (thick * 1.25, thick * 0.85), bark, 10)]
-    parts.append(g.rod((0, 0, -0.2), (0, 0, 0.35), (thick * 1.9, thick * 1.15), bark, 10))
+    parts = [g.rod((0, 0, -0.2), (0, 0, fork), (thick * 1.25, thick * 0.85), bark, 8)]
+    parts.append(g.rod((0, 0, -0.2), (0, 0, 0.35), (thick * 1.9, thick * 1.15), bark, 8))
     count = 5
     for k in range(count):
         turn = 2 * np.pi * (k + rng.uniform(-0.25, 0.25)) / count
         out = reach * rng.uniform(0.45, 0.75)
         centre = np.array([out * np.cos(turn), out * np.sin(turn), height * rng.uniform(0.50, 0.70)])
-        parts.append(g.rod((0, 0, fork * 0.9), centre, (thick * 0.55, thick * 0.2), bark, 6))
+        parts.append(g.rod((0, 0, fork * 0.9), centre, (thick * 0.55, thick * 0.2), bark, 5))
         radius = reach * rng.uniform(0.52, 0.70)
-        parts += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 24)
+        parts += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 14)
     parts += _clump(
-        np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 40
+        np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 30
     )
     return g.assemble(parts)
 
@@ -90,7 +90,7 @@ def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
     """Return a garden shrub."""
     leaf = _foliage("hedge")
     return g.assemble(
-        _clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 24, 1)
+        _clump(np.array([0, 0, radius * 0.7]), np.array([radius, radius, radius * 0.85]), seed, leaf, 16, 1)
     )
 
 

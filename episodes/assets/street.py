@@ -63,9 +63,9 @@ def board_fence(length: float = 10.0, height: float = 1.8) -> Mesh:
     parts += [g.box((-half, 0.02, z), (half, 0.07, z + 0.09), wood, 1.2) for z in (0.35, height - 0.4)]
     parts += [
         g.box((x - 0.05, -0.03, -0.2), (x + 0.05, 0.09, height + 0.06), wood, 1.2)
-        for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.8) + 1))
+        for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 3.3) + 1))
     ]
-    return g.assemble(parts)
+    return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in parts])
 
 
 def picket_fence(length: float = 6.0, height: float = 0.95) -> Mesh:
@@ -79,7 +79,7 @@ def picket_fence(length: float = 6.0, height: float = 0.95) -> Mesh:
     ring = [(-0.045, 0.06), (0.045, 0.06), (0.045, height - 0.07), (0.0, height), (-0.045, height - 0.07)]
     picket = g.profile(ring, -0.01, 0.012, wood)
     parts += [g.placed(picket, (float(x), 0.0, 0.0)) for x in np.arange(-half + 0.08, half - 0.04, 0.19)]
-    return g.assemble(parts)
+    return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in parts])
 
 
 def name_post(along: str, across: str) -> Mesh:

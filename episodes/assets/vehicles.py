@@ -143,7 +143,8 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
     # wind screen and rear window
     for end, sign in ((1, 1.0), (0, -1.0)):
         if end == 0 and shape.bed is None and shape.side_glass[0] > shape.cabin_low[0] + 1.0:
-            continue  # blind rear of a panel van
+            parts += _rear_doors(shape)
+            continue
         x0, x1 = _edge(shape, end, low), _edge(shape, end, high)
         y0, y1 = _cabin_side(shape, x0, low) - 0.13, _cabin_side(shape, x1, high) - 0.13
         x0, x1 = x0 + sign * proud, x1 + sign * proud
@@ -168,6 +169,28 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
             parts.append(g.box((x0, y - 0.018, z), (x1, y + 0.018, z + 0.028), colors.TRIM))
             for x in (x0 + 0.06, (x0 + x1) / 2, x1 - 0.06):
                 parts.append(g.box((x - 0.04, y - 0.015, z - 0.06), (x + 0.04, y + 0.015, z + 0.01), colors.TRIM))
+    return parts
+
+
+def _rear_doors(shape: CarShape) -> list[Part]:
+    """Return the split rear doors of a panel van, a window in each, and the rail of the sliding door on either side."""
+    low, high, proud = shape.roof - 0.72, shape.roof - 0.26, 0.012
+    parts = []
+    for side in (1.0, -1.0):
+        pane = []
+        for z in (low, high):
+            x = _edge(shape, 0, z) - proud
+            wide = _cabin_side(shape, x, z) - 0.18
+            pane += [(x, side * 0.07, z), (x, side * wide, z)]
+        pane = [pane[0], pane[1], pane[3], pane[2]]
+        parts.append(g.quad(_facing(pane, (-1.0, 0.0, 0.2)), colors.GLASS))
+        rail = [(x, side * (_cabin_side(shape, x, z) + 0.01), z) for x, z in
+                ((-2.2, low + 0.10), (0.4, low + 0.10), (0.4, low + 0.14), (-2.2, low + 0.14))]  # fmt: skip
+        parts.append(g.quad(_facing(rail, (0.0, side, 0.2)), colors.SHADOW))
+    seam = []
+    for y, z in ((0.012, shape.belt), (-0.012, shape.belt), (-0.012, shape.roof - 0.1), (0.012, shape.roof - 0.1)):
+        seam.append((_edge(shape, 0, z) - proud, y, z))
+    parts.append(g.quad(_facing(seam, (-1.0, 0.0, 0.2)), colors.SHADOW))
     return parts
 
 

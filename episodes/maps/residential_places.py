@@ -74,10 +74,10 @@ def _spots(homes: tuple[Plot, ...]) -> Iterator[tuple[str, float, float, float]]
         for along in (22.0, 42.0):
             yield "bus stop", *way.at(along, side * 2.6), heading(way, side)
     for plot in homes:
-        yield "drive", *plot.at(plot.drive, 11.0), plot.yaw + math.pi
+        yield "drive", *plot.at(plot.drive, 10.5), plot.yaw + math.pi
         off = math.copysign(1.0, plot.along - plot.drive)
         for along in (plot.along + 1.5 * off, plot.along + 4.5 * off, plot.along + 7.5 * off):
-            yield "lawn", *plot.at(along, 11.2), plot.yaw
+            yield "lawn", *plot.at(along, 10.3), plot.yaw
         for along in (plot.along - 6.0, plot.along, plot.along + 6.0):
             yield "pavement", *plot.at(along, 6.25), plot.yaw
 
@@ -195,7 +195,7 @@ def _from_drive(plot: Plot, turn: str) -> Array | None:
     yaw = math.remainder(out + (math.pi / 2 if turn == "right" else -math.pi / 2), 2 * math.pi)
     lane = ASIDE if math.cos(heading(plot.street, 1) - yaw) > 0.5 else -ASIDE
     join = plot.street.at(plot.drive, lane)
-    begin = plot.at(plot.drive, 11.0)
+    begin = plot.at(plot.drive, 10.5)
     for clockwise in (True, False):
         corners = _onward(join, yaw, clockwise)
         ring = _loop(clockwise)

@@ -24,7 +24,7 @@ from episodes.maps.residential_plan import (
 from episodes.scene import Mesh
 
 KERB = 2.8  # m from the centre line to the middle of what is parked along the kerb
-ON_DRIVE = 11.1  # m from the centre line to the middle of what is parked on a drive
+ON_DRIVE = 10.5  # m from the centre line to the middle of what is parked on a drive
 BAY = 6.2  # m of kerb for one vehicle
 
 
@@ -95,7 +95,7 @@ def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
             kind, paint = kinds[int(rng.integers(4))], paints[int(rng.integers(4))]
         else:
             continue
-        out = plot.side * ON_DRIVE
+        out = plot.side * (11.1 if plot.street is MAIN else ON_DRIVE)
         aside = 0.2 if plot.street is MAIN else 0.0
         found.append(Parked(kind, paint, plot.street, plot.drive + aside, out, plot.yaw + math.pi))
     for way, side, count in ((SECOND, -1, 2), (UPPER, 1, 2), (LOWER, -1, 1)):
