@@ -19,6 +19,8 @@ COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every 
 PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s
+SHOCK_FORCE = 100.0  # m/s² on any axis: more than any of the vehicles can thrust, so something was hit …
+SHOCK_SPEED = 3.0  # m/s, … and the change of velocity is unknown by about as much, for the sample may be clipped
 STILL_NOISE_AIR = 10.0  # m/s, only bounds the tilt while no receiver is heard
 
 
@@ -55,6 +57,8 @@ def strapdown(state, ax, ay, az, gx, gy, gz, dt):  # type: ignore[no-untyped-def
     i[1] += fy * dt
     i[2] += fz * dt
     state.impulse_dt += dt
+    if max(abs(ax), abs(ay), abs(az)) > SHOCK_FORCE:
+        state.shocked, state.shock_us = 1, state.time_us
 
 
 @njit(cache=True)
@@ -66,6 +70,10 @@ def predict_covariance(params, state, P, history):  # type: ignore[no-untyped-de
         params.mag_bias_walk if params.mag_bias_std > 0.0 else 0.0,
     )  # fmt: skip
     state.impulse_dt = 0.0
+    if state.shocked:  # or the gates would keep out the very fixes that tell what the blow has done
+        state.shocked = 0
+        for i in range(3, 6):
+            P[i, i] = max(P[i, i], SHOCK_SPEED * SHOCK_SPEED)
     index = state.history_index
     history[index, 0] = state.time_us
     for i in range(3):

@@ -19,6 +19,8 @@ hard_iron_slopes = estimator_covariance.hard_iron_slopes
 innovation_variance = estimator_covariance.innovation_variance
 symmetrize = estimator_covariance.symmetrize
 
+SHOCK_DEAF_US = 1_000_000  # a vehicle that scrapes along a wall is aided by late fixes rather than by none
+
 
 @njit(cache=True)
 def pressure_altitude(pressure_hpa):  # type: ignore[no-untyped-def]
@@ -197,6 +199,8 @@ def fuse_fix(params, state, P, history, sensors):  # type: ignore[no-untyped-def
     if state.gps_good_fixes < 3:  # a receiver that comes back is heard once it has settled
         return
     time_us = state.time_us
+    if sensors.gps_time_us <= state.shock_us and time_us - state.velocity_fused_us < SHOCK_DEAF_US:
+        return  # measured before a blow: it says nothing of now, and would be trusted as if it did
     age, dv, dp = since_fix(state, history, sensors.gps_time_us)
     local = geodetic_to_ned(
         state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m,

@@ -55,6 +55,8 @@ ESTIMATOR_STATE = np.dtype(
         ("specific_force_ned", "f8", (3,)),  # m/s², of the newest sample
         ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
         ("impulse_dt", "f8"),  # s, length of that integral
+        ("shocked", "i8"),  # 1: it holds a blow that no accelerometer can measure
+        ("shock_us", "i8"),  # time of the last blow
         ("reckoned_velocity", "f8", (3,)),  # running sums of the prediction alone, never corrected: their differences
         ("reckoned_position", "f8", (3,)),  # say what happened between a fix and now
         ("history_index", "i8"),  # next entry to write
