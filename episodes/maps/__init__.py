@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Callable
+from functools import lru_cache
 
 from dronecats.border.errors import UsageError
 from episodes.maps import blocks, campus, residential, residential_places, user
@@ -40,6 +41,11 @@ def build(name: str, seed: int = 1) -> Scene:
     if name not in _MAPS:
         near = ", ".join(difflib.get_close_matches(name, names(), 3, 0.3) or names())
         raise UsageError(f"map '{name}' does not exist: did you mean {near}?")
+    return _shipped(name, seed)
+
+
+@lru_cache(maxsize=3)  # a run flies many episodes on one map, and a scene is never changed
+def _shipped(name: str, seed: int) -> Scene:
     return _MAPS[name](seed)
 
 
