@@ -197,9 +197,8 @@ def picnic_table() -> Mesh:
     high = np.column_stack([_ring(0.05, 8), np.full(8, 2.62)])
     top = g.soup([[low[k], low[(k + 1) % 8], high[(k + 1) % 8]] for k in range(8)], cloth, 0.0)
     under = g.soup([[low[(k + 1) % 8], low[k], high[k] - (0, 0, 0.05)] for k in range(8)], cloth, 0.0)
-    hem = low - (0, 0, 0.16)
-    flap = [
-        t for k in range(8) for a, b in [(k, (k + 1) % 8)] for t in ([hem[a], hem[b], low[b]], [hem[a], low[b], low[a]])
-    ]
-    back = [tri[::-1] for tri in flap]
-    return g.assemble([*parts, top, under, g.soup(flap, cloth, 0.0), g.soup(back, cloth, 0.0)])
+    hem, rim = low - (0, 0, 0.16), np.array((0.99, 0.99, 1.0))  # its inner side a centimetre further in
+    flap = np.array(
+        [t for k in range(8) for m in [(k + 1) % 8] for t in ([hem[k], hem[m], low[m]], [hem[k], low[m], low[k]])]
+    )
+    return g.assemble([*parts, top, under, g.soup(flap, cloth, 0.0), g.soup(flap[:, ::-1] * rim, cloth, 0.0)])
