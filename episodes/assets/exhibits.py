@@ -1,5 +1,6 @@
 """Things on display: a large quadrotor on its stand, and a board on two posts that says something."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,6 +14,7 @@ from episodes.scene import Material, Mesh
 LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
 BOARD_M = (1.2, 0.8)  # least width and height of a sign's board
 BOARD_FOOT_M = 0.75  # m, its lower edge above the ground
+QUADROTOR_SIZE = 1.16  # of the drawing below: 2.8 m over the propellers, as those that spray crops are
 PAPER, INK = (242, 242, 238), (24, 26, 30)
 
 
@@ -32,7 +34,7 @@ def _rotor(x: float, y: float, z: float, turn: float) -> list[Part]:
 
 @cache
 def quadrotor(paint: str) -> Mesh:
-    """Return a quadrotor of 2.2 m across on a display stand, hull and stand in a paint. Raises UsageError."""
+    """Return a crop-spraying quadrotor on a display stand, hull and stand in a paint. Raises UsageError."""
     shell, z = colors.paint(paint), 1.42
     ring = [(0.46, 0.0), (0.36, 0.20), (0.0, 0.27), (-0.36, 0.20), (-0.46, 0.0), (-0.36, -0.20), (0.0, -0.27)]
     ring.append((0.36, -0.20))
@@ -78,7 +80,7 @@ def quadrotor(paint: str) -> Mesh:
         ),
         g.box((-0.72, -0.72, 0.0), (0.72, 0.72, 0.10), foot),
     ]
-    return g.assemble(parts)
+    return g.assemble([replace(p, corners=p.corners * QUADROTOR_SIZE) for p in parts])
 
 
 def contrasting(paint: str) -> tuple[int, int, int]:

@@ -1,6 +1,7 @@
 """A bicycle with its rider and a touring motorcycle with its own."""
 
 import itertools
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from episodes.assets.vehicles import about_y, plates
 from episodes.geometry import Part
 from episodes.scene import Material, Mesh
 
+MOTORCYCLE_SIZE = 1.06  # of the drawing below: 2.4 m long, as the largest tourers are
 SADDLE = colors.plain("saddle", (30, 28, 28), 0.15)
 ALLOY = colors.plain("alloy", (150, 153, 158), 0.6)
 
@@ -132,22 +134,26 @@ def motorcycle(paint: str, plate: str) -> Mesh:
     guard = np.array([[(front + r * np.cos(a), y, 0.31 + r * np.sin(a)) for a in arc] for y, r in
                       ((-0.09, 0.34), (-0.05, 0.365), (0.05, 0.365), (0.09, 0.34))])  # fmt: skip
     parts += [g.grid(guard, shell, 50.0), g.grid(guard[::-1] - (0, 0, 0.004), colors.TRIM, 50.0)]
-    # panniers and top case
+    # panniers, top case, and the panels that keep the wind off the rider's legs
     for s in (-1.0, 1.0):
-        y0, y1 = sorted((s * 0.24, s * 0.50))
-        parts.append(g.box((-1.10, y0, 0.46), (-0.58, y1, 0.84), shell))
-        parts.append(g.box((-1.11, y0 - 0.005, 0.70), (-0.57, y1 + 0.005, 0.72), colors.TRIM))
-    parts.append(g.hull([(-1.16, -0.24, 0.96), (-0.72, -0.24, 0.96), (-0.72, 0.24, 0.96), (-1.16, 0.24, 0.96)],
-                        [(-1.10, -0.20, 1.26), (-0.78, -0.20, 1.26), (-0.78, 0.20, 1.26), (-1.10, 0.20, 1.26)],
+        y0, y1 = sorted((s * 0.24, s * 0.53))
+        parts.append(g.box((-1.16, y0, 0.40), (-0.54, y1, 0.86), shell))
+        parts.append(g.box((-1.17, y0 - 0.005, 0.68), (-0.53, y1 + 0.005, 0.70), colors.TRIM))
+        y0, y1 = sorted((s * 0.19, s * 0.29))
+        panel = [(-0.02, 0.24), (0.40, 0.22), (0.52, 0.40), (0.62, 0.74), (0.34, 0.86), (0.16, 0.52)]
+        parts.append(g.profile(panel, y0, y1, shell))
+    parts.append(g.hull([(-1.20, -0.30, 0.94), (-0.70, -0.30, 0.94), (-0.70, 0.30, 0.94), (-1.20, 0.30, 0.94)],
+                        [(-1.14, -0.25, 1.32), (-0.76, -0.25, 1.32), (-0.76, 0.25, 1.32), (-1.14, 0.25, 1.32)],
                         shell))  # fmt: skip
-    parts.append(g.box((-1.05, -0.10, 0.86), (-0.80, 0.10, 0.97), colors.TRIM))
+    parts.append(g.box((-1.05, -0.10, 0.84), (-0.80, 0.10, 0.96), colors.TRIM))
     # lamps, mirrors, handlebar, plate
     parts.append(g.ball((0.70, 0.0, 0.86), (0.06, 0.12, 0.08), colors.HEADLAMP, 2))
-    parts.append(g.box((-1.19, -0.15, 1.00), (-1.13, 0.15, 1.08), colors.TAIL_LAMP))
+    parts.append(g.box((-1.225, -0.18, 1.00), (-1.15, 0.18, 1.10), colors.TAIL_LAMP))
     for s in (-1.0, 1.0):
         parts.append(g.ball((0.52, s * 0.27, 0.88), (0.05, 0.03, 0.03), colors.INDICATOR, 1))
         parts.append(g.rod((0.44, s * 0.05, 1.05), (0.38, s * 0.42, 1.08), (0.016, 0.018), colors.TRIM, 6))
         parts.append(g.rod((0.46, s * 0.26, 1.06), (0.46, s * 0.40, 1.24), (0.010, 0.010), colors.TRIM, 5))
         parts.append(g.ball((0.46, s * 0.43, 1.26), (0.02, 0.08, 0.05), colors.TRIM, 1))
-    parts.append(plates(plate, (-1.195, 0.62), (0.0, 0.0))[0])
-    return g.assemble([*parts, *body(BIKER, "black", shell)])
+    large = [replace(p, corners=p.corners * MOTORCYCLE_SIZE) for p in [*parts, *body(BIKER, "black", shell)]]
+    rear_plate = plates(plate, (-1.195 * MOTORCYCLE_SIZE, 0.62), (0.0, 0.0))[0]  # its letters have a size of their own
+    return g.assemble([*large, rear_plate])
