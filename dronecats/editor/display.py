@@ -49,7 +49,10 @@ def yaw_of(wxyz: tuple[float, ...] | Array) -> float:
 
 
 def map_glb(scene: Scene) -> bytes:
-    """Return a map as one glTF file with one mesh per material: browsers draw few things faster."""
+    """Return a map as one glTF file with one mesh per material: browsers draw few things faster.
+
+    No two share vertices: viser computes the normals of each primitive anew and would write over those of others.
+    """
     parts: dict[int, list[Mesh]] = {}
     looks: dict[int, Material] = {}
     for one in scene.instances:
@@ -58,15 +61,16 @@ def map_glb(scene: Scene) -> bytes:
             looks[id(look)] = look
             parts.setdefault(id(look), []).append(_standing(one, int(row)))
     merged = [_joined(parts[key], look) for key, look in looks.items()]
-    things = tuple(Instance(k, look.name, "map", mesh, (0.0, 0.0, 0.0))
-                   for k, (look, mesh) in enumerate(zip(looks.values(), merged, strict=True), 1))  # fmt: skip
+    things = tuple(
+        Instance(k, mesh.materials[0].name, "map", mesh, (0.0, 0.0, 0.0)) for k, mesh in enumerate(merged, 1)
+    )
     return to_bytes(replace(scene, instances=things, terrain=FLAT))
 
 
 def thing_glb(mesh: Mesh) -> bytes:
     """Return one thing as a glTF file, its origin at the origin."""
     thing = Instance(1, "thing", "thing", mesh, (0.0, 0.0, 0.0))
-    return to_bytes(Scene("thing", (thing,), FLAT, Sun((0.0, 0.0, -1.0)), 0.0, 0.0, 0.0))
+    return map_glb(Scene("thing", (thing,), FLAT, Sun((0.0, 0.0, -1.0)), 0.0, 0.0, 0.0))
 
 
 def drone_mesh(color: Vec3) -> Mesh:

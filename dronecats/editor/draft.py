@@ -4,16 +4,15 @@ Places are given as north and east; the ground under them is the map's. A draft 
 the next one, so that undoing is going back to an older draft.
 """
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Vec3
-from dronecats.editor import drape
+from dronecats.editor import drape, suggest
+from dronecats.editor.drape import Knots
 from episodes import assets
 from episodes.check.limits import CAP_S, GRID_SIDE_M, OF_OTHER_MAPS, RULES
-from episodes.check.nouns import nouns
 from episodes.record import (
     HIDDEN,
     MAX_CANDIDATES,
@@ -42,7 +41,7 @@ class Draft:
     """One state of the work."""
 
     record: EpisodeRecord
-    knots: tuple[tuple[float, float], ...] = ()  # m north, m east: the path as it was clicked; the record's follows it
+    knots: Knots = ()  # the path as it was clicked; the record's follows it
     own_words: bool = False  # the instruction was written by a person, so it is left alone
 
 
@@ -59,7 +58,7 @@ class Drafting:
         north, east, _ = self.scene.spawn_ned
         record = EpisodeRecord(
             version=VERSION,
-            id=f"{map_name}-approaching-new"[:64],
+            id=_first_id(map_name, "approaching"),
             map=map_name,
             map_seed=map_seed,
             cell="approaching",
@@ -77,12 +76,12 @@ class Drafting:
         """Return the draft of a record that exists, as it is."""
         path = record.target.path
         knots = drape.corners([(n, e) for n, e, _ in path.waypoints_ned]) if path else ()
-        return Draft(record, knots, record.instruction != suggestion(record))
+        return Draft(record, knots, record.instruction != suggest.instruction(record))
 
     def on_ground(self, north: float, east: float, above: float = 0.0) -> Vec3:
         """Return a place (m, NED) `above` metres over the ground, to the millimetre."""
-        north, east = round(north, 3), round(east, 3)
-        return (north, east, round(self.scene.terrain.at(north, east) - above, 3))
+        north, east = round(north, 3) + 0.0, round(east, 3) + 0.0  # + 0: no negative zeros
+        return (north, east, round(self.scene.terrain.at(north, east) - above, 3) + 0.0)
 
     # ---- the target
 
@@ -115,7 +114,7 @@ class Drafting:
         if target.path is not None:
             here = draft.knots[0]
             return self._walked(draft, tuple((n + north - here[0], e + east - here[1]) for n, e in draft.knots))
-        yaw = target.yaw_deg if yaw_deg is None else round(math.remainder(yaw_deg, 360.0), 1)
+        yaw = target.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = replace(target, position_ned=self.on_ground(north, east), yaw_deg=yaw)
         return self.settled(replace(draft, record=replace(draft.record, target=moved)))
 
@@ -163,7 +162,7 @@ class Drafting:
     def move_start(self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None) -> Draft:
         """Return the draft with one drone elsewhere, as high above the ground as before."""
         start = draft.record.starts[which]
-        yaw = start.yaw_deg if yaw_deg is None else round(math.remainder(yaw_deg, 360.0), 1)
+        yaw = start.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         place = self.on_ground(north, east, self.height(start))
         return self._started(draft, which, Start(place, yaw))
 
@@ -230,7 +229,7 @@ class Drafting:
         if len(record.candidates) >= MAX_CANDIDATES:
             raise UsageError(f"an episode has at most {MAX_CANDIDATES} look-alikes.")
         yaw = record.target.yaw_deg
-        text = _unused({one.inscription for one in (record.target, *record.candidates)})
+        text = suggest.inscription({one.inscription for one in (record.target, *record.candidates)})
         one = replace(record.target, inscription=text, position_ned=self.on_ground(north, east), yaw_deg=yaw)
         return self.settled(replace(draft, record=replace(record, candidates=(*record.candidates, one))))
 
@@ -239,7 +238,7 @@ class Drafting:
     ) -> Draft:
         """Return the draft with a look-alike elsewhere."""
         one = draft.record.candidates[which]
-        yaw = one.yaw_deg if yaw_deg is None else round(math.remainder(yaw_deg, 360.0), 1)
+        yaw = one.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = _with(draft.record.candidates, which, position_ned=self.on_ground(north, east), yaw_deg=yaw)
         return self.settled(replace(draft, record=replace(draft.record, candidates=moved)))
 
@@ -252,16 +251,17 @@ class Drafting:
 
     def cell(self, draft: Draft, cell: str) -> Draft:
         """Return the draft as an episode of another cell, with what that cell demands and without what it forbids."""
-        record = replace(draft.record, cell=cell)
+        old = draft.record
+        fresh = old.id == _first_id(old.map, old.cell)
+        record = replace(old, cell=cell, id=_first_id(old.map, cell) if fresh else old.id)
         target, draft = record.target, replace(draft, record=record)
         if cell in MOVING and target.path is None:
             place, yaw = motion(target).pose(0.0)
             speed = RULES.get(record.map, OF_OTHER_MAPS).speed_mps or SPEED_MPS
-            reach = 1.05 * speed * CAP_S
-            end = (place[0] + reach * math.cos(yaw), place[1] + reach * math.sin(yaw))
             walker = target if target.native is None else replace(target, asset="suv", paint="cyan", native=None)
             walker = replace(walker, position_ned=None, yaw_deg=None, path=Path3D((place, place), speed))
-            draft = self._walked(replace(draft, record=replace(record, target=walker)), (place[:2], end))
+            knots = suggest.way(self.scene, record, (place[0], place[1]), yaw, 1.02 * speed * CAP_S)
+            draft = self._walked(replace(draft, record=replace(record, target=walker)), knots)
         elif cell not in MOVING and target.path is not None:
             place, yaw = motion(target).pose(0.0)
             here = self.on_ground(place[0], place[1])
@@ -324,14 +324,14 @@ class Drafting:
             visible_at_start=record.cell not in HIDDEN,
         )
         if not draft.own_words:
-            record = replace(record, instruction=suggestion(record))
+            record = replace(record, instruction=suggest.instruction(record))
         return replace(draft, record=record)
 
     def _started(self, draft: Draft, which: int, start: Start) -> Draft:
         starts = (*draft.record.starts[:which], start, *draft.record.starts[which + 1 :])
         return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
 
-    def _walked(self, draft: Draft, knots: tuple[tuple[float, float], ...]) -> Draft:
+    def _walked(self, draft: Draft, knots: Knots) -> Draft:
         """Return the draft with a path through `knots` that follows the ground."""
         path = draft.record.target.path
         if path is None:
@@ -348,7 +348,7 @@ class Drafting:
         if record.target.native is not None:
             record = replace(record, target=replace(record.target, native=None, asset="suv", paint="cyan"))
         if not record.target.inscription:
-            record = replace(record, target=replace(record.target, inscription=_unused(set())))
+            record = replace(record, target=replace(record.target, inscription=suggest.inscription(set())))
         draft = self.settled(replace(draft, record=record))
         place, yaw = motion(record.target).pose(0.0)
         aside = (-math.sin(yaw), math.cos(yaw))
@@ -358,23 +358,14 @@ class Drafting:
         return self.grid(self.face(draft, 0)) if len(record.starts) != 4 else draft
 
 
-def suggestion(record: EpisodeRecord) -> str:
-    """Return an instruction that names the target."""
-    target, noun = record.target, nouns(record.target.asset)[0]
-    verb = "follow" if record.cell in MOVING else "go to"
-    if record.cell in HIDDEN:
-        verb = "find and follow" if record.cell in MOVING else "find and go to"
-    if record.cell == "commanding":
-        mark = "that says" if target.asset == "sign" else "with the plate"
-        return f"go to the {noun} {mark} {target.inscription}"
-    return f"{verb} the {noun}" if target.paint is None else f"{verb} the {target.paint} {noun}"
-
-
 def _with(candidates: tuple[TargetRecord, ...], which: int, **fields: object) -> tuple[TargetRecord, ...]:
     changed = replace(candidates[which], **fields)  # type: ignore[arg-type]
     return (*candidates[:which], changed, *candidates[which + 1 :])
 
 
-def _unused(taken: set[str | None]) -> str:
-    """Return the first inscription that nothing bears yet."""
-    return next(text for k in itertools.count() if (text := f"DC {1000 + 111 * k}") not in taken)
+def _degrees(yaw: float) -> float:
+    return round(math.remainder(yaw, 360.0), 1) + 0.0
+
+
+def _first_id(map_name: str, cell: str) -> str:
+    return f"{map_name}-{cell}-new"

@@ -10,6 +10,7 @@ OFF_M = 0.005  # how far a path may leave the ground between two of its waypoint
 STEP_M = 0.25  # between the places at which the ground is looked at
 
 Place = tuple[float, float]  # m north, m east
+Knots = tuple[Place, ...]  # a path as it was clicked
 
 
 def draped(knots: Sequence[Place], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
@@ -19,31 +20,38 @@ def draped(knots: Sequence[Place], on_ground: Callable[[float, float], Vec3]) ->
         count = max(1, math.ceil(math.dist(a, b) / STEP_M))
         shares = [k / count for k in range(count + 1)]
         fine = [on_ground(a[0] + (b[0] - a[0]) * u, a[1] + (b[1] - a[1]) * u) for u in shares]
-        points.extend(fine[k] for k in _needed(fine)[1:])
+
+        def off(i: int, j: int, k: int, fine: Sequence[Vec3] = fine) -> float:
+            return abs(fine[k][2] - (fine[i][2] + (fine[j][2] - fine[i][2]) * (k - i) / (j - i)))
+
+        points.extend(fine[k] for k in _needed(len(fine), off, OFF_M)[1:])
     return tuple(points)
 
 
-def corners(points: Sequence[Place]) -> tuple[Place, ...]:
-    """Return the points of a line seen from above at which it turns, with its ends."""
-    kept = [points[0]]
-    for a, b in itertools.pairwise(points[1:]):
-        (n0, e0), (n1, e1), (n2, e2) = kept[-1], a, b
-        aside = abs((n1 - n0) * (e2 - e0) - (e1 - e0) * (n2 - n0)) / max(math.dist((n0, e0), (n2, e2)), 1e-9)
-        if aside > 0.002:  # places are rounded to the millimetre
-            kept.append(a)
-    return (*kept, points[-1])
+def corners(points: Sequence[Place], off_m: float = 0.002) -> Knots:
+    """Return the points of a line seen from above that are needed to keep within `off_m` of all of them.
+
+    Two millimetres, since places are rounded to one, keep the shape. Source: Douglas and Peucker, 1973.
+    """
+
+    def off(a: int, b: int, k: int) -> float:
+        (n0, e0), (n1, e1), (n, e) = points[a], points[b], points[k]
+        span = math.dist(points[a], points[b])
+        if span < 1e-9:
+            return math.dist(points[a], points[k])
+        return abs((n1 - n0) * (e - e0) - (e1 - e0) * (n - n0)) / span
+
+    return tuple(points[k] for k in _needed(len(points), off, off_m))
 
 
-def _needed(points: Sequence[Vec3]) -> list[int]:
-    """Return which points of a straight leg, evenly spaced, must stay for none to lie off the line between those."""
-    kept = {0, len(points) - 1}
-    waiting = [(0, len(points) - 1)]
+def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> list[int]:
+    """Return which of `count` points must stay for none to lie `off(a, b, k)` by more than `most` between a and b."""
+    kept = {0, count - 1}
+    waiting = [(0, count - 1)]
     while waiting:
         a, b = waiting.pop()
-        first, last = points[a][2], points[b][2]
-        off = {k: abs(points[k][2] - (first + (last - first) * (k - a) / (b - a))) for k in range(a + 1, b)}
-        worst = max(off, key=off.__getitem__, default=a)
-        if off and off[worst] > OFF_M:
+        worst = max(range(a + 1, b), key=lambda k: off(a, b, k), default=a)
+        if worst > a and off(a, b, worst) > most:
             kept.add(worst)
             waiting += [(a, worst), (worst, b)]
     return sorted(kept)

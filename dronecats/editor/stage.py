@@ -61,7 +61,7 @@ class Stage:
     def _light(self, sun: Sun) -> None:
         """Light the map as its sun does, without shadows: those that count are in the camera's picture."""
         scene = self._server.scene
-        scene.configure_default_lights(enabled=False, cast_shadow=False)
+        scene.configure_default_lights(enabled=False)
         scene.configure_environment_map(None)
         scene.add_light_ambient("/light/ambient", intensity=0.9)
         scene.add_light_hemisphere("/light/sky", sky_color=(205, 222, 255), ground_color=(120, 115, 105), intensity=1.3)
@@ -117,7 +117,9 @@ class Stage:
             mesh = self._drafting.mesh(one)
 
             def body(node: str, mesh: Any = mesh) -> Any:
-                return self._server.scene.add_glb(f"{node}/body", display.thing_glb(mesh), cast_shadow=False)
+                return self._server.scene.add_glb(
+                    f"{node}/body", display.thing_glb(mesh), cast_shadow=False, receive_shadow=False
+                )
 
             found["target" if k == 0 else f"candidate-{k}"] = (place, yaw, look, body)
         for k, (north, east) in enumerate(draft.knots[1:], 1):
@@ -137,7 +139,7 @@ class Stage:
     def _drone(self, node: str, which: int) -> Any:
         color = DRONE_COLORS[which % len(DRONE_COLORS)]
         mesh = display.thing_glb(display.drone_mesh(color))
-        body = self._server.scene.add_glb(f"{node}/body", mesh, scale=1.8, cast_shadow=False)
+        body = self._server.scene.add_glb(f"{node}/body", mesh, scale=1.8, cast_shadow=False, receive_shadow=False)
         shade = tuple(round(255 * c**0.45) for c in color)
         self._frustums[which] = self._server.scene.add_camera_frustum(
             f"{node}/camera",

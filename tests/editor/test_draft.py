@@ -103,7 +103,8 @@ def test_a_path_is_long_enough_and_lies_on_the_ground_between_its_waypoints(draf
             n, e, d = (p + (q - p) * k / 10 for p, q in zip(a, b, strict=True))
             assert d == pytest.approx(drafting.scene.terrain.at(n, e), abs=0.02)
     assert draft.knots[1] == (40.0, -3.0)
-    assert len(drafting.shorten(draft).knots) == 2
+    assert drafting.shorten(draft).knots == draft.knots[:-1]
+    assert len(draft.knots) < 12  # few enough to be dragged
     again = drafting.opened(draft.record)
     assert [tuple(round(v, 3) for v in knot) for knot in again.knots] == [
         tuple(round(v, 3) for v in knot) for knot in draft.knots

@@ -1,0 +1,71 @@
+"""A real browser without a window, and a small map that its software renderer draws at once."""
+
+import shutil
+import socket
+
+import numpy as np
+import pytest
+
+from episodes.maps import user
+
+BROWSER = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--window-size=1300,800",
+)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """Return a headless Chromium with a profile of its own; without one the test is skipped."""
+    found = next((path for name in BROWSER if (path := shutil.which(name))), None)
+    driver = shutil.which("chromedriver")
+    if found is None or driver is None:
+        pytest.skip("no Chromium with chromedriver here: apt install chromium chromium-driver")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = found
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield made
+    made.quit()
+
+
+@pytest.fixture
+def port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def yard(tmp_path, monkeypatch):
+    """Import a level square of eighty metres with a shed on it as the map 'yard'."""
+    import trimesh
+
+    monkeypatch.setenv(user.FOLDER, str(tmp_path / "maps"))
+    scene = trimesh.Scene()
+    for name, size, place, shade in (
+        ("slab", (80.0, 1.0, 80.0), (0.0, -0.5, 0.0), (0.25, 0.4, 0.2, 1.0)),
+        ("shed", (4.0, 3.0, 6.0), (9.0, 1.5, -9.0), (0.5, 0.2, 0.15, 1.0)),
+    ):
+        box = trimesh.creation.box(size)
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=shade, metallicFactor=0.0, roughnessFactor=1.0)
+        box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+        scene.add_geometry(box, node_name=name, transform=trimesh.transformations.translation_matrix(place))
+    path = tmp_path / "yard.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    user.add(path, "yard", (0.0, 0.0))
+    return "yard"
