@@ -87,7 +87,7 @@ def contrasting(paint: str) -> tuple[int, int, int]:
     """Return the ink that reads best on a paint: near black or near white."""
     colors.paint(paint)  # raises for a paint that is not known
     r, g_, b = colors.linear(colors.PAINTS[paint])
-    return INK if 0.2126 * r + 0.7152 * g_ + 0.0722 * b > 0.18 else PAPER
+    return INK if 0.2126 * r + 0.7152 * g_ + 0.0722 * b > 0.25 else PAPER
 
 
 @cache

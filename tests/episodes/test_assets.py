@@ -12,7 +12,7 @@ from dronecats.border.errors import UsageError
 from dronecats.border.frames import quat_from_euler
 from dronecats.border.terrain import FLAT
 from episodes import assets
-from episodes.assets import lettering, paint, scenery
+from episodes.assets import exhibits, lettering, paint, scenery
 from episodes.render.renderer import Renderer
 from episodes.scene import Instance, Mesh, Scene, Sun
 from episodes.visibility import _embree, surface_samples
@@ -119,6 +119,16 @@ def test_letters_have_the_height_of_the_reading_probe(name: str, text: str) -> N
             faces += 1
             assert abs(du) + abs(dv) > 0.0
     assert faces in (2, 4)
+
+
+def test_a_sign_contrasts_with_its_letters_in_every_paint() -> None:
+    """Contrast ratio of relative luminances, as WCAG defines it; 3 is its least for large text."""
+    for color in assets.PAINTS:
+        board, ink = (
+            sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), paint.linear(srgb), strict=True))
+            for srgb in (paint.PAINTS[color], exhibits.contrasting(color))
+        )
+        assert (max(board, ink) + 0.05) / (min(board, ink) + 0.05) >= 3.0, color
 
 
 def test_long_inscriptions_make_room_for_themselves() -> None:
