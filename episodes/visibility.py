@@ -75,6 +75,7 @@ class Solids:
             placed = one.mesh.vertices @ turn(one.yaw).T + np.array(one.position_ned)
             world.append(placed[one.mesh.triangles])
             self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
+        self._owner = np.repeat(np.arange(len(world)), [len(triangles) for triangles in world])
         self._scene = _embree(np.concatenate(world).astype(np.float32))
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
@@ -104,6 +105,65 @@ class Solids:
             local = turn(one.yaw).T @ (p - np.array(one.position_ned))
             best = min(best, distance_to_mesh(one.mesh, local))
         return best
+
+
+class Together(Solids):
+    """Several groups of solids as one: a map's, laid out once, and the few that a record adds."""
+
+    def __init__(self, *groups: Solids) -> None:
+        self._groups = groups
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something solid lies between it and the origin."""
+        return np.any([group.hidden(origin, points) for group in self._groups], axis=0)
+
+    def range_m(self, origin: Vec3, direction: Vec3) -> float:
+        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        return min(group.range_m(origin, direction) for group in self._groups)
+
+    def clearance_m(self, point: Vec3) -> float:
+        """Return the distance (m) from a point to the nearest solid surface."""
+        return min(group.clearance_m(point) for group in self._groups)
+
+
+class Without(Solids):
+    """A map's solids but one, on the rays that are laid out for all of them: what may hide that one."""
+
+    def __init__(self, everything: Solids, left_out: Instance) -> None:
+        """Share what `everything` has laid out. Raises ValueError when the one left out is none of it."""
+        self._instances, self._boxes = everything._instances, everything._boxes.copy()
+        self._owner, self._scene = everything._owner, everything._scene
+        self._out = next((k for k, one in enumerate(self._instances) if one.id == left_out.id), -1)
+        if self._out < 0:
+            raise ValueError(f"{left_out.name} is not among the solids")
+        self._boxes[self._out] = np.inf  # never near anything
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something solid lies between it and the origin.
+
+        The points are of the one left out, on its side towards the origin: a ray that meets it first is at its end.
+        """
+        start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
+        way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
+        hit = self._scene.run(start, way, np.full(len(points), 0.999, dtype=np.float32), output=1)
+        met = hit["primID"] >= 0
+        met &= hit["tfar"] < 0.999
+        met[met] = self._owner[hit["primID"][met]] != self._out
+        return np.asarray(met)
+
+    def range_m(self, origin: Vec3, direction: Vec3) -> float:
+        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        unit = (np.array(direction) / np.linalg.norm(direction)).astype(np.float32)[None]
+        gone = 0.0
+        while True:
+            from_here = (np.array(origin) + gone * unit[0]).astype(np.float32)[None]
+            hit = self._scene.run(from_here, unit, output=1)
+            if hit["primID"][0] < 0:
+                return math.inf
+            gone += float(hit["tfar"][0])
+            if self._owner[hit["primID"][0]] != self._out:
+                return gone
+            gone += 1e-3  # through the surface of the one left out
 
 
 def distance_to_mesh(mesh: Mesh, point: Array) -> float:

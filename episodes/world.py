@@ -15,7 +15,7 @@ from episodes import assets, maps
 from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Scene
 from episodes.target import Motion, motion
-from episodes.visibility import Solids, TargetView, turn
+from episodes.visibility import Solids, TargetView, Together, Without, turn
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)
@@ -41,8 +41,7 @@ class World:
         """Build the scene. Raises UsageError for an unknown map, asset or paint, or a native target that is not so."""
         self.record = record
         self._motion = motion(record.target)
-        shipped = record.map in maps.shipped()
-        built = plan(record.map, record.map_seed)
+        built = maps.build(record.map, record.map_seed)
         next_id = max(i.id for i in built.instances) + 1
         native = _native(built, record)
         if native:  # to the last digit where the map has it; a record's are rounded
@@ -54,10 +53,10 @@ class World:
         added = others if native else (target, *others)
         self.scene: Scene = replace(built, instances=(*built.instances, *added))
         # what may hide the target: everything that stands but the target itself
-        if native or others:
-            self.solids = Solids(i for i in self.scene.instances if i is not target)
-        else:
-            self.solids = solids(record.map, record.map_seed) if shipped else Solids(built.instances)
+        standing = solids(record.map, record.map_seed)
+        if native:
+            standing = Without(standing, native)
+        self.solids = Together(standing, Solids(others)) if others else standing
         self._view = TargetView(target.mesh, self.solids)
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
@@ -110,24 +109,14 @@ class World:
         return self.solids.clearance_m(point_ned)
 
 
-def plan(name: str, seed: int) -> Scene:
-    """Return a map; one that ships is built once per process, a user's own may have changed and is read anew."""
-    return _plan(name, seed) if name in maps.shipped() else maps.build(name, seed)
-
-
-@lru_cache(maxsize=4)
-def _plan(name: str, seed: int) -> Scene:
-    return maps.build(name, seed)
-
-
 def solids(name: str, seed: int) -> Solids:
-    """Return what stands on a map and does not move."""
-    return _solids(name, seed) if name in maps.shipped() else Solids(plan(name, seed).instances)
+    """Return what stands on a map and does not move; of one that ships, laid out once per process."""
+    return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
 
 
 @lru_cache(maxsize=4)
 def _solids(name: str, seed: int) -> Solids:
-    return Solids(_plan(name, seed).instances)
+    return Solids(maps.build(name, seed).instances)
 
 
 def _placed(number: int, name: str, one: TargetRecord, *, movable: bool = False) -> Instance:
@@ -145,7 +134,7 @@ def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
     name = record.target.native
     if name is None:
         return None
-    found = next((i for i in built.instances if i.name == name and i.kind != "ground"), None)
+    found = next((i for i in built.instances if i.name == name and i.kind != "ground" and i.solid), None)
     if found is None:
         near = difflib.get_close_matches(name, [i.name for i in built.instances if i.kind != "ground"], 3, 0.4)
         hint = f": did you mean {', '.join(near)}?" if near else "."

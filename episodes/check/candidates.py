@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.border.frames import Vec3, rotate, rotate_inverse
+from episodes.assets import exhibits, vehicles
 from episodes.check.finding import Finding, at_least, between
 from episodes.check.footing import LIFT_M
 from episodes.check.limits import (
@@ -27,11 +28,11 @@ from episodes.check.sight import CAMERA, level
 from episodes.check.solid import Standing, box_of
 from episodes.record import TargetRecord
 from episodes.scene import Instance
-from episodes.visibility import Solids, turn
-from episodes.world import World
+from episodes.visibility import Solids, Together, turn
+from episodes.world import World, solids
 
-LETTER_M = {"sign": 0.136}  # height of an inscription's letters …
-PLATE_LETTER_M = 0.10  # … and of everything else's
+LETTER_M = {"sign": exhibits.LETTER_M}  # height of an inscription's letters, by asset …
+PLATE_LETTER_M = vehicles.DIGIT_M  # … and of every other
 
 
 def rules(world: World, standing: Standing) -> Iterator[Finding]:
@@ -87,9 +88,9 @@ def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecor
         says = f"not shown by {', '.join(blank)}, a {things[0].kind}"
         yield Finding("the inscription", False, says, "an asset that shows it")
         return
-    fewest, highest = math.inf, 0.0
+    fewest, highest, standing = math.inf, 0.0, solids(world.record.map, world.record.map_seed)
     for one in things:
-        others = Solids(i for i in world.scene.instances if i is not one)
+        others = Together(standing, Solids(i for i in things if i is not one))
         for start in world.record.starts:
             attitude = level(start.yaw_deg)
             spot = patch(one, one.position_ned, one.yaw, others, start.position_ned, attitude, CAMERA)

@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Vec3, quat_from_euler, rotate
-from episodes import maps, world
+from episodes import maps
 from episodes.check.nouns import nouns
 from episodes.check.referring import Footprint
 from episodes.maps.places import Places
@@ -41,7 +41,7 @@ def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: fl
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
         return {}
-    by_name = {i.name: i for i in world.plan(map_name, map_seed).instances}
+    by_name = {i.name: i for i in maps.build(map_name, map_seed).instances}
     found = {phrase: footprint(by_name[name]) for phrase, name in named.items() if by_name[name].kind != kind}
     if yaw_deg is None:
         return found
@@ -65,7 +65,7 @@ def places(map_name: str, map_seed: int) -> Places:
 
 @lru_cache(maxsize=4)
 def _scenery(map_name: str, map_seed: int) -> "Scenery":
-    return Scenery(world.plan(map_name, map_seed).instances)
+    return Scenery(maps.build(map_name, map_seed).instances)
 
 
 class Scenery:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from episodes.check.finding import Finding, at_least, between
 from episodes.check.limits import (
-    ALTITUDE_M,
     BEARING_OFF_DEG,
     DISTANCE_OFF_M,
     GRID_OFF_M,
@@ -53,8 +52,9 @@ def distance_and_bearing(world: World) -> Iterator[Finding]:
 def altitude(world: World) -> Iterator[Finding]:
     """Yield whether every drone starts at a fair height above the ground under it."""
     heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
-    worst = max(heights, key=lambda h: abs(h - sum(ALTITUDE_M) / 2))
-    yield between("the height of a start above the ground", worst, ALTITUDE_M, "m")
+    limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
+    worst = max(heights, key=lambda h: abs(h - sum(limits) / 2))
+    yield between("the height of a start above the ground", worst, limits, "m")
 
 
 def free(world: World, standing: Standing) -> Iterator[Finding]:

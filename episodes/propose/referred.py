@@ -78,7 +78,7 @@ def _before(
 ) -> Draft | None:
     """Return a draft of a start before a thing from which words can tell it; None when none is found.
 
-    A relation is drawn first and looked for, so that they are not all 'nearest'; any other is the second choice.
+    A relation is drawn first and looked for, so that they are not all 'nearest', which is the last choice.
     """
     rules = RULES.get(site.name, OF_OTHER_MAPS)
     nearest, farthest = rules.start_distance_m[0] + 0.2, min(rules.start_distance_m[1] - 0.3, farthest_m(thing))
@@ -90,28 +90,30 @@ def _before(
     things[name] = thing.position_ned
     hidden = cell in HIDDEN
     asked = rng.choice(ANYWHERE if hidden else tuple(referring.WORDS))
-    second: Draft | None = None
+    best: tuple[int, Draft] | None = None
     for _ in range(ROUNDS):
-        distance = rng.uniform(nearest, farthest)
+        distance = farthest - (farthest - nearest) * rng.random() ** 2  # rather far than near
         for place in itertools.islice(site.starts(thing, distance, rng, rules.off_axes_deg), STARTS):
             one = start(place, yaw_deg(cell, bearing_deg(place, thing.centre_ned), rng))
             marks = scenery.landmarks(site.name, site.seed, kind, place, None if hidden else one.yaw_deg)
             found = referring.expressions(nouns(kind)[0], name, things, marks, place)
             found = [f for f in found if not hidden or f.relation in ANYWHERE]
             for said in rng.sample(found, len(found)):
-                draft = Draft(
-                    target=target,
-                    place_ned=thing.position_ned,
-                    goal_ned=thing.centre_ned,
-                    starts=(one,),
-                    visible=not hidden,
-                    instruction=phrases.instruction(cell, said.words, kind, rng),
-                    seed=flight_seed(rng),
-                )
-                if said.relation == asked:
-                    return draft
-                second = second or draft
-    return second
+                worth = 2 if said.relation == asked else int(said.relation != "nearest")
+                if best is None or worth > best[0]:
+                    draft = Draft(
+                        target=target,
+                        place_ned=thing.position_ned,
+                        goal_ned=thing.centre_ned,
+                        starts=(one,),
+                        visible=not hidden,
+                        instruction=phrases.instruction(cell, said.words, kind, rng),
+                        seed=flight_seed(rng),
+                    )
+                    best = (worth, draft)
+            if best and best[0] == 2:
+                return best[1]
+    return best[1] if best else None
 
 
 def farthest_m(thing: Thing, fill: float = FILL) -> float:

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate
-from episodes import assets, world
+from episodes import assets, maps, world
 from episodes.check import scenery
-from episodes.check.limits import ALTITUDE_M, BODY_M, REACH_M
+from episodes.check.limits import BODY_M, REACH_M
 from episodes.check.solid import Standing
 from episodes.maps.places import Places
 from episodes.record import Start, TargetRecord
 from episodes.scene import Instance, Mesh
 from episodes.target import motion
-from episodes.visibility import Solids, TargetView, turn
+from episodes.visibility import TargetView, Without, turn
 
 CAMERA = CameraModel()
-ALTITUDES_M = (ALTITUDE_M[0] + 0.15, ALTITUDE_M[1] - 0.1)  # kept off the limits, for the ground is not level
+ALTITUDES_M = (1.35, 2.1)  # within 1.2 … 2.2 m with room for ground that is not level
 EDGE_M = 3.0  # kept off the end of the terrain
 DIRECTIONS = 36  # tried around a target
 CLEAR_FRACTION = 0.8  # of the faced target that a proposal wants unhidden: more than the rules demand
@@ -52,9 +52,11 @@ class Site:
     """One map with one seed."""
 
     def __init__(self, name: str, seed: int) -> None:
-        """Build the map. Raises UsageError when there is none of that name."""
+        """Build the map. Raises UsageError when there is none of that name, or one that lists no places."""
+        if name not in maps.shipped():
+            maps.places(name, seed)
         self.name, self.seed = name, seed
-        self.scene = world.plan(name, seed)
+        self.scene = maps.build(name, seed)
         self.solids = world.solids(name, seed)
         self.standing = Standing(self.scene.instances)
         self.places: Places = scenery.places(name, seed)
@@ -77,8 +79,8 @@ class Site:
     def native(self, one: Instance) -> Thing:
         """Return a target that the map brings."""
         if one.name not in self._natives:
-            others = Solids(i for i in self.scene.instances if i is not one)
-            self._natives[one.name] = Thing(one.mesh, one.position_ned, one.yaw, TargetView(one.mesh, others))
+            view = TargetView(one.mesh, Without(self.solids, one))
+            self._natives[one.name] = Thing(one.mesh, one.position_ned, one.yaw, view)
         return self._natives[one.name]
 
     def ground(self, north: float, east: float) -> float:

@@ -103,3 +103,15 @@ def test_recorded_numbers_are_short(tmp_path: Path) -> None:
     for name in catalogue.ids():
         for start in catalogue.load(name).starts:
             assert all(math.isclose(v, round(v, 3), abs_tol=1e-12) for v in start.position_ned)
+
+
+def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "sheet.jpg"
+    said(capsys, "sheet", "suv", "--out", str(file))
+    one = cv2.imread(str(file))
+    said(capsys, "sheet", "suv", "bus", "--out", str(file))
+    two = cv2.imread(str(file))
+    assert two.shape[1] == one.shape[1]
+    assert two.shape[0] > one.shape[0]
+    assert main(["episodes", "sheet", "suw", "--out", str(file)]) == 2
+    assert "suv" in capsys.readouterr().err

@@ -4,9 +4,10 @@ import json
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel
+from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import quat_from_euler
 from episodes import catalogue, maps
@@ -15,6 +16,7 @@ from episodes.record import EpisodeRecord, TargetRecord, parse
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.scene import Instance
+from episodes.visibility import Solids, TargetView, Together, Without
 from episodes.world import World
 
 CAMERA = CameraModel()
@@ -81,3 +83,46 @@ def test_two_millimetres_off_are_refused(thing: Instance) -> None:
     document["target"]["position_ned"][0] += 0.002
     with pytest.raises(UsageError, match="off where"):
         World(parse(json.dumps(document), "mine.json"))
+
+
+def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
+    """Sharing the rays of the whole map changes no answer about the one that is left out."""
+    instances = maps.build("residential", 1).instances
+    instances = tuple(i for i in instances if i.kind not in ("wood", "conifer"))
+    one = next(i for i in instances if i.name == thing.name)
+    shared, apart = Without(Solids(instances), one), Solids(i for i in instances if i is not one)
+    n, e, d = one.position_ned
+    views = [TargetView(one.mesh, solids) for solids in (shared, apart)]
+    rng = np.random.default_rng(6)
+    fractions = []
+    for _ in range(30):
+        spot = (n + float(rng.uniform(-9, 9)), e + float(rng.uniform(-9, 9)), d - float(rng.uniform(0.6, 3.0)))
+        ahead = quat_from_euler(0.0, 0.0, math.atan2(e - spot[1], n - spot[0]))
+        a, b = (view.sight(one.position_ned, one.yaw, CameraPose(spot, ahead), CAMERA) for view in views)
+        assert a.fraction == pytest.approx(b.fraction, abs=0.02)
+        fractions.append(a.fraction)
+        assert shared.clearance_m(spot) == pytest.approx(apart.clearance_m(spot))
+        toward = (n - spot[0], e - spot[1], d - 0.3 - spot[2])
+        assert shared.range_m(spot, toward) == pytest.approx(apart.range_m(spot, toward), abs=0.01)
+    assert min(fractions) < 0.3
+    assert max(fractions) > 0.9
+    with pytest.raises(ValueError, match="not among"):
+        Without(apart, one)
+    built_again = replace(one, position_ned=one.position_ned)  # by another call: the same thing, another object
+    assert Without(Solids(instances), built_again).clearance_m((n, e, d)) == shared.clearance_m((n, e, d))
+
+
+def test_groups_of_solids_together_are_one() -> None:
+    instances = [i for i in maps.build("blocks", 1).instances if i.solid]
+    whole, parts = Solids(instances), Together(Solids(instances[::2]), Solids(instances[1::2]))
+    rng = np.random.default_rng(7)
+    hidden = []
+    for _ in range(20):
+        eye = (float(rng.uniform(-40, 40)), float(rng.uniform(-40, 40)), -1.5)
+        points = np.column_stack([rng.uniform(-60, 60, 50), rng.uniform(-60, 60, 50), rng.uniform(-6, -0.2, 50)])
+        assert np.array_equal(whole.hidden(eye, points), parts.hidden(eye, points))
+        hidden += whole.hidden(eye, points).tolist()
+        assert whole.clearance_m(eye) == parts.clearance_m(eye)
+        way = (float(rng.normal()), float(rng.normal()), 0.1)
+        assert whole.range_m(eye, way) == pytest.approx(parts.range_m(eye, way))
+    assert 0.05 < np.mean(hidden) < 0.95

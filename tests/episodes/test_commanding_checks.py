@@ -1,0 +1,104 @@
+"""The rules on fleets and look-alikes, each broken in turn."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from dronecats.border.frames import Vec3
+from episodes import catalogue
+from episodes.check import candidates, sight
+from episodes.check.rules import check
+from episodes.record import EpisodeRecord, Start
+from episodes.scene import Instance
+from episodes.visibility import Solids
+from episodes.world import World
+
+SIGNS = catalogue.load("blocks-commanding-01")
+PLATES = catalogue.load("residential-commanding-01")
+
+
+def red(record: EpisodeRecord) -> set[str]:
+    return {f.rule for f in check(World(record)) if not f.passed}
+
+
+def candidate(record: EpisodeRecord, number: int, **change: object) -> EpisodeRecord:
+    others = list(record.candidates)
+    others[number] = replace(others[number], **change)
+    return replace(record, candidates=tuple(others))
+
+
+def beside(place: Vec3, metres: float) -> Vec3:
+    return (place[0], place[1] + metres, place[2])
+
+
+def fleet_at(record: EpisodeRecord, away_m: float) -> EpisodeRecord:
+    """Return the record with its fleet moved along its line of sight until it is that far from its target."""
+    goal = World(record).target_centre(0.0)
+    first = record.starts[0].position_ned
+    share = 1.0 - away_m / math.dist(first[:2], goal[:2])
+    north, east = share * (goal[0] - first[0]), share * (goal[1] - first[1])
+    return replace(
+        record,
+        starts=tuple(
+            Start((s.position_ned[0] + north, s.position_ned[1] + east, s.position_ned[2]), s.yaw_deg)
+            for s in record.starts
+        ),
+    )
+
+
+@pytest.mark.parametrize("record", [SIGNS, PLATES], ids=lambda r: r.id)
+def test_shipped_ones_are_green(record: EpisodeRecord) -> None:
+    assert red(record) == set()
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        (lambda r: replace(r, candidates=r.candidates[:2]), "the number of candidates"),
+        (lambda r: candidate(r, 1, paint="brown" if r.target.paint != "brown" else "red"), "the candidates' look"),
+        (lambda r: candidate(r, 0, inscription=r.target.inscription), "the inscriptions"),
+        (lambda r: candidate(r, 0, inscription=None), "the inscriptions"),
+        (lambda r: candidate(r, 0, position_ned=beside(r.target.position_ned, 3.0)), "the nearest pair of candidates"),
+        (lambda r: candidate(r, 0, position_ned=beside(r.target.position_ned, 40.0)), "the widest pair of candidates"),
+        (lambda r: candidate(r, 0, position_ned=(*r.candidates[0].position_ned[:2], -0.3)), "candidate-1's footing"),
+        (lambda r: fleet_at(r, 40.0), "the grid's distance from the named target"),
+        (lambda r: fleet_at(r, 6.0), "the best view of an inscription from a start"),
+        (lambda r: replace(r, starts=r.starts[:3]), "the number of drones"),
+        (lambda r: replace(r, starts=(*r.starts[:3], fleet_at(r, 30.0).starts[3])), "the distances among the drones"),
+        (
+            lambda r: replace(r, starts=tuple(replace(s, yaw_deg=s.yaw_deg + 150.0) for s in r.starts)),
+            "the least that a drone sees of a candidate",
+        ),
+        (lambda r: replace(r, instruction="go to the sign"), "the instruction's inscription"),
+        (
+            lambda r: replace(r, instruction=f"{r.instruction}, not {r.candidates[0].inscription}"),
+            "other inscriptions in the instruction",
+        ),
+    ],
+)
+def test_each_wrong_thing_turns_its_own_rule_red(change: Callable[[EpisodeRecord], EpisodeRecord], rule: str) -> None:
+    assert rule in red(change(SIGNS))
+
+
+def test_an_asset_without_an_inscription_is_no_candidate() -> None:
+    bare = replace(SIGNS, target=replace(SIGNS.target, asset="quadrotor"))
+    bare = replace(bare, candidates=tuple(replace(c, asset="quadrotor") for c in bare.candidates))
+    assert "the inscription" in red(bare)
+
+
+def facing(distance_m: float, turned_deg: float) -> float:
+    """Return how high the letters of the named sign are for a drone straight before its board, the sign then turned."""
+    world = World(SIGNS)
+    one = replace(world.target, position_ned=(0.0, 0.0, 0.0), yaw=math.pi + math.radians(turned_deg))
+    other = Instance(99, "other", "sign", one.mesh, (500.0, 0.0, 0.0))
+    here = (-distance_m - sight.CAMERA.offset_frd[0], 0.0, candidates.centre(one)[2])
+    return candidates.letters_px(one, str(SIGNS.target.inscription), Solids([other]), here, 0.0)
+
+
+def test_letters_are_as_high_as_the_pinhole_has_them() -> None:
+    assert facing(10.0, 0.0) == pytest.approx(320.0 * 0.136 / 10.0, rel=0.03)
+    assert facing(20.0, 0.0) == pytest.approx(facing(10.0, 0.0) / 2.0, rel=0.03)
+    assert facing(10.0, 60.0) == pytest.approx(facing(10.0, 0.0), rel=0.08)
+    assert facing(10.0, 88.0) == 0.0
