@@ -27,6 +27,10 @@ def run(args: argparse.Namespace) -> int:
     signals.as_interrupts()
     if not 1 <= args.port <= 65535:
         raise UsageError(f"--port {args.port} is no port: choose one from 1 to 65535.")
+    try:
+        import viser  # noqa: F401
+    except ImportError:
+        raise UsageError("the editor needs viser, which is not installed: pip install 'dronecats[edit]'") from None
     from dronecats.editor.editor import Editor
 
     print("building the map …", flush=True)

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +53,7 @@ class Editor:
             self._server = LoopbackServer(host=HOST, port=port, label=f"DroneCATS · {scene_name}", verbose=False)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         self.url = f"http://{HOST}:{self._server.get_port()}"
+        self._showing = threading.RLock()
         self._picker = display.Picker(self.drafting.scene)
         self._previews = Previews()
         self._panels = Panels(self._server, self, f"DroneCATS · {scene_name}")
@@ -72,7 +74,8 @@ class Editor:
         self._pictures.close()
         self._checks.close()
         self._previews.close()
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye on standard output
+            self._server.stop()
 
     # ---- orders of the panels
 
@@ -147,13 +150,16 @@ class Editor:
     # ---- what follows from a change
 
     def _changed(self, draft: Draft, gesture: str) -> None:
-        self._stage.show(draft)
-        self._panels.show(draft)
-        self._panels.show_checks(self.findings, fresh=self.checked == draft.record)
-        if not gesture:
-            self._panels.tell("")
-        self._pictures.put(_Sight(draft.record, self._panels.drone))
-        self._checks.put(draft.record)
+        """Show the draft of now, which may be a later one than `draft`: changes come from several threads."""
+        with self._showing:
+            now = self.session.draft
+            self._stage.show(now)
+            self._panels.show(now)
+            self._panels.show_checks(self.findings, fresh=self.checked == now.record)
+            if not gesture:
+                self._panels.tell("")
+            self._pictures.put(_Sight(now.record, self._panels.drone))
+            self._checks.put(now.record)
 
     def _draw(self, sight: _Sight) -> None:
         drone = min(sight.drone, len(sight.record.starts) - 1)
