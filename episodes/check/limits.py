@@ -9,6 +9,7 @@ OCCUPANCY_PERCENT: Limits = (0.40, 12.0)  # of the picture, when the target is f
 ALTITUDE_M: Limits = (1.2, 2.2)  # above the ground under the start, on the maps that ship
 DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # between what a record says and what is measured
 REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
+LEVEL_M = 0.10  # of ground under a start, across REACH_M: from a kerb a vehicle tips over before it lifts
 BODY_M = 0.45  # half the diagonal of a vehicle with its propellers
 RADIUS_M = 5.0  # of success: so far from the target's centre ends the way that must be clear
 OFF_GROUND_M = 0.02

@@ -4,12 +4,13 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from episodes.check.finding import Finding, at_least, between
+from episodes.check.finding import Finding, at_least, at_most, between
 from episodes.check.limits import (
     BEARING_OFF_DEG,
     DISTANCE_OFF_M,
     GRID_OFF_M,
     GRID_SIDE_M,
+    LEVEL_M,
     OF_OTHER_MAPS,
     REACH_M,
     RULES,
@@ -19,6 +20,7 @@ from episodes.record import Start
 from episodes.world import World
 
 CLIMB_STEP_M = 0.2
+RIM = 16  # points around a start at which the ground is looked at
 
 
 def rules(world: World, standing: Standing) -> Iterator[Finding]:
@@ -50,11 +52,21 @@ def distance_and_bearing(world: World) -> Iterator[Finding]:
 
 
 def altitude(world: World) -> Iterator[Finding]:
-    """Yield whether every drone starts at a fair height above the ground under it."""
+    """Yield whether every drone starts at a fair height above the ground under it, and that is level."""
     heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
     limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
     worst = max(heights, key=lambda h: abs(h - sum(limits) / 2))
     yield between("the height of a start above the ground", worst, limits, "m")
+    steps = [unevenness_m(world, s.position_ned[0], s.position_ned[1]) for s in world.record.starts]
+    yield at_most("the unevenness of the ground under a start", max(steps), LEVEL_M, "m")
+
+
+def unevenness_m(world: World, north: float, east: float) -> float:
+    """Return by how much (m) the ground differs in height under a vehicle that stands there."""
+    around = [2.0 * math.pi * k / RIM for k in range(RIM)]
+    half = REACH_M / 2.0
+    downs = [world.ground_down(north + half * math.cos(a), east + half * math.sin(a)) for a in around]
+    return max(downs) - min(downs)
 
 
 def free(world: World, standing: Standing) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ import pytest
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Vec3, quat_from_euler
 from episodes import catalogue
-from episodes.check import many, pixels, sight
+from episodes.check import many, pixels, sight, start
 from episodes.check.finding import Finding
 from episodes.check.rules import check
 from episodes.check.solid import Box, Standing, overlaps
@@ -100,6 +100,14 @@ def test_a_start_beside_a_lamp_is_not_free() -> None:
     lamp = next(i for i in World(STANDING).scene.instances if i.kind == "lamp")
     n, e, d = lamp.position_ned
     assert "the room of a drone at its start and on its climb to it" in red(start_at(STANDING, (n, e + 0.5, d - 1.8)))
+
+
+def test_a_start_over_a_kerb_is_not_level() -> None:
+    world = World(STANDING)
+    kerb = next(e / 20 for e in range(60, 120) if start.unevenness_m(world, -10.0, e / 20) > 0.1)
+    rule = "the unevenness of the ground under a start"
+    assert rule in red(start_at(STANDING, (-10.0, kerb, world.ground_down(-10.0, kerb) - 1.6)))
+    assert rule not in red(start_at(STANDING, (-10.0, 0.0, world.ground_down(-10.0, 0.0) - 1.6)))
 
 
 def test_a_path_that_passes_the_start_is_refused() -> None:
