@@ -8,7 +8,7 @@ from typing import Any
 
 from dronecats.cli import signals
 
-SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full")
+SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics")
 CONNECTED_ONLY = ("camera", "instruction", "seconds")
 
 
@@ -17,10 +17,13 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser = verbs.add_parser("fly", help="fly an episode, in simulation or on a vehicle you connect")
     vehicle = parser.add_argument_group("vehicle")
     vehicle.add_argument("--sitl", action="store_true", help="simulate the vehicle, its autopilot and its camera")
-    vehicle.add_argument("--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…")
+    vehicle.add_argument(
+        "--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"
+    )
     vehicle.add_argument("--camera", metavar="URL", help="with --connect: an http:// address that gives a picture")
     vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
     vehicle.add_argument("--airframe", metavar="NAME", help="with --sitl (default x500)")
+    vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="built-in: vision (default), oracle, blind; none is a model")
     pilot.add_argument("--model", metavar="PROVIDER/NAME", help="openai/…, openrouter/…, vllm/… or local/…")

@@ -36,6 +36,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         metavar="W20",
         help="Dryden gusts for this wind at 20 ft in m/s; 7.7 is light",
     )
+    parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
     parser.add_argument("--faults", type=Path, metavar="FILE", help="what breaks when: docs/faults.md")
     parser.set_defaults(run=run)
 
@@ -45,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.border.errors import UsageError
     from dronecats.run.plan import speed
     from episodes import catalogue
+    from episodes.optics.file import load
 
     factor = speed(args.speed)
     if factor is None:
@@ -62,6 +64,9 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--gusts wants a wind of 0 to {WIND_MAX:g} m/s, got {args.gusts:g}")
     if args.faults is not None and not args.faults.is_file():
         raise UsageError(f"--faults {args.faults} does not exist; give the path of a TOML file")
+    if args.optics is not None and args.camera is None:
+        raise UsageError("--optics goes with --camera; add it or leave --optics out")
+    optics = load(args.optics).as_dict() if args.optics else None
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.run.supervisor import Supervisor
@@ -88,7 +93,8 @@ def run(args: argparse.Namespace) -> int:
             camera = None
             if args.camera is not None:
                 truth = f"udpout://127.0.0.1:{ports['truth']}"
-                child = supervisor.start("camera", {"episode": episode, "truth": truth, "port": args.camera})
+                config = {"episode": episode, "truth": truth, "port": args.camera, "optics": optics}
+                child = supervisor.start("camera", config)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
             simulator.ready()

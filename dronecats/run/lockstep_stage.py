@@ -39,7 +39,9 @@ class LockstepStage:
             port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
-        self.camera = WorldCamera(world, camera, lambda data: announce(data), rendered=plan.rendered)
+        self.camera = WorldCamera(
+            world, camera, lambda data: announce(data), rendered=plan.rendered, optics=plan.optics
+        )
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
         self._server: PilotServer | None = None

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from dronecats.agent.latency import Latency, latency
 from dronecats.agent.model import Request
@@ -9,6 +10,8 @@ from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
 from dronecats.pilots import roster
 from episodes import catalogue
+from episodes.optics.file import load as load_optics
+from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
 from vehicles import airframe as airframes
 
@@ -34,6 +37,14 @@ class Plan:
     prompt_file: Path | None
     full: bool  # fly to the cap although the verdict is decided
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
+    optics: Optics | None = None  # what the camera and the weather are like; None: as in the benchmark
+
+    @property
+    def camera(self) -> dict[str, Any] | None:
+        """Return what run.json says of the camera: its geometry, and the options that are not the benchmark's."""
+        if not self.rendered:
+            return None
+        return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
 
     @property
     def pilot_name(self) -> str:
@@ -53,6 +64,7 @@ def resolve(
     prompt_file: Path | None = None,
     full: bool = False,
     rendered: bool = True,
+    optics_file: Path | None = None,
 ) -> Plan:
     """Return the plan that a user's words ask for, None standing for the default. Raises UsageError."""
     multiple = speed(factor or "1")
@@ -75,6 +87,7 @@ def resolve(
         prompt_file=prompt_file,
         full=full,
         rendered=rendered,
+        optics=load_optics(optics_file) if optics_file else None,
     )
 
 

@@ -41,7 +41,8 @@ class RealtimeStage:
         self._simulator = simulator
         ports = simulator.ready(patience)
         truth = f"udpout://127.0.0.1:{ports['truth']}"
-        camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth})
+        optics = plan.optics.as_dict() if plan.optics else None
+        camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth, "optics": optics})
         self._logger = self._supervisor.start(
             "logger",
             {

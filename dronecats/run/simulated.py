@@ -15,7 +15,7 @@ from dronecats.border.redaction import redacted
 from dronecats.run import folder as folders
 from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.episode import Flown, fly, start_of
-from dronecats.run.plan import CAMERA, SAMPLING, Plan, resolve
+from dronecats.run.plan import SAMPLING, Plan, resolve
 from dronecats.run.stage import Stage
 
 
@@ -32,6 +32,7 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
         airframe=args.airframe,
         prompt_file=args.prompt,
         full=args.full,
+        optics_file=args.optics,
     )
     prompt = Prompt.load(plan.prompt_file)
     check_model(plan)
@@ -84,7 +85,7 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
         "speed": plan.speed,
         "latency": plan.latency.name,
         "airframe": plan.airframe,
-        "camera": CAMERA if plan.rendered else None,
+        "camera": plan.camera,
     }
 
 

@@ -1,40 +1,74 @@
 """The simulated forward camera: newest truth in, frames out, and word to the logger of each frame taken."""
 
+import math
 import threading
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dronecats.border.camera import CameraModel, Frame
 from dronecats.border.errors import CameraError
+from dronecats.border.frames import Vec3, quat_conjugate, quat_multiply
 from dronecats.border.mavlink import Packer, dialect
-from dronecats.border.truth import FrameTaken, NewestTruth, frame_message
+from dronecats.border.truth import FrameTaken, NewestTruth, TruthSample, frame_message
 from dronecats.sitl.scenario import origin
+from episodes.optics.camera import Motion, OpticalRenderer
+from episodes.optics.options import Optics
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
+STALE_S = 0.5  # samples farther apart say nothing about rates
 
 
 class WorldCamera:
     """Renders what each drone sees from where it really is. Fed with the bytes of the truth bus."""
 
     def __init__(
-        self, world: World, camera: CameraModel, announce: Callable[[bytes], None], *, rendered: bool = True
+        self,
+        world: World,
+        camera: CameraModel,
+        announce: Callable[[bytes], None],
+        *,
+        rendered: bool = True,
+        optics: Optics | None = None,
     ) -> None:
-        """`rendered` False: every frame is plain grey, taken and announced like any other."""
+        """`rendered` False: every frame is plain grey, taken and announced like any other.
+
+        `optics` changes the pictures and nothing else; None is the benchmark's camera.
+        """
         self.world, self.camera = world, camera
         self._announce = announce
-        self._renderer = Renderer(world.scene, camera) if rendered else None
+        self._renderer: Renderer | OpticalRenderer | None = None
+        if rendered:
+            self._renderer = OpticalRenderer(world.scene, camera, optics) if optics else Renderer(world.scene, camera)
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
         self._truth = NewestTruth(self._origin)
-        self.feed = self._truth.feed  # bytes of the truth bus go in here
+        self._before: dict[int, tuple[TruthSample, TruthSample]] = {}  # drone → the two newest samples
         self._t0_us: int | None = None
         self._frames = 0
         self._lock = threading.Lock()  # frames are asked for by server threads, one is drawn at a time
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes of the truth bus."""
+        self._truth.feed(data)
+        if isinstance(self._renderer, OpticalRenderer):
+            self._remember()
+
+    def _remember(self) -> None:
+        """Keep the sample before the newest, from which the body rates are known."""
+        for drone in range(len(self.world.record.starts)):
+            sample = self._truth.of(drone)
+            if sample is not None:
+                _, last = self._before.get(drone, (sample, sample))
+                if sample.time_us != last.time_us:
+                    self._before[drone] = (last, sample)
+                else:
+                    self._before.setdefault(drone, (sample, sample))
 
     def begin(self, t0_us: int) -> None:
         """From this vehicle time on the target moves."""
@@ -43,10 +77,10 @@ class WorldCamera:
     def warm_up(self) -> None:
         """Render once, for nobody: what has to be compiled is compiled now."""
         spawn = self.world.scene.spawn_ned
-        pose = camera_pose((spawn[0], spawn[1], spawn[2] - 2.0), (1.0, 0.0, 0.0, 0.0), self.camera)
+        place = (spawn[0], spawn[1], spawn[2] - 2.0)
         with self._lock:
             if self._renderer:
-                self._renderer.render(pose, self.world.moved(0.0))
+                self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), 0.0, 0)
 
     def newest(self, drone: int = 0) -> Frame:
         """Return a frame of the newest truth. Raises CameraError while nothing is known of the drone."""
@@ -55,14 +89,33 @@ class WorldCamera:
             if sample is None:
                 raise CameraError(f"the camera has not heard where drone {drone} is")
             t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
-            image = self._grey
-            if self._renderer:
-                pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
-                image = self._renderer.render(pose, self.world.moved(t_s)).rgb
+            image = self._picture(sample, t_s, self._frames)
             taken = FrameTaken(drone, self._frames, sample.time_us)
             self._frames += 1
             self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
             return Frame(taken.frame_id, drone, taken.time_us, image)
 
+    def _picture(self, sample: TruthSample, t_s: float, frame_id: int) -> NDArray[np.uint8]:
+        """Return what the camera sees from `sample` when the target is where it is at `t_s`."""
+        if self._renderer is None:
+            return self._grey
+        if isinstance(self._renderer, Renderer):
+            pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
+            return self._renderer.render(pose, self.world.moved(t_s)).rgb
+        rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
+        motion = Motion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
+        return self._renderer.picture(motion, lambda t: self.world.moved(max(0.0, t)), frame_id)
+
     def close(self) -> None:
         pass
+
+
+def rates_between(before: TruthSample, after: TruthSample) -> Vec3:
+    """Return the mean body rates (rad/s, FRD) from one sample to the next; zero when they are one and the same."""
+    seconds = (after.time_us - before.time_us) / 1e6
+    if not 0.0 < seconds < STALE_S:
+        return (0.0, 0.0, 0.0)
+    w, x, y, z = quat_multiply(quat_conjugate(before.attitude), after.attitude)
+    half = math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+    scale = math.copysign(2.0 * half / (math.sin(half) * seconds), w) if half > 1e-9 else 0.0
+    return (scale * x, scale * y, scale * z)

@@ -12,6 +12,7 @@ from dronecats.border.errors import DronecatsError
 from dronecats.run.listening import Listener
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.scenario import load_world
+from episodes.optics.file import optics_of
 from hil.transport import bind_error
 
 ENCODINGS = {
@@ -25,7 +26,9 @@ class CameraPart:
     """Part of a real-time flight. `/frame.bmp` is what the agent takes: nothing of the picture is lost on the wire."""
 
     def __init__(self, config: dict[str, Any]) -> None:
-        self._camera = WorldCamera(load_world(config["episode"]), CameraModel(), self._announce)
+        table = config.get("optics")
+        optics = optics_of(table, "optics") if table else None
+        self._camera = WorldCamera(load_world(config["episode"]), CameraModel(), self._announce, optics=optics)
         self._bus = Listener(config["truth"], self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
         host, port = "127.0.0.1", int(config.get("port", 0))
@@ -99,5 +102,5 @@ def stamp(frame: Frame) -> dict[str, str]:
 
 
 def create(config: dict[str, Any]) -> CameraPart:
-    """Return the camera of an episode: keys episode, truth (URL), port."""
+    """Return the camera of an episode: keys episode, truth (URL), port, optics (a table or None)."""
     return CameraPart(config)

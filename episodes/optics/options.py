@@ -1,0 +1,94 @@
+"""What can be asked of the camera and of the weather."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from dronecats.border.frames import Vec3
+
+
+def _within(low: float, high: float, default: float | None = 0.0) -> Any:
+    """Return a dataclass field whose number must lie in [low, high]; `file.optics_of` holds it to that."""
+    return field(default=default, metadata={"range": (low, high)})
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Brown's lens model with OpenCV's names and order of terms, on coordinates divided by the focal length."""
+
+    k1: float = _within(-1.0, 1.0)  # radial, of r²; negative bends lines outwards (barrel)
+    k2: float = _within(-1.0, 1.0)  # radial, of r⁴
+    p1: float = _within(-0.1, 0.1)  # tangential
+    p2: float = _within(-0.1, 0.1)  # tangential
+    k3: float = _within(-1.0, 1.0)  # radial, of r⁶
+    vignetting: float = _within(0.0, 1.0)  # share of the natural fall-off cos⁴ of the angle to the axis
+
+    @property
+    def bends(self) -> bool:
+        return any((self.k1, self.k2, self.p1, self.p2, self.k3))
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Noise of a sensor without colour filter: each channel counts its own electrons."""
+
+    full_well_e: float = _within(50.0, 1e6, 8000.0)  # electrons at the light that shows white
+    read_noise_e: float = _within(0.0, 1e4, 6.0)  # electrons, standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """The shutter. The frame's own instant is the middle of the exposure."""
+
+    time_s: float = _within(0.0, 0.2, 0.01)  # s that the shutter is open
+    poses: int = _within(2, 64, 8)  # instants whose mean is the blurred picture; each costs a rendering
+
+
+@dataclass(frozen=True, slots=True)
+class SunPlace:
+    """Where the sun stands: by its angles, or by the true solar hour of a day at a latitude."""
+
+    azimuth_deg: float | None = _within(-360.0, 360.0, None)  # clockwise from north
+    elevation_deg: float | None = _within(3.0, 90.0, None)  # above the horizon
+    hour: float | None = _within(0.0, 24.0, None)  # true solar time, 12 = highest
+    day: int = _within(1, 366, 172)  # of the year; 172 is midsummer in the north
+    latitude_deg: float = _within(-89.0, 89.0, 47.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Haze:
+    """A level layer of haze that begins at the ground, beyond what every frame has in 2.2 km of clear air."""
+
+    density_per_m: float = _within(0.0, 0.5, 0.005)  # 1/m, extinction; the eye sees some 3.9 / density far
+    height_m: float = _within(10.0, 5000.0, 300.0)  # m that the layer reaches above the camera
+    color: Vec3 | None = None  # linear RGB 0 … 2; None: the sky's at the horizon
+
+
+@dataclass(frozen=True, slots=True)
+class Rain:
+    """Falling drops: near ones are streaks, far ones a veil, and the sky is overcast."""
+
+    rate_mm_h: float = _within(0.1, 150.0, 10.0)  # mm/h: 2 light, 10 steady, 50 a cloudburst
+    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, carries the drops along
+
+
+@dataclass(frozen=True, slots=True)
+class Optics:
+    """All options; None switches one off. `Optics()` shows what the benchmark sees."""
+
+    lens: Lens | None = None
+    sensor: Sensor | None = None
+    exposure: Exposure | None = None
+    sun: SunPlace | None = None
+    haze: Haze | None = None
+    rain: Rain | None = None
+    seed: int = 0  # of noise and drops, with the frame's id
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the options that are on, as JSON holds them; `file.optics_of` reads it back."""
+        said = {name: value for name, value in asdict(self).items() if value is not None}
+        return {
+            name: {key: list(v) if isinstance(v, tuple) else v for key, v in value.items() if v is not None}
+            if isinstance(value, dict)
+            else value
+            for name, value in said.items()
+        }

@@ -1,0 +1,114 @@
+"""Camera options from TOML: what is said is what is flown, and what is wrong is one sentence."""
+
+import json
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.border.errors import UsageError
+from episodes.optics.file import load, optics_of
+from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+
+ALL = """
+seed = 7
+[lens]
+k1 = -0.2
+k2 = 0.03
+vignetting = 0.5
+[sensor]
+full_well_e = 3000
+read_noise_e = 4.5
+[exposure]
+time_s = 0.02
+poses = 4
+[sun]
+hour = 17
+[haze]
+density_per_m = 0.01
+color = [0.5, 0.5, 0.6]
+[rain]
+rate_mm_h = 12
+wind_ned = [3, 0, 0]
+"""
+WANTED = Optics(
+    Lens(-0.2, 0.03, vignetting=0.5),
+    Sensor(3000.0, 4.5),
+    Exposure(0.02, 4),
+    SunPlace(hour=17.0),
+    Haze(0.01, color=(0.5, 0.5, 0.6)),
+    Rain(12.0, (3.0, 0.0, 0.0)),
+    7,
+)
+
+
+def test_a_file_says_what_is_flown_and_json_keeps_it(tmp_path):
+    file = tmp_path / "optics.toml"
+    file.write_text(ALL)
+    optics = load(file)
+    assert optics == WANTED
+    assert optics_of(json.loads(json.dumps(optics.as_dict())), "run.json") == optics
+
+
+def test_an_empty_file_switches_nothing_on(tmp_path):
+    file = tmp_path / "optics.toml"
+    file.write_text("")
+    assert load(file) == Optics()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[lens", "is not TOML"),
+        ("[lenz]\nk1 = 0", "did you mean 'lens'"),
+        ("[haze]\ndensity = 1", "did you mean 'density_per_m'"),
+        ("[lens]\nk1 = 'much'", "[lens] k1 must be a number"),
+        ("[lens]\nk1 = nan", "[lens] k1 must be a number"),
+        ("[lens]\nk1 = true", "[lens] k1 must be a number"),
+        ("[lens]\nk1 = -0.3", "fold"),
+        ("[lens]\nk1 = -0.25\nk2 = 0.0288", "times the camera"),
+        ("[exposure]\nposes = 2.5", "whole number"),
+        ("[exposure]\nposes = 100000", "from 2 to 64"),
+        ("[sun]\nhour = 1", "lower than"),
+        ("[sun]\nazimuth_deg = 10", "together"),
+        ("[sun]\nhour = 12\nelevation_deg = 40", "either hour"),
+        ("[rain]\nwind_ned = [1, 2]", "three numbers"),
+        ("[rain]\nwind_ned = [1, 2, 1e9]", "from -40 to 40"),
+        ("rain = 3", "must be a section"),
+        ("seed = -1", "seed must be"),
+        ("a = " + "[" * 5000, "is not TOML"),
+        ("#" * 70_000, "longer than"),
+    ],
+)
+def test_a_broken_file_is_refused_in_one_sentence(tmp_path, text, sentence):
+    file = tmp_path / "optics.toml"
+    file.write_text(text)
+    with pytest.raises(UsageError, match=re.escape(sentence)) as refused:
+        load(file)
+    assert len(str(refused.value).splitlines()) == 1
+    assert "optics.toml" in str(refused.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(UsageError, match="cannot be read"):
+        load(tmp_path / "none.toml")
+
+
+VALUE = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+KEYS = st.sampled_from(["k1", "time_s", "poses", "hour", "color", "wind_ned", "density_per_m", "day"]) | st.text()
+SECTION = st.dictionaries(KEYS, VALUE, max_size=3)
+NAMES = st.sampled_from(["sensor", "exposure", "haze", "rain", "sun", "seed"]) | st.text(max_size=8)
+
+
+@given(st.dictionaries(NAMES, SECTION | VALUE, max_size=4))
+def test_any_table_gives_options_or_a_sentence(table):
+    try:
+        optics = optics_of(table, "here")
+    except UsageError:
+        return
+    assert optics_of(optics.as_dict(), "again") == optics
