@@ -237,7 +237,12 @@ class Multirotor:
         feet = sum(1 for point in self.airframe.contact_points_frd if point[2] > lowest - 1e-9)
         sag = self.airframe.mass_kg * GRAVITY / (feet * float(self.params["contact_stiffness"]))
         below = terrain.at(north, east)
-        down = min(down, below - lowest + sag)
+        c, s = math.cos(yaw), math.sin(yaw)
+        # on a slope or a kerb the foot that stands highest decides: one that began in the ground would be thrown out
+        stands = min(
+            terrain.at(north + c * x - s * y, east + s * x + c * y) - z for x, y, z in self.airframe.contact_points_frd
+        )
+        down = min(down, stands + sag)
         state = self.state
         state["position"] = (north, east, down)
         state["attitude"] = quat_from_euler(0.0, 0.0, yaw)

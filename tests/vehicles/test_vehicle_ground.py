@@ -80,6 +80,16 @@ def test_a_wild_tumble_into_the_ground_does_not_explode(name: str) -> None:
     assert np.linalg.norm(craft.truth["velocity_ned"]) < 0.5
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 2.0])
+def test_a_vehicle_put_on_a_slope_is_not_thrown_off_it(yaw: float) -> None:
+    craft = vehicle(terrain=slope(0.25), yaw=yaw)
+    fastest = 0.0
+    for _ in range(300):
+        craft.advance(1)
+        fastest = max(fastest, float(-craft.truth["velocity_ned"][2]))
+    assert fastest < 0.4  # m/s upwards: it drops by a few centimetres and settles, it does not leap
+
+
 def test_friction_holds_a_slope_that_is_gentle_and_lets_go_of_a_steep_one() -> None:
     def slid(grade: float) -> float:
         craft = vehicle(terrain=slope(grade))
