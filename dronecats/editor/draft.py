@@ -33,6 +33,7 @@ from episodes.visibility import turn
 HEIGHT_M = 1.6  # of a new drone above the ground
 SPEED_MPS = 0.3  # of a target on a map that has no rule
 TURNED_AWAY_DEG = 90.0
+APART_M = 7.0  # between neighbours of a first row of look-alikes
 SHORTEST_LEG_M = 0.05
 
 
@@ -104,7 +105,8 @@ class Drafting:
             raise UsageError(f"the target of a {draft.record.cell} episode cannot be a thing of the map.")
         n, e, d = (round(float(v), 4) for v in one.position_ned)
         target = TargetRecord(one.kind, None, None, (n, e, d), round(math.degrees(one.yaw), 3), native=name)
-        return self.settled(replace(draft, record=replace(draft.record, target=target), knots=()))
+        draft = replace(draft, record=replace(draft.record, target=target), knots=())
+        return self.face(draft, 0, TURNED_AWAY_DEG if draft.record.cell in HIDDEN else 0.0)
 
     def move_target(self, draft: Draft, north: float, east: float, yaw_deg: float | None = None) -> Draft:
         """Return the draft with the target elsewhere. A path moves along with it; a thing of the map stays."""
@@ -353,7 +355,7 @@ class Drafting:
         place, yaw = motion(record.target).pose(0.0)
         aside = (-math.sin(yaw), math.cos(yaw))
         for k in range(len(record.candidates), 3):
-            off = (k + 1) * 7.0 * (1 if k % 2 else -1)
+            off = APART_M * (1, -1, 2)[k]
             draft = self.add_candidate(draft, place[0] + off * aside[0], place[1] + off * aside[1])
         return self.grid(self.face(draft, 0)) if len(record.starts) != 4 else draft
 

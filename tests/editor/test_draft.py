@@ -12,7 +12,7 @@ from dronecats.border.errors import UsageError
 from dronecats.editor.draft import HEIGHT_M, Drafting
 from dronecats.editor.session import Session
 from episodes import assets, catalogue, maps, record
-from episodes.check.limits import CAP_S, GRID_SIDE_M
+from episodes.check.limits import CAP_S, GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
 from episodes.record import CELLS, HIDDEN, MOVING
 from episodes.target import motion
 from episodes.world import World
@@ -138,6 +138,9 @@ def test_look_alikes_differ_by_their_inscription_alone(drafting, draft):
     everyone = (draft.record.target, *draft.record.candidates)
     assert len({one.inscription for one in everyone}) == len(everyone) == 4
     assert {(one.asset, one.paint) for one in everyone} == {("van", "green")}
+    gaps = [math.dist(a.position_ned, b.position_ned) for a, b in itertools.combinations(everyone, 2)]
+    assert NEAREST_PAIR_M[0] <= min(gaps) <= NEAREST_PAIR_M[1]
+    assert WIDEST_PAIR_M[0] <= max(gaps) <= WIDEST_PAIR_M[1]
     draft = drafting.inscribe(drafting.choose(draft, "suv", "red"), 2, " ab 12 ")
     assert draft.record.candidates[1].inscription == "AB 12"
     assert {(one.asset, one.paint) for one in draft.record.candidates} == {("suv", "red")}
@@ -148,7 +151,9 @@ def test_a_thing_of_the_map_can_be_the_target(drafting, draft):
     name = next(one.name for one in drafting.scene.instances if one.kind == "hydrant")
     draft = drafting.adopt(draft, name)
     assert (draft.record.target.native, draft.record.target.asset) == (name, "hydrant")
-    World(draft.record)  # it stands where the record says
+    assert World(draft.record).target.name == name  # it stands where the record says
+    ahead = draft.record.starts[0].yaw_deg - draft.record.bearing_deg
+    assert math.remainder(ahead, 360.0) == pytest.approx(0.0, abs=0.1)  # the drone faces it
     with pytest.raises(UsageError, match="belongs to the map"):
         drafting.move_target(draft, 0.0, 0.0)
     back = drafting.choose(draft, "suv", "cyan")

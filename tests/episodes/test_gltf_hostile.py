@@ -155,6 +155,11 @@ WRONG = {
     "a short matrix": (sets("nodes", 0, matrix=[1.0] * 15), "list of 16 numbers"),
     "Draco": (lambda f: f.doc.update(extensionsRequired=["KHR_draco_mesh_compression"]), "without Draco"),
     "meshopt": (lambda f: f.doc.update(extensionsRequired=["EXT_meshopt_compression"]), "without meshopt"),
+    "a Draco primitive": (
+        lambda f: f.doc["meshes"][0]["primitives"][0].update(extensions={"KHR_draco_mesh_compression": {}}),
+        "without Draco",
+    ),
+    "a meshopt view": (sets("bufferViews", 0, extensions={"EXT_meshopt_compression": {}}), "without meshopt"),
     "WebP": (lambda f: f.doc.update(extensionsRequired=["EXT_texture_webp"]), "PNG or JPEG"),
     "an extension of nobody": (lambda f: f.doc.update(extensionsRequired=["ACME_magic"]), "ACME_magic"),
     "extensions that are no names": (lambda f: f.doc.update(extensionsRequired=[{}]), "not supported"),
