@@ -1,4 +1,4 @@
-"""`dronecats episodes ACTION`: what can be flown, what it looks like, whether it is sound, and how to make more.
+"""`dronecats episodes ACTION`: what can be flown, what it looks like, whether it is sound, what can be read in it.
 
 One file per action, imported when it is asked for.
 """
@@ -6,12 +6,12 @@ One file per action, imported when it is asked for.
 import argparse
 import importlib
 
-ACTIONS = ("list", "show", "check", "new", "sheet", "audit")
+ACTIONS = ("list", "show", "check", "new", "sheet", "audit", "probe")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb and its actions."""
-    parser = verbs.add_parser("episodes", help="list, show, check and make episodes")
+    parser = verbs.add_parser("episodes", help="list, show, check and make episodes; the reading probe")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for action in ACTIONS:
         importlib.import_module(f"dronecats.cli.episodes_{action}").add_parser(actions)
