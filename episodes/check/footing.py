@@ -14,6 +14,7 @@ from episodes.world import World
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
+MOST_SWEEPS = 1500  # of a target that covers half a kilometre, the steps are longer
 MARGIN_M = 0.05  # kept to everything by what stands or passes
 LIFT_M = 0.12  # kerbs and roots lower than this stop no wheel
 
@@ -64,7 +65,8 @@ def swept(world: World, standing: Standing) -> Finding:
     """Return whether the target's box, moved along its path, meets nothing that stands."""
     way = motion(world.record.target)
     last = min(CAP_S, way.length_m / way.speed_mps)
-    for t in np.linspace(0.0, last, max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1)):
+    steps = min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS)
+    for t in np.linspace(0.0, last, steps):
         place, yaw = way.pose(float(t))
         met = standing.met(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
         if met:

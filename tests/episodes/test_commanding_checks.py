@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from dronecats.border.frames import Vec3
 from episodes import catalogue
@@ -102,3 +104,21 @@ def test_letters_are_as_high_as_the_pinhole_has_them() -> None:
     assert facing(20.0, 0.0) == pytest.approx(facing(10.0, 0.0) / 2.0, rel=0.03)
     assert facing(10.0, 60.0) == pytest.approx(facing(10.0, 0.0), rel=0.08)
     assert facing(10.0, 88.0) == 0.0
+
+
+somewhere = st.tuples(*[st.floats(-1000.0, 1000.0)] * 3)
+near = st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(-4.0, 1.0))
+
+
+@settings(max_examples=12, deadline=None)
+@given(place=somewhere | near, spot=somewhere | near, yaw=st.floats(-360.0, 360.0), count=st.integers(1, 8))
+def test_any_record_that_can_be_read_gets_findings(place: Vec3, spot: Vec3, yaw: float, count: int) -> None:
+    """Nonsense is red, never an exception: a drone inside its target, below the ground, or a kilometre off."""
+    wild = replace(
+        SIGNS,
+        target=replace(SIGNS.target, position_ned=spot, yaw_deg=yaw),
+        starts=tuple(Start((place[0] + 2.0 * k, place[1], place[2]), yaw) for k in range(count)),
+    )
+    found = check(World(wild))
+    assert any(not f.passed for f in found)
+    assert all(f.field and f.rule and "\n" not in f.sentence for f in found)
