@@ -12,7 +12,7 @@ VERBS = {
     "sitl": "run the simulator for any MAVLink client",
     "judge": "derive the verdicts of a run again from its logs",
     "tune": "print an airframe's gains and margins, and draw its loops",
-    "episodes": "list the episodes",
+    "episodes": "list, show, check, make and fly episodes",
     "edit": "make or change an episode in the browser",
     "maps": "list the maps, export one, import your own",
     "doctor": "say what works on this machine, what is missing and how to get it",
