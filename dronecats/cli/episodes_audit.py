@@ -17,6 +17,9 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick or all")
     parser.add_argument("--pilot", default="oracle", metavar="NAME", help="oracle (default), vision or blind")
     parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
+    parser.add_argument(
+        "--latency", default="fixed:0.1", metavar="POLICY", help="fixed:SECONDS of vehicle time (default fixed:0.1)"
+    )
     parser.add_argument("--rendered", action="store_true", help="draw the frames for the oracle, too")
     parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default: one per core)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is gone on with")
@@ -100,6 +103,7 @@ def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]
         "pilot": args.pilot,
         "factor": "max",
         "seed": args.seed,
+        "latency": args.latency,
         "rendered": args.rendered or args.pilot != "oracle",
     }
     plan = resolve(**flight)
