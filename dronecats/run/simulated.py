@@ -17,6 +17,7 @@ from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.episode import Flown, fly, start_of
 from dronecats.run.plan import SAMPLING, Plan, resolve
 from dronecats.run.stage import Stage
+from episodes import maps
 
 
 def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
@@ -74,7 +75,9 @@ def fly_plan(
 
 def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
     """Return what run.json holds."""
+    of_map = maps.digest(plan.record.map)
     return {
+        **({"map_sha256": of_map} if of_map else {}),
         "pilot": plan.pilot,
         "model": plan.model,
         "base_url": redacted(plan.base_url) if plan.base_url else None,

@@ -1,6 +1,7 @@
 """The maps by name: those that ship, built from a seed, and those of the user, read from glTF files."""
 
 import difflib
+import hashlib
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -47,6 +48,13 @@ def build(name: str, seed: int = 1) -> Scene:
 @lru_cache(maxsize=3)  # a run flies many episodes on one map, and a scene is never changed
 def _shipped(name: str, seed: int) -> Scene:
     return _MAPS[name](seed)
+
+
+def digest(name: str) -> str | None:
+    """Return the SHA-256 of a user's map file, so that a number names what it was flown on; None for a shipped map."""
+    if name in _MAPS:
+        return None
+    return hashlib.sha256(user.path_of(name).read_bytes()).hexdigest()
 
 
 def places(name: str, seed: int = 1) -> Places:
