@@ -1,0 +1,178 @@
+"""The residential map in other software renderers, each in its own virtual environment, timed in the same run as ours.
+
+`compare` starts this file with the Python of each environment found; there it imports the peer and nothing of ours.
+Environments: DIR/mujoco and DIR/pybullet, one package each. MuJoCo draws through OpenGL without a display, so it wants
+Mesa's libEGL or libOSMesa (Debian: libegl1 with libgl1-mesa-dri, or libosmesa6); PyBullet's TinyRenderer wants nothing.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+SIZES = ((1280, 720), (640, 360))  # px
+NEAR_M, FAR_M = 0.1, 600.0
+ROUNDS = 2  # over the views
+LIMIT_S = 240  # wall time of one peer
+TOLERANCE = 0.04  # of the share of pixels that show anything but sky
+SHADOW_CELLS = 4096  # per side, where it can be chosen
+
+Draw = Callable[[int, tuple[int, int]], Any]  # view and size → (H, W, 3) uint8
+Covered = Callable[[int], float]  # view → share of pixels that are not sky
+
+
+def timed(draw: Draw, covered: Covered, scene: dict[str, Any]) -> dict[str, float]:
+    """Return the median milliseconds per frame at each size, over all views: by the wall, and by all processors.
+
+    Raises RuntimeError for a peer that sees something else than we do: its time would be that of another picture.
+    """
+    for view, wanted in enumerate(scene["covered"]):
+        seen = covered(view)
+        if abs(seen - wanted) > TOLERANCE:
+            raise RuntimeError(f"it drew another scene: {seen:.3f} of view {view} is no sky, it should be {wanted:.3f}")
+    figures = {}
+    for width, height in SIZES:
+        walls, cpus = [], []
+        draw(0, (width, height))
+        for _ in range(ROUNDS):
+            for view in range(len(scene["views"])):
+                wall, cpu = time.perf_counter(), time.process_time()
+                draw(view, (width, height))
+                walls.append(1e3 * (time.perf_counter() - wall))
+                cpus.append(1e3 * (time.process_time() - cpu))
+        figures[f"ms_{width}x{height}"] = round(statistics.median(walls), 1)
+        figures[f"cpu_ms_{width}x{height}"] = round(statistics.median(cpus), 1)
+    return figures
+
+
+def pybullet(scene: dict[str, Any], folder: Path) -> dict[str, float]:
+    import numpy as np
+    import pybullet as p
+
+    p.connect(p.DIRECT)
+    shapes: dict[str, int] = {}
+    for piece in scene["pieces"]:
+        name = piece["file"]
+        if name not in shapes:
+            color = [*piece["color"], 1.0]
+            shapes[name] = p.createVisualShape(p.GEOM_MESH, fileName=str(folder / name), rgbaColor=color)
+        turn = p.getQuaternionFromEuler((0.0, 0.0, piece["yaw"]))
+        p.createMultiBody(0, -1, shapes[name], piece["position"], turn)
+
+    def image(view: int, size: tuple[int, int]) -> Any:
+        v = scene["views"][view]
+        ahead = [a + b for a, b in zip(v["eye"], v["forward"], strict=True)]
+        looking = p.computeViewMatrix(v["eye"], ahead, v["up"])
+        lens = p.computeProjectionMatrixFOV(scene["vfov_deg"], size[0] / size[1], NEAR_M, FAR_M)
+        return p.getCameraImage(
+            *size, looking, lens, lightDirection=scene["sun"], shadow=1, renderer=p.ER_TINY_RENDERER
+        )
+
+    def draw(view: int, size: tuple[int, int]) -> Any:
+        return np.reshape(image(view, size)[2], (size[1], size[0], 4))[..., :3].astype(np.uint8)
+
+    def covered(view: int) -> float:
+        return float((np.reshape(image(view, SIZES[1])[4], -1) >= 0).mean())
+
+    np.save(folder / "picture.npy", draw(0, SIZES[0]))
+    return timed(draw, covered, scene)
+
+
+def mujoco(scene: dict[str, Any], folder: Path) -> dict[str, float]:
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    import mujoco as m
+    import numpy as np
+
+    model = m.MjModel.from_xml_string(_mjcf(scene, folder))
+    data = m.MjData(model)
+    m.mj_forward(model, data)
+    renderers = {size: m.Renderer(model, size[1], size[0], max_geom=20_000) for size in SIZES}
+
+    def draw(view: int, size: tuple[int, int]) -> Any:
+        renderers[size].update_scene(data, camera=view)
+        return renderers[size].render()
+
+    def covered(view: int) -> float:
+        renderer = renderers[SIZES[1]]
+        renderer.enable_depth_rendering()
+        renderer.update_scene(data, camera=view)
+        depth = renderer.render()
+        renderer.disable_depth_rendering()
+        return float((depth < 0.99 * FAR_M).mean())
+
+    np.save(folder / "picture.npy", draw(0, SIZES[0]))
+    return timed(draw, covered, scene)
+
+
+def _mjcf(scene: dict[str, Any], folder: Path) -> str:
+    """Return the scene as MuJoCo's XML; nothing collides, so that no convex hull is looked for."""
+
+    def said(values: Any) -> str:
+        return " ".join(f"{v:.6f}" for v in values)
+
+    names = {piece["file"]: None for piece in scene["pieces"]}
+    meshes = "".join(f'<mesh name="{n}" file="{n}" inertia="shell"/>' for n in names)
+    geoms = "".join(
+        f'<geom type="mesh" mesh="{g["file"]}" pos="{said(g["position"])}" euler="0 0 {g["yaw"]:.6f}" '
+        f'rgba="{said(g["color"])} 1" contype="0" conaffinity="0"/>'
+        for g in scene["pieces"]
+    )
+    cameras = "".join(
+        f'<camera pos="{said(v["eye"])}" xyaxes="{said(v["right"])} {said(v["up"])}" fovy="{scene["vfov_deg"]:.4f}"/>'
+        for v in scene["views"]
+    )
+    light = said([-c for c in scene["sun"]])
+    width, height = SIZES[0]
+    return (
+        f'<mujoco><compiler angle="radian" meshdir="{folder}"/><statistic extent="1" center="0 0 0"/>'
+        f'<visual><global offwidth="{width}" offheight="{height}"/><quality shadowsize="{SHADOW_CELLS}"/>'
+        f'<map znear="{NEAR_M}" zfar="{FAR_M}" shadowclip="150"/></visual><asset>{meshes}</asset><worldbody>'
+        f'<light directional="true" castshadow="true" dir="{light}" pos="0 0 60"/>{geoms}{cameras}'
+        "</worldbody></mujoco>"
+    )
+
+
+PEERS: dict[str, Callable[[dict[str, Any], Path], dict[str, float]]] = {"mujoco": mujoco, "pybullet": pybullet}
+
+
+def compare(folder: Path, exported: Path, ours: Callable[[], dict[str, float]]) -> dict[str, Any]:
+    """Return per peer its milliseconds, ours, and its divided by ours, or a `note` on why it is absent.
+
+    `exported` holds what `render_export.export` wrote; `ours` times our renderer, just before each peer. What each
+    peer saw first is left as `DIR/NAME.npy`, (720, 1280, 3).
+    """
+    found: dict[str, Any] = {}
+    this = Path(__file__).absolute()
+    for name in PEERS:
+        python = folder.absolute() / name / "bin" / "python"
+        if not python.exists():
+            found[name] = {"note": f"absent: no virtual environment at {folder / name}"}
+            continue
+        mine = ours()
+        try:
+            done = subprocess.run(
+                [python, this, name, exported], cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=True
+            )
+            figures = json.loads(done.stdout.splitlines()[-1])
+            (exported / "picture.npy").replace(folder / f"{name}.npy")
+            for size, ms in mine.items():
+                figures[f"ours_{size}"] = round(ms, 1)
+                figures[f"over_ours_{size}"] = round(figures[size] / ms, 1)
+            found[name] = figures
+        except subprocess.TimeoutExpired:
+            found[name] = {"note": f"absent: took longer than {LIMIT_S} s"}
+        except (subprocess.CalledProcessError, ValueError, IndexError, KeyError, OSError) as error:
+            lines = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
+            found[name] = {"note": f"absent: {lines[-1] if lines else error}"}
+    return found
+
+
+if __name__ == "__main__":
+    where = Path(sys.argv[2])
+    told = json.loads((where / "scene.json").read_text(encoding="utf-8"))
+    print(json.dumps(PEERS[sys.argv[1]](told, where)))
