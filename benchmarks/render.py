@@ -3,7 +3,7 @@
     python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--peers --peers-dir DIR]
 
 prints, for each shipped map in a process of its own, the median milliseconds per frame at 1280×720 and 640×360, of four
-drones that share one world at 640×360, and the resident memory in MB. `cpu_ms…` counts the time of all processors, which
+drones that share one world at 640×360, and the resident memory in MB. `cpu_ms…` counts all processors, which
 says more than the wall where other programs run too. The figures that stand first are the residential map's. `--peers`
 draws that map, from the same poses, with the software renderers of MuJoCo and PyBullet.
 """
