@@ -1,0 +1,46 @@
+"""Four drones from one context: one request with four pictures, one array of four actions, one verdict."""
+
+import json
+
+import pytest
+
+from dronecats.cli.main import main
+
+
+def fly(capsys, out, *arguments):
+    assert main(["fly", "--sitl", "--pilot", "oracle", "--out", str(out), "--json", *arguments]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    folder = out / result["episode"]
+    logs = ("decisions.jsonl", "truth.jsonl")
+    return result, *([json.loads(line) for line in (folder / log).read_text().splitlines()] for log in logs)
+
+
+@pytest.mark.parametrize("episode", ["blocks-commanding-01", "residential-commanding-01"])
+def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode):
+    result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "max", "--episode", episode)
+    assert result["success"]
+    steps = {}
+    for decision in decisions:
+        steps.setdefault(decision["step"], []).append(decision)
+    for together in steps.values():
+        assert [d["drone"] for d in together] == [0, 1, 2, 3]
+        assert len({d["reply"] for d in together}) == 1  # one context: the same text, of which each has its part
+        assert len({d["frame_id"] for d in together}) == 4
+    frames = {f["frame_id"]: f for f in truth if f["kind"] == "frame"}
+    assert all(frames[d["frame_id"]]["drone"] == d["drone"] for d in decisions)
+    claims = [d for d in decisions if d["action"]["action"] == "finished"]
+    assert len(claims) == result["declarations"] == 1
+    assert frames[claims[0]["frame_id"]]["distance_m"] == pytest.approx(result["ne_m"], abs=1e-3)
+    poses = [p for p in truth if p["kind"] == "pose"]
+    assert {p["drone"] for p in poses} == {0, 1, 2, 3}
+    waiting = set(range(4)) - {claims[0]["drone"]}
+    for drone in waiting:  # those that only hover stay where they began
+        places = [p["position_ned"] for p in poses if p["drone"] == drone]
+        assert max(abs(a - b) for place in places for a, b in zip(place, places[0], strict=True)) < 0.8
+
+
+@pytest.mark.slow
+def test_a_fleet_flies_in_real_time_although_its_four_frames_take_a_while(tmp_path, capsys):
+    result, decisions, _ = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")
+    assert result["success"]
+    assert {d["drone"] for d in decisions} == {0, 1, 2, 3}
