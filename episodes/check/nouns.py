@@ -11,7 +11,7 @@ NOUNS: dict[str, tuple[str, ...]] = {
     "motorcycle": ("motorcycle", "motorbike"),
     "cyclist": ("cyclist", "bicycle"),
     "person": ("person", "pedestrian"),
-    "pedestrian": ("pedestrian", "person"),
+    "pedestrian": ("person", "pedestrian"),
     "quadrotor": ("quadrotor", "drone on the stand"),
 }
 
@@ -22,5 +22,5 @@ def nouns(asset: str) -> tuple[str, ...]:
 
 
 def kind_of(asset: str) -> str:
-    """Return the kind that a map's instances of an asset have: kinds are written with hyphens."""
-    return asset.replace("_", "-")
+    """Return the kind that a map's instances of an asset have: written with hyphens, and who walks is a person, too."""
+    return "person" if asset == "pedestrian" else asset.replace("_", "-")

@@ -21,7 +21,7 @@ CAMERA = CameraModel(320, 180)
 SEEN_SHARE = 0.0015  # of the picture: a landmark that is spoken of must be as large as that
 # kinds that no instruction refers to: too large, too many of one look, or too slight
 UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
-SLIGHT = ("bench", "bin")  # kinds that may be looked for, but by which nothing else is told
+SLIGHT = ("bench", "bin", "person")  # kinds that may be looked for, but by which nothing else is told
 
 
 def footprint(one: Instance) -> Footprint:

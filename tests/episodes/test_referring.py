@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from episodes.check.nouns import kind_of, nouns
 from episodes.check.referring import WORDS, Expression, Footprint, denotes, expressions, read, refers
 
 FOUNTAIN = Footprint(20.0, 0.0, (1.0, 1.0), 0.0)
@@ -103,3 +104,9 @@ def test_every_expression_offered_refers() -> None:
     found = expressions("bench", "it", things, MARKS, VIEWER)
     assert {one.relation for one in found} >= {"left of", "nearest"}
     assert all(refers(one, "it", things, MARKS, VIEWER) for one in found)
+
+
+def test_who_walks_is_told_from_who_stands() -> None:
+    assert kind_of("pedestrian") == kind_of("person")
+    assert kind_of("delivery_robot") == "delivery-robot"
+    assert set(nouns("pedestrian")) == set(nouns("person"))
