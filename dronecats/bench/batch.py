@@ -1,15 +1,17 @@
 """A run of many episodes on disk: what it is made of, which episodes are done, and what a kill has left half flown."""
 
+import fcntl
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from dronecats.border.errors import UsageError
 from dronecats.run.folder import configuration_of, differences, write_run
 
 UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
 SCORED = ("success", "failure")
+LOCK = ".lock"  # held while a process flies the run; the system lets go of it when that process ends, however it ends
 
 
 class Batch:
@@ -23,16 +25,21 @@ class Batch:
         self.run = run
         try:
             run.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(run)
             before = configuration_of(run / "run.json")
             if before is not None:
                 other = differences(before, configuration)
                 if other:
                     raise UsageError(f"{run} is a run with another {', '.join(other)}; choose another --out")
-            elif any(run.iterdir()):
+            elif any(path.name != LOCK for path in run.iterdir()):
                 raise UsageError(f"{run} is not empty and has no run.json; choose another --out")
             write_run(run, dict(configuration))
         except OSError as error:
             raise UsageError(f"the run folder {run} cannot be written: {error.strerror}") from None
+
+    def close(self) -> None:
+        """Let another process go on with the run."""
+        self._lock.close()
 
     def done(self, episode: str) -> dict[str, Any] | None:
         """Return the verdict of an episode that has been flown to its end, None for any other."""
@@ -60,3 +67,14 @@ class Batch:
         for log in ("decisions.jsonl", "truth.jsonl"):
             (folder / log).touch()
         return folder
+
+
+def _locked(run: Path) -> TextIO:
+    """Return the run's lock, held until it is closed. Raises UsageError when another process holds it, OSError."""
+    lock = (run / LOCK).open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.close()
+        raise UsageError(f"another process is flying {run}; choose another --out, or wait for it") from None
+    return lock

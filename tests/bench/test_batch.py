@@ -21,6 +21,7 @@ def test_only_what_was_scored_is_done(tmp_path):
         judged(batch, episode, outcome)
     (batch.fresh("d") / "verdict.json").write_text('{"outcome": "succ')  # killed while it was written
     batch.fresh("e")
+    batch.close()
     assert Batch(tmp_path / "run", {"pilot": "oracle"}).left("abcdef") == ["c", "d", "e", "f"]
 
 
@@ -34,9 +35,17 @@ def test_a_second_attempt_keeps_the_first(tmp_path):
 
 
 def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):
-    Batch(tmp_path / "run", {"pilot": "oracle", "seed": 0})
+    Batch(tmp_path / "run", {"pilot": "oracle", "seed": 0}).close()
     with pytest.raises(UsageError, match="another seed"):
         Batch(tmp_path / "run", {"pilot": "oracle", "seed": 1})
+
+
+def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
+    first = Batch(tmp_path / "run", {})
+    with pytest.raises(UsageError, match="another process is flying"):
+        Batch(tmp_path / "run", {})
+    first.close()
+    Batch(tmp_path / "run", {}).close()
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
