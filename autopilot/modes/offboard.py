@@ -9,11 +9,18 @@ from autopilot.records import KIND_TRAJECTORY
 
 def flyable(setpoint: Setpoint) -> bool:
     """Return whether the cascade can fly a trajectory setpoint: z controlled, and north and east controlled alike."""
-    p, v, a = setpoint.position_ned, setpoint.velocity_ned, setpoint.acceleration_ned
-    for axis in range(3):
-        if not (math.isfinite(p[axis]) or math.isfinite(v[axis]) or math.isfinite(a[axis])):
-            return False
-    return all(math.isfinite(kind[0]) == math.isfinite(kind[1]) for kind in (p, v, a))
+    finite = math.isfinite
+    pn, pe, pd = setpoint.position_ned
+    vn, ve, vd = setpoint.velocity_ned
+    an, ae, ad = setpoint.acceleration_ned
+    place, speed, push = finite(pn), finite(vn), finite(an)
+    return (
+        (place or speed or push)
+        and (finite(pd) or finite(vd) or finite(ad))
+        and place == finite(pe)
+        and speed == finite(ve)
+        and push == finite(ae)
+    )
 
 
 class Offboard(Mode):
@@ -40,12 +47,18 @@ class Offboard(Mode):
             return source
         yaw_free = not math.isfinite(source.yaw) and not math.isfinite(source.yaw_rate)
         flies = flyable(source)
-        return source._replace(
-            velocity_ned=source.velocity_ned if flies else (0.0, 0.0, 0.0),
-            position_ned=source.position_ned if flies else FREE,
-            acceleration_ned=source.acceleration_ned if flies else FREE,
-            yaw_rate=0.0 if yaw_free else source.yaw_rate,
-            speed_limit_up=float(p["MPC_Z_VEL_MAX_UP"]),
-            speed_limit_down=float(p["MPC_Z_VEL_MAX_DN"]),
-            speed_limit_horizontal=float(p["MPC_XY_VEL_MAX"]),
+        return Setpoint(
+            source.kind,
+            source.position_ned if flies else FREE,
+            source.velocity_ned if flies else (0.0, 0.0, 0.0),
+            source.acceleration_ned if flies else FREE,
+            source.yaw,
+            0.0 if yaw_free else source.yaw_rate,
+            source.attitude,
+            source.rates_frd,
+            source.thrust,
+            float(p["MPC_Z_VEL_MAX_UP"]),
+            float(p["MPC_Z_VEL_MAX_DN"]),
+            float(p["MPC_XY_VEL_MAX"]),
+            source.thrust_limit,
         )
