@@ -175,7 +175,7 @@ def _corners(homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array, Array]]:
             out = np.stack([rings[k][:-1], rings[k][1:], rings[k + 1][1:], rings[k + 1][:-1]], axis=1)
             flat = np.stack([arc, 4.0 - out], axis=2)
             uv = np.concatenate([flat[:, [0, 1, 2]], flat[:, [0, 2, 3]]])
-            if inward * way > 0.0:
+            if inward * way < 0.0:
                 tri, uv = tri[:, ::-1], uv[:, ::-1]
             yield name, tri, uv if name == "pavement" else np.stack([tri[..., 0], -tri[..., 1]], axis=2)
 
@@ -211,7 +211,7 @@ def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
         keep = np.linalg.norm(g.face_normals(tri), axis=1) > 1e-9  # as `soup` does
         made.append((name, g.assemble([replace(part, uv=flat[keep] / use.tile)])))
     sheet = [(-130.0, 150.0), (-130.0, -90.0), (130.0, -90.0), (130.0, 150.0)]
-    flat_sheet = g.soup([[(*sheet[i], -0.3) for i in ring] for ring in ((2, 1, 0), (3, 2, 0))], uses["field"].look)
+    flat_sheet = g.soup([[(*sheet[i], -0.3) for i in ring] for ring in ((0, 1, 2), (0, 2, 3))], uses["field"].look)
     return [*made, ("subsoil", g.assemble([flat_sheet]))]
 
 

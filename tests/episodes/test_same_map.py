@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from episodes import maps
@@ -42,3 +43,12 @@ def test_another_process_builds_the_same_map(name: str) -> None:
         check=True,
     )
     assert done.stdout.strip() == digest(name)
+
+
+@pytest.mark.parametrize("name", maps.shipped())
+def test_all_ground_faces_up(name: str) -> None:
+    for one in maps.build(name, 1).instances:
+        if one.kind == "ground":
+            corners = one.mesh.vertices[one.mesh.triangles].astype(float)
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            assert (normal[:, 2] < 1e-9).all(), one.name  # down is positive: a viewer that culls shows no hole
