@@ -125,7 +125,7 @@ class LinkedFlight:
         self.messages = 0
         for link in self.links:
             link.connect()
-            link.on_message = self._count
+            link.listeners.append(self._count)
         for link in self.links:
             link.wait_for(lambda state: state.healthy, 60.0, "getting ready")
         for i, link in enumerate(self.links):

@@ -43,7 +43,7 @@ class Link:
         self.clock = VehicleClock()
         self.system = 0
         self.component = dialect.MAV_COMP_ID_AUTOPILOT1
-        self.on_message: Callable[[dialect.MAVLink_message], None] = lambda message: None
+        self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
         self._silence_s = silence_s
         self._parser = Parser()
@@ -90,7 +90,8 @@ class Link:
         return bool(data)
 
     def _take(self, message: dialect.MAVLink_message) -> None:
-        self.on_message(message)
+        for listener in self.listeners:
+            listener(message)
         kind = message.get_msgId()
         if kind not in HEARD or message.get_srcComponent() != AUTOPILOT:
             return

@@ -34,7 +34,7 @@ class ConnectedStage:
             self.camera = HttpCamera(camera_url, lambda: self.links[0].time_us)
             self._logger = self._supervisor.start("estimate-logger", {"folder": str(folder)})
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
-            self.links[0].on_message = self._to_logger
+            self.links[0].listeners.append(self._to_logger)
             self.model = self._model(pilot, model, base_url)
         except BaseException:
             self.close()
