@@ -8,7 +8,7 @@ from typing import Any
 
 from dronecats.cli import signals
 
-SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics")
+SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4")
 CONNECTED_ONLY = ("camera", "instruction", "seconds")
 
 
@@ -24,6 +24,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
     vehicle.add_argument("--airframe", metavar="NAME", help="with --sitl (default x500)")
     vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
+    vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
+    vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="built-in: vision (default), oracle, blind; none is a model")
     pilot.add_argument("--model", metavar="PROVIDER/NAME", help="openai/…, openrouter/…, vllm/… or local/…")

@@ -38,6 +38,8 @@ class Plan:
     full: bool  # fly to the cap although the verdict is decided
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
     optics: Optics | None = None  # what the camera and the weather are like; None: as in the benchmark
+    autopilot: str = "ours"  # or px4: a real PX4 flies the simulated vehicle
+    px4: str | None = None  # the command that starts it; None: it is waited for
 
     @property
     def camera(self) -> dict[str, Any] | None:
@@ -65,6 +67,8 @@ def resolve(
     full: bool = False,
     rendered: bool = True,
     optics_file: Path | None = None,
+    autopilot: str | None = None,
+    px4: str | None = None,
 ) -> Plan:
     """Return the plan that a user's words ask for, None standing for the default. Raises UsageError."""
     multiple = speed(factor or "1")
@@ -74,6 +78,8 @@ def resolve(
     airframes.load(airframe or "x500")
     if not rendered and (model or (pilot or "vision") != "oracle"):
         raise UsageError("only the oracle can fly without rendering; every other pilot looks at the frames")
+    if px4 and autopilot != "px4":
+        raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
     return Plan(
         episode=episode or catalogue.DEFAULT,
         record=catalogue.load(episode or catalogue.DEFAULT),
@@ -88,6 +94,8 @@ def resolve(
         full=full,
         rendered=rendered,
         optics=load_optics(optics_file) if optics_file else None,
+        autopilot=autopilot or "ours",
+        px4=px4,
     )
 
 

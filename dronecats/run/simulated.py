@@ -34,6 +34,8 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
         prompt_file=args.prompt,
         full=args.full,
         optics_file=args.optics,
+        autopilot=args.autopilot,
+        px4=args.px4,
     )
     prompt = Prompt.load(plan.prompt_file)
     check_model(plan)
