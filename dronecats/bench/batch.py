@@ -1,13 +1,13 @@
 """A run of many episodes on disk: what it is made of, which episodes are done, and what a kill has left half flown."""
 
 import fcntl
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
 from dronecats.border.errors import UsageError
-from dronecats.run.folder import configuration_of, differences, write_run
+from dronecats.judge.files import json_object
+from dronecats.run.folder import differences, write_run
 
 UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
 SCORED = ("success", "failure")
@@ -26,7 +26,7 @@ class Batch:
         try:
             run.mkdir(parents=True, exist_ok=True)
             self._lock = _locked(run)
-            before = configuration_of(run / "run.json")
+            before = json_object(run / "run.json")
             if before is not None:
                 other = differences(before, configuration)
                 if other:
@@ -43,11 +43,8 @@ class Batch:
 
     def done(self, episode: str) -> dict[str, Any] | None:
         """Return the verdict of an episode that has been flown to its end, None for any other."""
-        try:
-            verdict = json.loads((self.run / episode / "verdict.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-        return verdict if isinstance(verdict, dict) and verdict.get("outcome") in SCORED else None
+        verdict = json_object(self.run / episode / "verdict.json")
+        return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str]) -> list[str]:
         """Return the episodes that are still to be flown, in their order."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.diagnostics import diagnostics
-from dronecats.judge.files import Logs, UnmeasuredError, declarations, finished, last_action, read
+from dronecats.judge.files import Logs, UnmeasuredError, declarations, finished, json_object, last_action, read
 from dronecats.judge.verdict import CAP_S, DELTA_M, Verdict, judge
 
 
@@ -61,7 +61,7 @@ def judge_folder(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:
     None when there is no verdict.json, or when it was made with another radius. Raises UsageError.
     """
     result = outcome(read(folder), delta_m)
-    stored = _stored(folder / "verdict.json")
+    stored = json_object(folder / "verdict.json")
     agrees = None
     if stored is not None and stored.get("delta_m") == delta_m:
         agrees = all(stored.get(key) == result[key] for key in ("outcome", "success", "ne_m", "declarations"))
@@ -94,11 +94,3 @@ def write_verdict(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:
     result = outcome(read(folder), delta_m)
     (folder / "verdict.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return result
-
-
-def _stored(path: Path) -> dict[str, Any] | None:
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return value if isinstance(value, dict) else None

@@ -1,4 +1,4 @@
-"""The two logs of an episode, read as they are: a torn last line is what a kill leaves, and is skipped."""
+"""The files of an episode, read as they are: a torn last line is what a kill leaves, and is skipped."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -60,6 +60,15 @@ def lines(path: Path, fault: Callable[[Row], str | None] = lambda row: None) -> 
             raise UsageError(f"{path} line {number} is damaged: {reason}")
         else:
             return  # no newline after it: the write was cut short
+
+
+def json_object(path: Path) -> Row | None:
+    """Return the object that a JSON file holds, None when there is no such file or a kill has left half of one."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
 
 
 def _refuse(constant: str) -> Any:

@@ -11,6 +11,7 @@ from typing import Any
 
 from dronecats import __version__
 from dronecats.border.errors import UsageError
+from dronecats.judge.files import json_object
 
 SIMULATION = ("numba", "embreex", "matplotlib")
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
@@ -27,7 +28,7 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
         folder = run / episode_id
         if (folder / "decisions.jsonl").exists():
             raise UsageError(f"{folder} already holds a flight; choose another --out")
-        before = configuration_of(run / "run.json")
+        before = json_object(run / "run.json")
         if before is not None and differences(before, configuration):
             raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
         (folder / "frames").mkdir(parents=True, exist_ok=True)
@@ -52,15 +53,6 @@ def fresh_run(pilot_name: str) -> Path:
         except FileExistsError:
             continue
     raise UsageError(f"runs/{name} exists a thousand times; choose --out")
-
-
-def configuration_of(path: Path) -> dict[str, Any] | None:
-    """Return what a run.json holds, None when there is none that can be read."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return value if isinstance(value, dict) else None
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:

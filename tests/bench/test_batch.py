@@ -21,8 +21,9 @@ def test_only_what_was_scored_is_done(tmp_path):
         judged(batch, episode, outcome)
     (batch.fresh("d") / "verdict.json").write_text('{"outcome": "succ')  # killed while it was written
     batch.fresh("e")
+    (batch.fresh("g") / "verdict.json").write_text("[" * 100_000)
     batch.close()
-    assert Batch(tmp_path / "run", {"pilot": "oracle"}).left("abcdef") == ["c", "d", "e", "f"]
+    assert Batch(tmp_path / "run", {"pilot": "oracle"}).left("abcdefg") == ["c", "d", "e", "f", "g"]
 
 
 def test_a_second_attempt_keeps_the_first(tmp_path):
