@@ -10,6 +10,7 @@ from dronecats.border.errors import DronecatsError
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
     "sitl": "run the simulator for any MAVLink client",
+    "impair": "put a bad wire between an agent and an autopilot",
     "judge": "derive the verdicts of a run again from its logs",
     "tune": "print an airframe's gains and margins, and draw its loops",
     "episodes": "list, show, check, make and fly episodes",

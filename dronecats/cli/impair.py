@@ -1,0 +1,107 @@
+"""`dronecats impair`: a bad wire between an agent and an autopilot, to be flown over."""
+
+import argparse
+from typing import Any
+
+BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("impair", help="put a bad wire between an agent and an autopilot")
+    parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
+    parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
+    wire = parser.add_argument_group("the wire", f"Each takes {BOTH}.")
+    wire.add_argument("--loss", default="0", metavar="A[,B]", help="share of frames that never arrive")
+    wire.add_argument("--delay", default="0", metavar="A[,B]", help="seconds")
+    wire.add_argument("--jitter", default="0", metavar="A[,B]", help="seconds, up to so much on top of the delay")
+    wire.add_argument("--duplicate", default="0", metavar="A[,B]", help="share of frames that arrive twice")
+    wire.add_argument("--reorder", default="0", metavar="A[,B]", help="share of frames that others overtake")
+    wire.add_argument("--corrupt", default="0", metavar="A[,B]", help="share of bytes that arrive changed")
+    wire.add_argument("--baud", default="0", metavar="A[,B]", help="bit/s, 10 bits a byte; 0: no limit")
+    wire.add_argument("--queue", default="2048", metavar="A[,B]", help="bytes that wait for the line (2048)")
+    wire.add_argument(
+        "--cut", action="append", default=[], metavar="FROM:TO", help="the cable is pulled, seconds since the start"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="same seed, same frames lost (default 0)")
+    parser.add_argument("--report", type=float, metavar="S", help="print the counts every S seconds")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Carry until interrupted, then print the counts; status 3 when one end breaks."""
+    import time
+
+    from dronecats.border.errors import UsageError
+    from dronecats.border.redaction import redacted
+    from dronecats.cli import signals
+    from hil.impaired_wire import ImpairedWire, open_end
+
+    if args.report is not None and not 0.1 <= args.report <= 3600.0:
+        raise UsageError(f"--report wants 0.1 to 3600 seconds, got {args.report:g}")
+    up, down = impairments(args)
+    signals.as_interrupts()
+    agent = open_end(args.listen)
+    try:
+        autopilot = open_end(args.to)
+    except BaseException:
+        agent.close()
+        raise
+    with ImpairedWire(agent, autopilot, up, down, args.seed) as wire:
+        print(f"carrying between {redacted(args.listen)} and {redacted(args.to)}; Ctrl-C ends it", flush=True)
+        try:
+            reported_s = 0.0
+            while True:
+                time.sleep(0.1)
+                wire.check()
+                if args.report is not None and wire.time_s >= reported_s + args.report:
+                    reported_s = wire.time_s
+                    print(_counts(wire), flush=True)
+        except KeyboardInterrupt:
+            return 0
+        finally:
+            print(_counts(wire), flush=True)
+
+
+def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
+    """Return what the words ask for: towards the autopilot, and from it. Raises UsageError."""
+    from hil.impairment import Impairment
+
+    options = {
+        "loss": args.loss, "delay_s": args.delay, "jitter_s": args.jitter, "duplicate": args.duplicate,
+        "reorder": args.reorder, "corrupt": args.corrupt, "baud": args.baud, "queue_bytes": args.queue,
+    }  # fmt: skip
+    cuts = tuple(_cut(text) for text in args.cut)
+    directions = []
+    for direction in (0, 1):
+        values: dict[str, Any] = {name: _pair(name, text)[direction] for name, text in options.items()}
+        values |= {"baud": int(values["baud"]) or None, "queue_bytes": int(values["queue_bytes"])}
+        directions.append(Impairment(**values, cuts=cuts))
+    return directions[0], directions[1]
+
+
+def _pair(name: str, text: str) -> tuple[float, float]:
+    from dronecats.border.errors import UsageError
+
+    option = name.removesuffix("_s").removesuffix("_bytes")
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2) or not all(abs(value) < 1e12 for value in values):
+        raise UsageError(f"--{option} takes {BOTH}; got '{text}'")
+    return values[0], values[-1]
+
+
+def _cut(text: str) -> tuple[float, float]:
+    from dronecats.border.errors import UsageError
+
+    try:
+        start, end = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise UsageError(f"--cut takes FROM:TO in seconds, for example 20:30; got '{text}'") from None
+    return start, end
+
+
+def _counts(wire: Any) -> str:
+    return f"{wire.time_s:7.1f} s  to the autopilot: {wire.up.counts}\n{'':9}  from it: {wire.down.counts}"
