@@ -1,6 +1,7 @@
 """A run of many episodes on disk: what it is made of, which episodes are done, and what a kill has left half flown."""
 
 import fcntl
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
@@ -8,6 +9,8 @@ from typing import Any, TextIO
 from dronecats.border.errors import UsageError
 from dronecats.judge.files import json_object
 from dronecats.run.folder import differences, write_run
+from episodes import catalogue
+from episodes.record import EpisodeRecord
 
 UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
 SCORED = ("success", "failure")
@@ -15,7 +18,10 @@ LOCK = ".lock"  # held while a process flies the run; the system lets go of it w
 
 
 class Batch:
-    """The run folder. One folder per episode; an episode is done when its verdict is a success or a failure."""
+    """The run folder. An episode, whatever id or file it is asked for by, has the folder that its record's id names.
+
+    It is done when that folder holds the very record with a verdict of success or failure.
+    """
 
     def __init__(self, run: Path, configuration: Mapping[str, Any]) -> None:
         """Make the folder, or go on with the one that stands there.
@@ -23,6 +29,7 @@ class Batch:
         Raises UsageError when it belongs to another configuration or cannot be written.
         """
         self.run = run
+        self._records: dict[str, EpisodeRecord] = {}
         try:
             run.mkdir(parents=True, exist_ok=True)
             self._lock = _locked(run)
@@ -41,9 +48,16 @@ class Batch:
         """Let another process go on with the run."""
         self._lock.close()
 
+    def folder(self, episode: str) -> Path:
+        """Return where an episode is kept. Raises UsageError when its record cannot be read."""
+        return self.run / self._record(episode).id
+
     def done(self, episode: str) -> dict[str, Any] | None:
-        """Return the verdict of an episode that has been flown to its end, None for any other."""
-        verdict = json_object(self.run / episode / "verdict.json")
+        """Return the verdict of an episode that has been flown to its end as its record is now, None for any other."""
+        folder = self.folder(episode)
+        if json_object(folder / "episode.json") != json.loads(self._record(episode).to_json()):
+            return None
+        verdict = json_object(folder / "verdict.json")
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str]) -> list[str]:
@@ -51,19 +65,27 @@ class Batch:
         return [episode for episode in episodes if self.done(episode) is None]
 
     def fresh(self, episode: str) -> Path:
-        """Return an empty folder for an episode. What an earlier attempt has left is kept under `unfinished`."""
-        folder = self.run / episode
+        """Return an empty folder for an episode. What an earlier attempt has left is kept under `unfinished`.
+
+        Raises OSError when the disk does not take it.
+        """
+        folder = self.folder(episode)
         if folder.exists():
             kept = self.run / UNFINISHED
             kept.mkdir(exist_ok=True)
             number = 1
-            while (kept / f"{episode}-{number}").exists():
+            while (kept / f"{folder.name}-{number}").exists():
                 number += 1
-            folder.rename(kept / f"{episode}-{number}")
+            folder.rename(kept / f"{folder.name}-{number}")
         (folder / "frames").mkdir(parents=True)
         for log in ("decisions.jsonl", "truth.jsonl"):
             (folder / log).touch()
         return folder
+
+    def _record(self, episode: str) -> EpisodeRecord:
+        if episode not in self._records:
+            self._records[episode] = catalogue.load(episode)
+        return self._records[episode]
 
 
 def _locked(run: Path) -> TextIO:

@@ -3,7 +3,6 @@
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from dronecats.bench.batch import Batch
@@ -84,25 +83,33 @@ class Runner:
                         ended.put(self._lost(episode, death))
         except DronecatsError as fault:
             ended.put(fault)
+        except OSError as full:
+            ended.put(InfrastructureError(f"{self._batch.run} cannot be written: {full.strerror}"))
         finally:
             if worker is not None:
                 self._end(worker)
             ended.put(None)
 
     def _one(self, worker: ChildProcess, episode: str) -> Result:
-        folder = self._batch.fresh(Path(episode).stem)
+        folder = self._batch.fresh(episode)
         return dict(worker.do("fly", None, episode=episode, folder=str(folder)))
 
     def _lost(self, episode: str, death: InfrastructureError) -> Result:
         """Return the result of an episode whose worker died in flight."""
-        name = Path(episode).stem
-        verdict = write_verdict(self._batch.run / name)
-        return {"episode": name, "outcome": "error", "success": False, "steps": verdict["steps"], "error": str(death)}
+        folder = self._batch.folder(episode)
+        result = {"episode": folder.name, "outcome": "error", "success": False, "error": str(death)}
+        return {**result, "steps": write_verdict(folder)["steps"]}
 
     def _start(self) -> ChildProcess:
-        worker = ChildProcess("worker", {"flight": self._flight}, self._log)
+        try:
+            worker = ChildProcess("worker", {"flight": self._flight}, self._log)
+        except OSError as error:
+            raise InfrastructureError(f"no worker can be started: {error}") from None
         with self._lock:
             self._workers.add(worker)
+            late = self._stopped
+        if late:  # `_close` did not see it
+            worker.kill()
         worker.ready()
         return worker
 
@@ -113,8 +120,8 @@ class Runner:
 
     def _close(self) -> None:
         """Stop every worker, in the middle of a flight if need be."""
-        self._stopped = True
         with self._lock:
+            self._stopped = True
             workers, self._workers = list(self._workers), set()
         for worker in workers:
             worker.kill()

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     settings, flight = _settings(args)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings)
     left = batch.left(chosen)
-    results = [{"episode": e, **(batch.done(e) or {})} for e in chosen if e not in left]
+    results = [{"episode": batch.folder(e).name, **(batch.done(e) or {})} for e in chosen if e not in left]
     bar = _bar(len(chosen), len(results))
 
     def ended(result: dict[str, Any]) -> None:
@@ -84,9 +84,7 @@ def _chosen(episodes: list[str], suite: str | None) -> list[str]:
     if episodes and suite:
         raise UsageError("choose one: the episodes by name, or --suite")
     chosen = list(dict.fromkeys(episodes)) or suites.ids(suite or "all")
-    for episode in chosen:
-        catalogue.load(episode)
-    names = [Path(episode).stem for episode in chosen]
+    names = [catalogue.load(episode).id for episode in chosen]
     for name in names:
         if names.count(name) > 1:
             raise UsageError(f"two of the episodes are called '{name}', and each needs a folder of its own")

@@ -1,5 +1,6 @@
 """A run of many episodes on disk: gone on with, never mixed, nothing thrown away."""
 
+import dataclasses
 import json
 
 import pytest
@@ -7,32 +8,53 @@ import pytest
 from dronecats.bench.audit import pars, table, text
 from dronecats.bench.batch import UNFINISHED, Batch
 from dronecats.border.errors import UsageError
+from episodes import catalogue
+
+FIRST, SECOND, *OTHERS = catalogue.ids()
 
 
 def judged(batch, episode, outcome):
     folder = batch.fresh(episode)
+    (folder / "episode.json").write_text(catalogue.load(episode).to_json())
     (folder / "verdict.json").write_text(json.dumps({"outcome": outcome, "steps": 3}))
     return folder
 
 
 def test_only_what_was_scored_is_done(tmp_path):
     batch = Batch(tmp_path / "run", {"pilot": "oracle"})
-    for episode, outcome in (("a", "success"), ("b", "failure"), ("c", "error")):
-        judged(batch, episode, outcome)
-    (batch.fresh("d") / "verdict.json").write_text('{"outcome": "succ')  # killed while it was written
-    batch.fresh("e")
-    (batch.fresh("g") / "verdict.json").write_text("[" * 100_000)
+    broken, torn, nested, empty, absent = OTHERS[:5]
+    judged(batch, FIRST, "success")
+    judged(batch, SECOND, "failure")
+    judged(batch, broken, "error")
+    (judged(batch, torn, "success") / "verdict.json").write_text('{"outcome": "succ')  # killed while it was written
+    (judged(batch, nested, "success") / "verdict.json").write_text("[" * 100_000)
+    batch.fresh(empty)
     batch.close()
-    assert Batch(tmp_path / "run", {"pilot": "oracle"}).left("abcdefg") == ["c", "d", "e", "f", "g"]
+    again = Batch(tmp_path / "run", {"pilot": "oracle"})
+    assert again.left([FIRST, SECOND, *OTHERS[:5]]) == [broken, torn, nested, empty, absent]
+
+
+def test_a_file_is_kept_under_the_id_in_it_and_is_done_as_long_as_it_is_the_same(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text(catalogue.load(FIRST).to_json())
+    batch = Batch(tmp_path / "run", {})
+    folder = judged(batch, str(file), "success")
+    assert folder == batch.folder(FIRST) == tmp_path / "run" / FIRST
+    batch.close()
+    again = Batch(tmp_path / "run", {})
+    assert again.left([str(file), str(folder)]) == []
+    again.close()
+    file.write_text(dataclasses.replace(catalogue.load(FIRST), instruction="fly home").to_json())
+    assert Batch(tmp_path / "run", {}).left([str(file)]) == [str(file)]
 
 
 def test_a_second_attempt_keeps_the_first(tmp_path):
     batch = Batch(tmp_path / "run", {})
     for attempt in ("one", "two", "three"):
-        (batch.fresh("a") / "decisions.jsonl").write_text(attempt)
-    kept = sorted((tmp_path / "run" / UNFINISHED).glob("a-*/decisions.jsonl"))
+        (batch.fresh(FIRST) / "decisions.jsonl").write_text(attempt)
+    kept = sorted((tmp_path / "run" / UNFINISHED).glob(f"{FIRST}-*/decisions.jsonl"))
     assert [path.read_text() for path in kept] == ["one", "two"]
-    assert (tmp_path / "run" / "a" / "decisions.jsonl").read_text() == "three"
+    assert (tmp_path / "run" / FIRST / "decisions.jsonl").read_text() == "three"
 
 
 def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):

@@ -9,8 +9,10 @@ import sys
 import psutil
 import pytest
 
-from dronecats.bench.batch import Batch
+from dronecats.bench.batch import UNFINISHED, Batch
 from dronecats.bench.runner import Runner
+from dronecats.border.errors import InfrastructureError
+from episodes import catalogue
 
 ORACLE = {"pilot": "oracle", "factor": "max", "rendered": False}
 EASY = "residential-approaching-01"
@@ -30,7 +32,9 @@ def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path):
     assert report["rows"][-1]["solved"] == report["rows"][-1]["flown"] == 1
     log = tmp_path / "run" / EASY / "decisions.jsonl"
     flown = log.stat().st_mtime_ns
-    again = audit(tmp_path / "run", EASY)
+    file = tmp_path / "mine.json"
+    file.write_text(catalogue.load(EASY).to_json())
+    again = audit(tmp_path / "run", str(file))
     assert json.loads(again.communicate(timeout=600)[0].splitlines()[-1])["rows"] == report["rows"]
     assert log.stat().st_mtime_ns == flown
 
@@ -74,6 +78,23 @@ def test_no_worker_outlives_the_run(tmp_path, how):
     if how == signal.SIGINT:
         assert parent.returncode == 130
         assert f"--out {folder}" in errors
+
+
+def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
+    batch = Batch(tmp_path / "run", ORACLE)
+    batch.fresh(EASY)
+    (tmp_path / "run" / UNFINISHED).write_text("a file where what was broken off has to be moved to")
+    with pytest.raises(InfrastructureError, match="cannot be written: File exists"):
+        Runner(batch, ORACLE, jobs=1).fly([EASY])
+    assert not psutil.Process().children(recursive=True)
+
+
+def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
+    runner = Runner(Batch(tmp_path / "run", ORACLE), ORACLE, jobs=1)
+    runner._close()
+    with pytest.raises(InfrastructureError, match="killed by SIGKILL"):
+        runner._start()
+    assert not psutil.Process().children(recursive=True)
 
 
 def test_what_cannot_be_flown_is_refused_at_once(tmp_path):
