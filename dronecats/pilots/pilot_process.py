@@ -13,7 +13,7 @@ class PilotPart:
     def __init__(self, config: dict[str, Any]) -> None:
         name = config["pilot"]
         self._server = PilotServer(
-            roster.answer(name), name, owned_by=roster.SERVED[name], port=config.get("port", 0)
+            roster.answer(name), name, owned_by=roster.owner(name), port=config.get("port", 0)
         ).start()
 
     def ready(self) -> dict[str, Any]:

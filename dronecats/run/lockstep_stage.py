@@ -59,9 +59,7 @@ class LockstepStage:
             clock.follow(self._oracle.feed)
             return self._oracle
         if plan.pilot:
-            self._server = PilotServer(
-                roster.answer(plan.pilot), plan.pilot, owned_by=roster.SERVED[plan.pilot]
-            ).start()
+            self._server = PilotServer(roster.answer(plan.pilot), plan.pilot, owned_by=roster.owner(plan.pilot)).start()
             return ChatModel(PROVIDERS["local"], plan.pilot, self._server.base_url)
         return ChatModel(*split(plan.model or ""), plan.base_url)
 
