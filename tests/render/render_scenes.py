@@ -36,7 +36,7 @@ def box_mesh(length, width, height, material=GREY):
     x, y = 0.5 * length, 0.5 * width
     v = [(sx * x, sy * y, z) for z in (0.0, -height) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     sides = [(0, 1, 2, 3), (7, 6, 5, 4), (4, 5, 1, 0), (5, 6, 2, 1), (6, 7, 3, 2), (7, 4, 0, 3)]
-    triangles = [t for a, b, c, d in sides for t in ((a, c, b), (a, d, c))]
+    triangles = [t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))]
     return mesh_of(v, triangles, material)
 
 
