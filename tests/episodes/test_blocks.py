@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from map_plan import apart, foot
 from numpy.typing import NDArray
 
 from dronecats.border.errors import UsageError
@@ -12,9 +13,8 @@ from dronecats.border.frames import Vec3
 from episodes import maps
 from episodes.maps import blocks
 from episodes.scene import Instance, Scene
-from episodes.visibility import Solids, turn
+from episodes.visibility import Solids
 
-Array = NDArray[np.float64]
 EYE_M = 1.7  # height of a drone
 NEAREST, WIDEST = (5.5, 11.2), (18.0, 32.0)  # m, of the pairs of signs
 TO_NAMED, TO_EACH = (12.0, 32.0), (7.0, 37.0)  # m, from the middle of the start grid
@@ -27,23 +27,6 @@ def scene() -> Scene:
 
 def standing(scene: Scene) -> list[Instance]:
     return [i for i in scene.instances if i.kind != "ground"]
-
-
-def foot(one: Instance) -> Array:
-    """Return the corners (4, 2) in plan of the box around a solid."""
-    low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-    box = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
-    return box @ turn(one.yaw)[:2, :2].T + np.array(one.position_ned[:2])
-
-
-def apart(a: Array, b: Array) -> bool:
-    """Return whether a line separates two rectangles."""
-    for box in (a, b):
-        for k in range(2):
-            axis = box[k + 1] - box[k]
-            if (a @ axis).max() <= (b @ axis).min() or (b @ axis).max() <= (a @ axis).min():
-                return True
-    return False
 
 
 def test_shapes_budget_and_names(scene: Scene) -> None:
@@ -104,7 +87,7 @@ def test_every_shipped_map_lists_its_places() -> None:
         maps.places("nowhere")
 
 
-def arrangement(rng: np.random.Generator, spots: Array, solids: Solids) -> bool:
+def arrangement(rng: np.random.Generator, spots: NDArray[np.float64], solids: Solids) -> bool:
     """Return whether a random try places four signs and a start grid as a commanding episode wants them."""
     grid = spots[rng.integers(len(spots))]
     near = spots[np.linalg.norm(spots - grid, axis=1) < TO_EACH[1]]

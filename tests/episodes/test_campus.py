@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from map_plan import apart, foot
 
 from episodes import maps
 from episodes.assets import fixtures
@@ -14,7 +14,6 @@ from episodes.maps import campus, campus_ground, campus_plan
 from episodes.scene import Instance, Scene
 from episodes.visibility import Solids, turn
 
-Array = NDArray[np.float64]
 BUDGET = 250_000
 MANY = ("bench", "lamp", "bin", "bike-rack", "fountain", "statue", "bollard", "kiosk", "vending-machine")
 MANY += ("notice-board", "planter", "picnic-table", "tree", "conifer", "delivery-robot", "service-cart", "person")
@@ -27,26 +26,6 @@ def scene() -> Scene:
 
 def standing(scene: Scene) -> list[Instance]:
     return [i for i in scene.instances if i.kind not in ("ground", "wood")]
-
-
-def foot(one: Instance) -> Array:
-    """Return the four corners (4, 2) in plan of the box around a thing; of a tree, of its trunk."""
-    v = one.mesh.vertices
-    if one.kind in ("tree", "conifer"):
-        v = v[v[:, 2] > -0.6]
-    low, high = v[:, :2].min(axis=0), v[:, :2].max(axis=0)
-    box = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
-    return box @ turn(one.yaw)[:2, :2].T + np.array(one.position_ned[:2])
-
-
-def apart(a: Array, b: Array) -> bool:
-    """Return whether a line separates two rectangles."""
-    for box in (a, b):
-        for k in range(2):
-            axis = box[k + 1] - box[k]
-            if (a @ axis).max() <= (b @ axis).min() or (b @ axis).max() <= (a @ axis).min():
-                return True
-    return False
 
 
 def test_budget_and_ids(scene: Scene) -> None:
