@@ -35,7 +35,7 @@ def test_axis_order_is_the_models():
         ("", "no JSON object"),
         ("the car is ahead", "no JSON object"),
         ('{"action":"land"}', "unknown action"),
-        ('{"point":[1,2]}', "no \"action\""),
+        ('{"point":[1,2]}', 'no "action"'),
         ('{"action":"go","point":[1],"depth_m":3}', "pair"),
         ('{"action":"go","point":[1200,20],"depth_m":3}', "outside 0–1000"),
         ('{"action":"go","point":[1,2]}', "missing"),

@@ -48,7 +48,8 @@ def test_tcp_says_when_it_ends():
 
 
 @pytest.mark.parametrize(
-    "url", ["", "udpin", "udpin://", "udpin://1.2.3.4", "udpin://h:99999999", "ftp://h:1", "serial:///dev/x", "udp://[::1"]
+    "url",
+    ["", "udpin", "udpin://", "udpin://1.2.3.4", "udpin://h:99999999", "ftp://h:1", "serial:///dev/x", "udp://[::1"],
 )
 def test_malformed_urls_are_one_sentence(url):
     with pytest.raises(UsageError, match="--connect"):
