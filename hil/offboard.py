@@ -1,4 +1,4 @@
-"""The agent's setpoints as PX4's offboard messages, with the height and place loops that PX4 leaves to its client.
+"""The agent's setpoints as offboard targets, with the height and place loops that PX4 leaves to its client.
 
 A body velocity of vz = 0 drifts 0.1–0.3 m/s on a real PX4, so whatever holds a height or a place here closes that loop.
 """
@@ -16,6 +16,34 @@ HEIGHT_GAIN = 1.0  # 1/s
 PLACE_GAIN = 0.9  # 1/s
 CORRECTION_MAX = 0.6  # m/s
 STOPPING_S = 0.6  # s: a hold asked for in motion is put where the vehicle can come to rest, not where it was
+GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityTarget:
+    """A velocity along the axes of the heading, and a yaw rate: BODY_NED."""
+
+    velocity_body: Vec3  # m/s, forward, right, down
+    yaw_rate: float  # rad/s, + right
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """A place and a heading: LOCAL_NED."""
+
+    position_ned: Vec3  # m, local frame of the autopilot
+    yaw: float  # rad
+
+
+Target = VelocityTarget | PositionTarget
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A setpoint of the link's own: fly to this place and heading, for the way to the start pose."""
+
+    position_ned: Vec3  # m, local frame
+    yaw: float  # rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +55,24 @@ class Anchor:
 
 
 class OffboardStream:
-    """Remembers what is being flown and turns it into the message for the next tick."""
+    """Remembers what is being flown and turns it into the target for the next tick.
+
+    What moves the vehicle lasts no longer than the decision behind it: when its time is over and nothing else has been
+    said, it has become a hold.
+    """
 
     def __init__(self) -> None:
-        self.setpoint: Setpoint | None = None
+        self.setpoint: Setpoint | Place | None = None
+        self._ends_us: int | None = None
         self._anchor: Anchor | None = None
         self._height: float | None = None  # m, local z that is being held
 
-    def fly(self, setpoint: Setpoint) -> None:
-        """Change what is flown. A hold that goes on keeps its place; the height is kept through level moves."""
+    def fly(self, setpoint: Setpoint, ends_us: int | None = None) -> None:
+        """Change what is flown, until `ends_us` (µs, vehicle clock), None for a hold, which lasts.
+
+        A hold that goes on keeps its place; the height is kept through level moves.
+        """
+        self._ends_us = None if ends_us is None else ends_us + GRACE_US
         if setpoint == self.setpoint and isinstance(setpoint, Hold):
             return
         keeps_place = isinstance(setpoint, Turn) and isinstance(self.setpoint, Hold)
@@ -46,16 +83,23 @@ class OffboardStream:
             self._height = None
         self.setpoint = setpoint
 
+    def fly_to(self, place: Place) -> None:
+        """Fly to a place and stay there."""
+        self.stop()
+        self.setpoint = place
+
     def stop(self) -> None:
         """Stream nothing any more."""
-        self.setpoint, self._anchor, self._height = None, None, None
+        self.setpoint, self._ends_us, self._anchor, self._height = None, None, None, None
 
-    def message(
-        self, position: Vec3, velocity: Vec3, yaw: float, time_boot_ms: int, system: int, component: int
-    ) -> dialect.MAVLink_message | None:
-        """Return the message that flies the setpoint from here, None when nothing is streamed."""
+    def target(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> Target | None:
+        """Return what flies the setpoint from here (m, m/s, rad, µs), None when nothing is streamed."""
+        if self.setpoint is not None and self._ends_us is not None and time_us > self._ends_us:
+            self.fly(Hold())
         if self.setpoint is None:
             return None
+        if isinstance(self.setpoint, Place):
+            return PositionTarget(self.setpoint.position_ned, self.setpoint.yaw)
         if self._height is None:
             self._height = position[2] + velocity[2] * STOPPING_S
         if self._anchor is None:
@@ -64,17 +108,15 @@ class OffboardStream:
         match self.setpoint:
             case Hold():
                 x, y, _ = self._anchor.position_ned
-                return position_target((x, y, self._height), self._anchor.yaw, time_boot_ms, system, component)
+                return PositionTarget((x, y, self._height), self._anchor.yaw)
             case Turn(yaw_rate):
                 forward, right = self._place_correction(position, yaw)
                 # when the turn is over, a hold keeps this place but takes the heading that was reached
                 self._anchor = Anchor(self._anchor.position_ned, yaw)
-                return velocity_target(
-                    (forward, right, self._height_correction(position)), yaw_rate, time_boot_ms, system, component
-                )
+                return VelocityTarget((forward, right, self._height_correction(position)), yaw_rate)
             case Velocity(forward, up):
                 down = self._height_correction(position) if up is None else -up
-                return velocity_target((forward, 0.0, down), 0.0, time_boot_ms, system, component)
+                return VelocityTarget((forward, 0.0, down), 0.0)
 
     def _height_correction(self, position: Vec3) -> float:
         assert self._height is not None
@@ -88,32 +130,28 @@ class OffboardStream:
         return _clamped(PLACE_GAIN * forward), _clamped(PLACE_GAIN * right)
 
 
-def velocity_target(
-    velocity_body: Vec3, yaw_rate: float, time_boot_ms: int, system: int, component: int
-) -> dialect.MAVLink_message:
-    """Return SET_POSITION_TARGET_LOCAL_NED in BODY_NED: forward, right, down in m/s and a yaw rate in rad/s."""
-    return dialect.MAVLink_set_position_target_local_ned_message(
-        time_boot_ms % (1 << 32),
-        system,
-        component,
-        dialect.MAV_FRAME_BODY_NED,
-        MASK_VELOCITY_YAW_RATE,
-        0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
-    )  # fmt: skip
-
-
-def position_target(
-    position_ned: Vec3, yaw: float, time_boot_ms: int, system: int, component: int
-) -> dialect.MAVLink_message:
-    """Return SET_POSITION_TARGET_LOCAL_NED in LOCAL_NED: a place in m and a heading in rad."""
-    return dialect.MAVLink_set_position_target_local_ned_message(
-        time_boot_ms % (1 << 32),
-        system,
-        component,
-        dialect.MAV_FRAME_LOCAL_NED,
-        MASK_POSITION_YAW,
-        *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
-    )  # fmt: skip
+def message(target: Target, time_boot_ms: int, system: int, component: int) -> dialect.MAVLink_message:
+    """Return SET_POSITION_TARGET_LOCAL_NED in the frames and masks that a real PX4 takes."""
+    stamp = time_boot_ms % (1 << 32)
+    match target:
+        case VelocityTarget(velocity_body, yaw_rate):
+            return dialect.MAVLink_set_position_target_local_ned_message(
+                stamp,
+                system,
+                component,
+                dialect.MAV_FRAME_BODY_NED,
+                MASK_VELOCITY_YAW_RATE,
+                0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
+            )  # fmt: skip
+        case PositionTarget(position_ned, yaw):
+            return dialect.MAVLink_set_position_target_local_ned_message(
+                stamp,
+                system,
+                component,
+                dialect.MAV_FRAME_LOCAL_NED,
+                MASK_POSITION_YAW,
+                *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
+            )  # fmt: skip
 
 
 def _clamped(speed: float) -> float:

@@ -37,13 +37,17 @@ class VehicleState(NamedTuple):
 
     armed: bool = False
     mode: str = ""
+    mode_us: int = 0  # µs, vehicle clock when the mode was last told
+    heartbeat_us: int = 0  # µs, vehicle clock at the last heartbeat
     system_status: int = 0
     position_ned: Vec3 | None = None  # m, local frame of the autopilot
+    position_us: int = 0  # µs, vehicle clock of the position
     velocity_ned: Vec3 | None = None  # m/s
     euler: Vec3 | None = None  # rad, roll pitch yaw
     landed: bool | None = None
     healthy: bool = False  # ready to arm: the pre-arm check and the sensors that flying needs
     origin: Vec3 | None = None  # lat °, lon °, alt m of the local frame
+    home_ned: Vec3 | None = None  # m, home in the local frame
     battery_remaining: float | None = None  # 0 … 1
     battery_voltage: float | None = None  # V
     gps_fix: int | None = None
@@ -63,19 +67,21 @@ TOLD = frozenset(  # the messages that tell something of the state
         dialect.MAVLINK_MSG_ID_SYS_STATUS,
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
         dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
+        dialect.MAVLINK_MSG_ID_HOME_POSITION,
         dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
         dialect.MAVLINK_MSG_ID_STATUSTEXT,
     }
 )
 
 
-def update(state: VehicleState, message: dialect.MAVLink_message) -> VehicleState:
-    """Return the state after a message of the autopilot component."""
+def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int = 0) -> VehicleState:
+    """Return the state after a message of the autopilot component, heard at `time_us` of the vehicle's clock."""
     match message.get_msgId():
         case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             return state._replace(
                 position_ned=(message.x, message.y, message.z),
                 velocity_ned=(message.vx, message.vy, message.vz),
+                position_us=time_us,
             )
         case dialect.MAVLINK_MSG_ID_ATTITUDE:
             return state._replace(euler=(message.roll, message.pitch, message.yaw))
@@ -83,10 +89,12 @@ def update(state: VehicleState, message: dialect.MAVLink_message) -> VehicleStat
             return state._replace(
                 armed=bool(message.base_mode & 128),
                 mode=mode_name(message.custom_mode),
+                mode_us=time_us,
+                heartbeat_us=time_us,
                 system_status=message.system_status,
             )
         case dialect.MAVLINK_MSG_ID_CURRENT_MODE:
-            return state._replace(mode=mode_name(message.custom_mode))
+            return state._replace(mode=mode_name(message.custom_mode), mode_us=time_us)
         case dialect.MAVLINK_MSG_ID_SYS_STATUS:
             health = message.onboard_control_sensors_health
             return state._replace(
@@ -100,6 +108,8 @@ def update(state: VehicleState, message: dialect.MAVLink_message) -> VehicleStat
         case dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
             origin = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
             return state._replace(origin=origin)
+        case dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            return state._replace(home_ned=(message.x, message.y, message.z))
         case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
             return state._replace(gps_fix=message.fix_type)
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:

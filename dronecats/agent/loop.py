@@ -31,6 +31,7 @@ class Pilot:
     instruction: str
     latency: Latency
     axis_order: actions.AxisOrder = "xy"
+    patience_s: float | None = None  # s of vehicle time without a reply after which the flight ends; None: the model's
 
 
 @dataclass(slots=True)
@@ -88,10 +89,13 @@ class Agent:
         for drone in self.drones:  # a frame takes its time to come, which is not the model's
             drone.vehicle.listen()
         asking, thinking = self._ask(frames)
+        asked_s, patience_s = self.now_s, self.pilot.patience_s
         while not asking.due(self.now_s):
             self._tick()
             if self.now_s >= cap_s:
                 break
+            if patience_s is not None and self.now_s > asked_s + patience_s:
+                raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
         if not asking.due(self.now_s):
             if not self.steps:
                 raise ModelError("the model did not answer once before the episode was over")
@@ -168,8 +172,8 @@ class Agent:
 
     def _next_segment(self, drone: Drone, starts_s: float) -> None:
         if drone.segments:
-            drone.vehicle.fly(drone.segments[0].setpoint)
             drone.segment_ends_s = starts_s + drone.segments[0].duration_s
+            drone.vehicle.fly(drone.segments[0].setpoint, drone.segment_ends_s - self.now_s)
         else:
             drone.vehicle.fly(Hold())
 

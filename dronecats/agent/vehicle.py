@@ -13,8 +13,8 @@ class Vehicle(Protocol):
         """µs, the vehicle's clock at its newest telemetry."""
         ...
 
-    def fly(self, setpoint: Setpoint) -> None:
-        """From the next tick on, stream this setpoint."""
+    def fly(self, setpoint: Setpoint, seconds: float | None = None) -> None:
+        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead."""
         ...
 
     def listen(self) -> None:

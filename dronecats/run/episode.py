@@ -17,8 +17,10 @@ from dronecats.border.mavlink import dialect
 from dronecats.border.setpoints import Hold
 from dronecats.judge.episode import outcome
 from dronecats.judge.files import read
+from dronecats.run.safety_log import SafetyLog
 from dronecats.run.stage import Stage
-from hil.link import Link
+from hil.envelope import placed
+from hil.link import Link, TakeoverError
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
 AVERAGE_S = 1.0  # s over which the place on the ground is averaged
@@ -33,10 +35,19 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
+class Authority:
+    """What we may do to a vehicle besides flying it. A simulated one of our own: everything."""
+
+    arm: bool = True  # False: a person arms, takes off and hands over
+    then: str = "land"  # what follows the hold at the end: land, return or hold
+    dry: bool = False  # decide, but move nothing
+
+
+@dataclass(frozen=True, slots=True)
 class Flown:
     """How the episode ended."""
 
-    reason: str  # cap, decided, interrupted, error
+    reason: str  # cap, decided, interrupted, takeover, error
     error: DronecatsError | None
     sim_seconds: float
     wall_seconds: float
@@ -51,6 +62,7 @@ def fly(
     *,
     full: bool = False,
     cap_s: float = CAP_S,
+    authority: Authority = Authority(),
     on_step: Callable[[Decision], None] = lambda decision: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Flown:
@@ -60,28 +72,38 @@ def fly(
     """
     log = DecisionLog(folder / "decisions.jsonl")
     agent: Agent | None = None
-    reason, error = "cap", None
+    reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
     watch = Watch(folder, full)
+    SafetyLog(folder / "safety.jsonl", stage.links, say)
     try:
         for link in stage.links:
             link.on_wait = _tending(stage, link)
-        ascend(stage.links, starts, say)
+        if authority.dry or not authority.arm:
+            take_over(stage.links, authority, say)
+        else:
+            ascend(stage.links, starts, say)
+        for link in stage.links:
+            if link.limits is not None:
+                link.limits = placed(link.limits, link.state)
         agent = _begin(stage, pilot, folder, log, on_step)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
     except KeyboardInterrupt:
         reason = "interrupted"
+    except TakeoverError as taken:
+        reason, error = "takeover", taken
     except DronecatsError as fault:
         reason, error = "error", fault
     except Exception as bug:
         reason, error = "error", unexpected(bug, folder)
     flown_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
-    error = _finish(stage, reason, error, say) or error
+    error = _finish(stage, reason, error, authority.then, say) or error
     log.close()
-    return Flown("error" if error else reason, error, flown_s, wall_s, agent.steps if agent else 0)
+    ended = "error" if error and reason != "takeover" else reason
+    return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
 
 
 def unexpected(bug: Exception, folder: Path) -> DronecatsError:
@@ -93,7 +115,7 @@ def unexpected(bug: Exception, folder: Path) -> DronecatsError:
 
 
 def _finish(
-    stage: Stage, reason: str, error: DronecatsError | None, say: Callable[[str], None]
+    stage: Stage, reason: str, error: DronecatsError | None, then: str, say: Callable[[str], None]
 ) -> DronecatsError | None:
     """Order the landing, tell the logger, wait for the landing. Return the logger's fault, if it is the first one.
 
@@ -101,7 +123,7 @@ def _finish(
     """
     fault: DronecatsError | None = None
     try:
-        flying = order_landing(stage, say)
+        flying = order_landing(stage, then, say)
         try:
             stage.end(reason, str(error) if error else None)
         except DronecatsError as broken:
@@ -146,6 +168,15 @@ def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], 
         link.stop_offboard()
 
 
+def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:
+    """Connect to vehicles that a person has in hand, and unless nothing is to move wait until they hand over."""
+    for link in links:
+        link.connect()
+        if not authority.dry:
+            say(f"{link.firmware or 'the vehicle'}: waiting for a person to arm …")
+            link.await_handover(say)
+
+
 def _average_position(link: Link) -> Vec3:
     sums, count = [0.0, 0.0, 0.0], 0
     end_us = link.time_us + round(AVERAGE_S * 1e6)
@@ -182,19 +213,26 @@ def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: 
     )
 
 
-def order_landing(stage: Stage, say: Callable[[str], None] = lambda line: None) -> list[Link]:
-    """Tell every armed drone to land and return those that were told; one that does not answer stops no other."""
+def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] = lambda line: None) -> list[Link]:
+    """End the flight of every armed drone: stand still, hold, and then land or return.
+
+    Returns those that will come down. One that does not answer stops no other, and one that somebody else has taken
+    is left to them.
+    """
     told = []
     for link in stage.links:
         link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
-        link.stop_stream()
         try:
-            if link.may_fly():
-                say("landing …")
-                link.set_mode("LAND")
-                told.append(link)
+            if link.taken_by is not None or link.mute:
+                link.stop_stream()
+            elif link.may_fly():
+                say({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
+                link.give_up(then)
+                if then != "hold":
+                    told.append(link)
         except DronecatsError as fault:  # after the episode, so it changes no verdict
-            say(f"the vehicle could not be told to land: {fault}")
+            link.stop_stream()
+            say(f"the vehicle could not be told to {then}: {fault}")
     return told
 
 

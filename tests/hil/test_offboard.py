@@ -4,12 +4,14 @@ import pytest
 
 from dronecats.border.setpoints import Hold, Turn, Velocity
 from hil.offboard import CORRECTION_MAX, OffboardStream
+from hil.offboard import message as packed
 
 STILL = (0.0, 0.0, 0.0)
 
 
-def message(stream, position, velocity=STILL, yaw=0.0):
-    return stream.message(position, velocity, yaw, 1000, 1, 1)
+def message(stream, position, velocity=STILL, yaw=0.0, time_us=1_000_000):
+    target = stream.target(position, velocity, yaw, time_us)
+    return None if target is None else packed(target, time_us // 1000, 1, 1)
 
 
 def test_streams_nothing_until_told():
@@ -85,3 +87,13 @@ def test_braking_turn_stops_where_it_can():
     stream.fly(Turn(1.0))
     turning = message(stream, (3.0, 0, -2.0), velocity=(1.2, 0, 0))
     assert turning.vx > 0  # coasts on to the place where it comes to rest
+
+
+def test_what_moves_the_vehicle_ends_with_its_time():
+    stream = OffboardStream()
+    stream.fly(Velocity(1.2, None), ends_us=3_500_000)
+    assert message(stream, (0, 0, -2.0), time_us=3_500_000).vx == pytest.approx(1.2)
+    held = message(stream, (3.0, 0, -2.0), velocity=(1.2, 0, 0), time_us=3_700_000)
+    assert held.coordinate_frame == 1
+    assert 3.0 < held.x < 4.0
+    assert message(stream, (9.0, 0, -2.0), time_us=9_000_000).x == pytest.approx(held.x)  # and so it stays

@@ -1,0 +1,26 @@
+"""safety.jsonl: when the safety envelope limited what, one line at each change."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hil.link import Link
+
+
+class SafetyLog:
+    """Hears the links' envelopes, writes and says what they do. The file begins with the first limit that acts."""
+
+    def __init__(self, path: Path, links: Sequence[Link], say: Callable[[str], None]) -> None:
+        self._path, self._say = path, say
+        for drone, link in enumerate(links):
+            link.on_limit = self._hearing(drone, link)
+
+    def _hearing(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
+        def hear(names: tuple[str, ...]) -> None:
+            line = {"time_us": link.time_us, "drone": drone, "limits": list(names)}
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            what = f"limited by {', '.join(names)}" if names else "within its limits again"
+            self._say(f"      envelope: drone {drone} {what}")
+
+        return hear
