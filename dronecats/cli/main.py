@@ -12,6 +12,7 @@ VERBS = {
     "sitl": "run the simulator for any MAVLink client",
     "impair": "put a bad wire between an agent and an autopilot",
     "judge": "derive the verdicts of a run again from its logs",
+    "compare": "say how far the paths of two flights lie apart",
     "tune": "print an airframe's gains and margins, and draw its loops",
     "episodes": "list, show, check, make and fly episodes",
     "edit": "make or change an episode in the browser",

@@ -1,0 +1,72 @@
+"""`dronecats compare A B`: how far the paths of two flights lie apart."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("compare", help="say how far the paths of two flights lie apart")
+    parser.add_argument("a", type=Path, help="a run folder, or the folder of one episode in it")
+    parser.add_argument("b", type=Path, help="the other")
+    parser.add_argument("--within", type=float, default=1.0, metavar="M", help="metres that count as agreeing (1.0)")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of the episode's beginning (60)")
+    parser.add_argument("--keep-north", action="store_true", help="do not turn the paths to begin with the nose ahead")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths: .png, .svg or .pdf")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare; status 0 when the paths agree over all of the seconds, 1 when they do not."""
+    from dronecats.border.errors import UsageError
+    from dronecats.report.path_comparison import compare, figures, logs_of, same_replies
+
+    for name in ("within", "seconds"):
+        value = getattr(args, name)
+        if not (math.isfinite(value) and value > 0):
+            raise UsageError(f"--{name} wants a number above 0, got {value:g}")
+    a, b = logs_of(args.a), logs_of(args.b)
+    comparisons = compare(a, b, args.seconds, keep_north=args.keep_north)
+    same, steps = same_replies(a, b, args.seconds)
+    result = {
+        **figures(comparisons, args.within, args.seconds),
+        "same_replies": same,
+        "steps": steps,
+        "sources": [(logs.begin or {}).get("source", "truth") for logs in (a, b)],
+    }
+    if args.plot:
+        from dronecats.report.path_plot import draw
+
+        axes = "north,east" if args.keep_north else "ahead,right"
+        draw(comparisons, (str(args.a), str(args.b)), args.within, args.plot, axes)
+    if args.json:
+        print(json.dumps(result))
+    else:
+        _print(result)
+    return 0 if result["agree"] else 1
+
+
+def _print(result: dict[str, Any]) -> None:
+    a, b = result["sources"]
+    print(f"{result['same_replies']} of {result['steps']} replies are the same; poses: {a} and {b}")
+    for drone in result["drones"]:
+        print(f"drone {drone['drone']}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m of path")
+        for span in drone["minutes"]:
+            print(
+                f"  {span['from_s']:5.0f} to {span['to_s']:5.1f} s   max {span['max_m']:6.2f} m"
+                f"   mean {span['mean_m']:6.2f} m   rms {span['rms_m']:6.2f} m"
+            )
+        print(
+            f"  at the end {drone['final_m']:.2f} m apart; beside the other's path by {drone['beside_m']:.2f} m at most"
+        )
+    worst_m = max(drone["first"]["max_m"] for drone in result["drones"])
+    if result["agree"]:
+        print(f"AGREE: within {result['within_m']:g} m over {result['seconds']:g} s (at most {worst_m:.2f} m)")
+    elif worst_m > result["within_m"]:
+        print(f"DIFFER: {worst_m:.2f} m apart within {result['seconds']:g} s, more than {result['within_m']:g} m")
+    else:
+        print(f"TOO SHORT: both flew {result['compared_s']:.1f} s of the {result['seconds']:g} s asked for")

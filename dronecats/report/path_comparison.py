@@ -1,0 +1,190 @@
+"""How far the paths of two flights lie apart, each seen from its own start. From their pose traces alone.
+
+Two flights of the same decisions, on two autopilots or in two places, are laid over one another: position relative to
+the first pose and, unless north is to stay north, turned so that both begin with the nose ahead. Then, at the same
+second of the episode, one is so many metres from the other.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.border.errors import UsageError
+from dronecats.judge.files import Logs, Row, read
+
+Array = NDArray[np.float64]
+GRID_S = 0.1  # s between two instants at which the paths are compared
+MINUTE_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Where a drone was, from its first pose on, seen from there."""
+
+    t: Array  # (n,) s, the episode's clock
+    position: Array  # (n, 3) m: ahead, right, down of the first pose; north, east, down of it where north stays north
+
+    def at(self, t: Array) -> Array:
+        """Return the (m, 3) positions at instants within the trace, on straight lines between the poses."""
+        return np.column_stack([np.interp(t, self.t, self.position[:, axis]) for axis in range(3)])
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The distances of a stretch of the flight."""
+
+    from_s: float
+    to_s: float
+    max_m: float
+    mean_m: float
+    rms_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two paths of one drone, laid over one another."""
+
+    drone: int
+    a: Trace
+    b: Trace
+    t: Array  # (n,) s
+    distance_m: Array  # (n,) m, between the two at that second
+    spans: tuple[Span, ...]  # minute by minute
+    first: Span  # over the stretch that was asked for, as much of it as both flew
+    beside_m: (
+        float  # m, farthest that a point of either path in that stretch lies from the other path, whenever it was there
+    )
+
+    @property
+    def final_m(self) -> float:
+        """The distance where the shorter of the two ends."""
+        return float(self.distance_m[-1])
+
+
+def compare(a: Logs, b: Logs, seconds: float, *, keep_north: bool = False) -> tuple[Comparison, ...]:
+    """Return the comparison of every drone that both flights have, judged over the first `seconds`.
+
+    Raises UsageError when they have none in common or share no stretch of time.
+    """
+    drones = sorted({p["drone"] for p in a.poses} & {p["drone"] for p in b.poses})
+    if not drones:
+        raise UsageError("the two flights have no drone in common whose poses were logged")
+    return tuple(_compare(drone, trace(a, drone, keep_north), trace(b, drone, keep_north), seconds) for drone in drones)
+
+
+def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
+    """Return the path of a drone. Raises UsageError without two poses, or without the heading to turn it by."""
+    poses = sorted((p for p in logs.poses if p["drone"] == drone), key=lambda p: p["t"])
+    if len(poses) < 2:
+        raise UsageError(f"drone {drone} has {len(poses)} poses in one of the flights, which makes no path")
+    position = np.array([p["position_ned"] for p in poses], float)
+    position = position - position[0]
+    if not keep_north:
+        position = position @ _into_nose(_heading(poses[0])).T
+    return Trace(np.array([p["t"] for p in poses], float), position)
+
+
+def _heading(pose: Row) -> float:
+    yaw_deg = pose.get("yaw_deg")
+    if not isinstance(yaw_deg, int | float):
+        raise UsageError("the first pose of one of the flights has no heading; compare with --keep-north")
+    return math.radians(yaw_deg)
+
+
+def _into_nose(yaw: float) -> Array:
+    """Return the (3, 3) rotation from north, east, down into ahead, right, down."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _compare(drone: int, a: Trace, b: Trace, seconds: float) -> Comparison:
+    start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
+    if end - start < GRID_S:
+        raise UsageError(f"the two flights of drone {drone} share no stretch of time")
+    t = np.arange(start, end + 1e-9, GRID_S)
+    here, there = a.at(t), b.at(t)
+    distance_m = np.linalg.norm(here - there, axis=1)
+    spans = tuple(
+        _span(t, distance_m, from_s, min(from_s + MINUTE_S, float(t[-1])))
+        for from_s in np.arange(0.0, float(t[-1]), MINUTE_S)
+    )
+    first = t <= seconds + 1e-9
+    beside_m = max(_farthest(here[first], there), _farthest(there[first], here))
+    return Comparison(
+        drone, a, b, t, distance_m, spans, _span(t, distance_m, 0.0, min(seconds, float(t[-1]))), beside_m
+    )
+
+
+def _span(t: Array, distance_m: Array, from_s: float, to_s: float) -> Span:
+    part = distance_m[(t >= from_s - 1e-9) & (t <= to_s + 1e-9)]
+    return Span(
+        round(float(from_s), 3), round(to_s, 3), float(part.max()), float(part.mean()), float(np.sqrt((part**2).mean()))
+    )
+
+
+def _farthest(points: Array, path: Array) -> float:
+    """Return the largest distance of a point from the nearest place of a path."""
+    from scipy.spatial import cKDTree
+
+    return float(cKDTree(path).query(points)[0].max())
+
+
+def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
+    """Return how many of the steps that both decided within `seconds` had the same replies, and how many they are."""
+    said = [
+        {(d["step"], d["drone"]): d.get("reply") for d in logs.decisions if d["t_decided"] <= seconds}
+        for logs in (a, b)
+    ]
+    common = said[0].keys() & said[1].keys()
+    return sum(said[0][key] == said[1][key] for key in common), len(common)
+
+
+def episode_folder(path: Path) -> Path:
+    """Return the episode folder that is meant: the folder itself, or a run's only one. Raises UsageError."""
+    if (path / "truth.jsonl").exists():
+        return path
+    inside = sorted(p.parent for p in path.glob("*/truth.jsonl"))
+    if len(inside) != 1:
+        many = f"holds {len(inside)} episodes; name one of them" if inside else "holds no episode"
+        raise UsageError(f"{path} {many}")
+    return inside[0]
+
+
+def logs_of(path: Path) -> Logs:
+    """Return the logs of a flight by its run or episode folder. Raises UsageError."""
+    return read(episode_folder(path))
+
+
+def figures(comparisons: tuple[Comparison, ...], within_m: float, seconds: float) -> dict[str, Any]:
+    """Return the comparison as JSON, with `agree`: within `within_m` over all of the first `seconds`, every drone."""
+
+    def span(s: Span) -> dict[str, float]:
+        return {name: round(getattr(s, name), 4) for name in ("from_s", "to_s", "max_m", "mean_m", "rms_m")}
+
+    compared_s = min(c.first.to_s for c in comparisons)
+    return {
+        "agree": all(c.first.max_m <= within_m for c in comparisons) and compared_s >= seconds - GRID_S,
+        "within_m": within_m,
+        "seconds": seconds,
+        "compared_s": compared_s,
+        "drones": [
+            {
+                "drone": c.drone,
+                "first": span(c.first),
+                "minutes": [span(s) for s in c.spans],
+                "final_m": round(c.final_m, 4),
+                "beside_m": round(c.beside_m, 4),
+                "path_a_m": round(_length(c.a), 3),
+                "path_b_m": round(_length(c.b), 3),
+            }
+            for c in comparisons
+        ],
+    }
+
+
+def _length(path: Trace) -> float:
+    return float(np.linalg.norm(np.diff(path.position, axis=0), axis=1).sum())

@@ -1,0 +1,44 @@
+"""The picture of a path comparison: both paths from above, their heights, and the distance between them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dronecats.border.errors import UsageError
+from dronecats.report.path_comparison import Comparison
+
+
+def draw(comparisons: tuple[Comparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str) -> None:
+    """Write the picture; `axes` says what the plane's axes are. Raises UsageError when it cannot be written."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(2, 2)
+    plan, height, apart = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+    for comparison in comparisons:
+        for path, name, style, colour in zip(
+            (comparison.a, comparison.b), names, ("-", "--"), ("tab:blue", "tab:orange"), strict=True
+        ):
+            label = name if comparison.drone == comparisons[0].drone else None
+            plan.plot(path.position[:, 1], path.position[:, 0], style, color=colour, label=label)
+            height.plot(path.t, -path.position[:, 2], style, color=colour)
+        for t in np.arange(0.0, comparison.t[-1], 10.0):  # where both were at the same second
+            here, there = comparison.a.at(np.array([t]))[0], comparison.b.at(np.array([t]))[0]
+            plan.plot([here[1], there[1]], [here[0], there[0]], "-", color="0.4", linewidth=1)
+        apart.plot(comparison.t, comparison.distance_m, color="tab:red")
+    apart.axhline(within_m, color="0.5", linewidth=1)
+    plan.plot(0, 0, "k^")
+    plan.set_aspect("equal", adjustable="datalim")
+    ahead, right = axes.split(",")
+    plan.set(xlabel=f"{right} [m]", ylabel=f"{ahead} [m]", title="from above, each from its own start")
+    height.set(ylabel="height over the start [m]")
+    apart.set(xlabel="episode time [s]", ylabel="apart [m]")
+    plan.legend()
+    for axis in (plan, height, apart):
+        axis.grid(alpha=0.3)
+    try:
+        figure.savefig(file, dpi=110)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"the picture {file} cannot be written: {error}") from None
