@@ -16,7 +16,7 @@ from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.connected_stage import ConnectedStage
 from dronecats.run.episode import Start, fly
 from dronecats.run.plan import CAMERA, SAMPLING, latency_for
-from hil.http_camera import HttpCamera
+from hil.cameras.snapshot import HttpCamera
 from hil.transport import connect
 
 EPISODE = "connected"

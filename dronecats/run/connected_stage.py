@@ -9,7 +9,7 @@ from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.mavlink import dialect
 from dronecats.run.supervisor import Supervisor
-from hil.http_camera import HttpCamera
+from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
 from hil.transport import Transport, connect
 

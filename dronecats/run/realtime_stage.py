@@ -13,7 +13,7 @@ from dronecats.run.listening import Listener
 from dronecats.run.plan import Plan
 from dronecats.run.supervisor import ChildProcess, Supervisor
 from dronecats.sitl.scenario import load_world, origin
-from hil.http_camera import HttpCamera
+from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
 from hil.transport import connect
 

@@ -1,0 +1,57 @@
+"""A camera's address: which kind of camera it means, and how it may be shown."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+from dronecats.border.errors import UsageError
+
+FORMS = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
+_SECRET = re.compile(r"([\w-]*(?:pass|pwd|token|secret|key|auth|user|login)[\w-]*=)[^&/\s]*", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """An address taken apart."""
+
+    kind: str  # http, rtsp, v4l2, video, folder
+    place: str  # what to open: the whole URL, a device, a path
+    options: Mapping[str, str]  # after the ?, of the kinds that are not a URL of somebody else's
+
+
+def parse(url: str) -> Address:
+    """Return what an address means. Raises UsageError when it is none."""
+    scheme, _, rest = url.partition("://")
+    scheme = scheme.lower()
+    if rest and scheme in ("http", "https"):
+        return Address("http", url, {})
+    if rest and scheme in ("rtsp", "rtsps"):
+        return Address("rtsp", url, {})
+    if url.startswith("v4l2:"):
+        device, _, query = url.removeprefix("v4l2:").removeprefix("//").partition("?")
+        if device.isdigit() or device.startswith("/dev/"):
+            return Address("v4l2", f"/dev/video{device}" if device.isdigit() else device, dict(parse_qsl(query)))
+        raise UsageError(f"camera {shown(url)!r} should read v4l2:0 or v4l2:/dev/video0")
+    name, _, query = (rest if scheme == "file" else url).partition("?")
+    path = Path(name)
+    try:
+        if path.is_dir():
+            return Address("folder", name, dict(parse_qsl(query)))
+        if path.is_file():
+            return Address("video", name, {})
+    except (OSError, ValueError):  # a name too long or with a null byte is no path
+        pass
+    raise UsageError(f"camera {shown(url)!r} is no camera: use {FORMS}")
+
+
+def shown(url: str) -> str:
+    """Return an address as it may be printed: without user, password, and what looks like one anywhere in it.
+
+    A password may hold any character, so everything up to the last @ is left out.
+    """
+    scheme, separator, rest = url.partition("://")
+    if separator and "@" in rest:
+        rest = "***@" + rest.rpartition("@")[2]
+    return _SECRET.sub(r"\1***", scheme + separator + rest)

@@ -1,0 +1,74 @@
+"""Any camera from its address."""
+
+from collections.abc import Callable
+
+from dronecats.border.errors import CameraError, UsageError
+from hil.cameras.address import Address, parse, shown
+from hil.cameras.calibration import Calibration
+from hil.cameras.capture import RtspSource, V4l2Source, size_of
+from hil.cameras.http import Caller
+from hil.cameras.lens import HFOV_DEG, Lens
+from hil.cameras.mjpeg import MjpegSource
+from hil.cameras.playback import FolderSource, VideoSource, rate_of
+from hil.cameras.snapshot import HttpCamera
+from hil.cameras.stream import MAX_AGE_S, Source, StreamCamera
+
+RealCamera = HttpCamera | StreamCamera
+ANSWER_S = 10.0  # s that a camera may take for its first picture
+
+
+def open_camera(
+    url: str,
+    now_us: Callable[[], int],
+    calibration: Calibration | None = None,
+    *,
+    hfov_deg: float = HFOV_DEG,
+    max_age_s: float = MAX_AGE_S,
+) -> RealCamera:
+    """Return the camera at an address, open, its frames stamped on the clock that `now_us` reads.
+
+    With a calibration its frames are straightened and `model` is what the calibration says; without one `hfov_deg` is
+    believed. A frame older than `max_age_s` is a CameraError. Raises UsageError for an address that is none and a lens
+    that cannot be undone, CameraError when nothing comes. No password of an address is ever in an error.
+    """
+    address = parse(url)
+    lens = Lens(calibration, hfov_deg)
+    try:
+        source = _source(address, lens)
+        if source is None:
+            return HttpCamera(url, now_us, lens, max_age_s=max_age_s)
+        return StreamCamera(source, shown(url), now_us, lens, max_age_s=max_age_s)
+    except CameraError as fault:
+        raise CameraError(f"the camera at {shown(url)} gives no frame: {fault}") from None
+
+
+def _source(address: Address, lens: Lens) -> Source | None:
+    """Return what sends pictures by itself at an address; None for one that has to be asked for each."""
+    known = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
+    if stray := set(address.options) - known:
+        raise UsageError(f"camera option {sorted(stray)[0]!r} is unknown for a {address.kind} camera")
+    match address.kind:
+        case "http":
+            return _http_source(address.place)
+        case "rtsp":
+            return RtspSource(address.place)
+        case "v4l2":
+            size = size_of(address.options.get("size"))
+            if size is None and lens.model:
+                size = (lens.model.width, lens.model.height)
+            return V4l2Source(address.place, size)
+        case "folder":
+            return FolderSource(address.place, rate_of(address.options.get("fps")))
+        case _:
+            return VideoSource(address.place)
+
+
+def _http_source(url: str) -> MjpegSource | None:
+    """Ask once: the type of the answer says which of the two it is."""
+    caller = Caller(url)
+    response = caller.get(ANSWER_S)
+    response.close()
+    if response.headers.get("content-type", "").startswith("multipart/"):
+        return MjpegSource(caller)
+    caller.close()
+    return None
