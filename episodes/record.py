@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,7 +200,7 @@ class _Reader:
             self.fail(where, f"is not text ({_quoted(value)})")
         if not value.strip() or len(value) > longest:
             self.fail(where, f"must have 1 … {longest} characters")
-        if any(ord(c) < 32 or 0xD800 <= ord(c) <= 0xDFFF for c in value):
+        if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in value):  # line breaks among them
             self.fail(where, "contains control characters")
         return value
 

@@ -1,8 +1,10 @@
 """`dronecats episodes check`: every rule on every record, measured against the built scene."""
 
 import argparse
+import dataclasses
 import json
 import sys
+from collections import Counter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
         print("\r" + " " * 30 + "\r", end="", file=sys.stderr)
     place = {one: k for k, one in enumerate(asked)}
     reports.sort(key=lambda r: place[r.asked])
+    names = Counter(r.name for r in reports)
+    reports = [r if names[r.name] == 1 else dataclasses.replace(r, name=r.asked) for r in reports]  # copies of one id
     rejected = {r.name: r.reason for r in reports if r.reason}
     if args.json:
         print(json.dumps({"checked": len(reports), "rejected": rejected}, ensure_ascii=False))

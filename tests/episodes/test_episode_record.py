@@ -81,6 +81,8 @@ def test_commanding_round_trip() -> None:
         (("id",), "../x", "id"),
         (("id",), "", "id"),
         (("instruction",), "go\n to", "instruction"),
+        (("instruction",), "go\x7f\x9b2J", "control characters"),  # a terminal obeys the second
+        (("instruction",), "go\u2028to", "control characters"),  # a line break that is not ASCII
         (("instruction",), "x" * 501, "instruction"),
         (("version",), 2, "version"),
         (("start_distance_m",), float("inf"), "Infinity"),

@@ -81,6 +81,16 @@ def test_check_accepts_and_rejects(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "1 checked, 1 rejected" in text
 
 
+def test_no_reason_is_lost_where_files_hold_the_same_id(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    files = [tmp_path / "one.json", tmp_path / "two.json"]
+    for file, distance in zip(files, (3.0, 4.0), strict=True):
+        file.write_text(replace(SHIPPED, start_distance_m=distance).to_json())
+    asked = [str(file) for file in files]
+    answer = json.loads(said(capsys, "check", *asked, catalogue.DEFAULT, "--json", "--jobs", "1", status=1))
+    assert answer["checked"] == 3
+    assert set(answer["rejected"]) == set(asked)
+
+
 def test_check_asks_for_a_record_that_exists(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["episodes", "check", "residential-aproaching-01"]) == 2
     assert "residential-approaching-01" in capsys.readouterr().err
