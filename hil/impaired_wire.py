@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from dronecats.border.errors import LinkError, UsageError
 from hil.impairment import Channel, Impairment
@@ -138,6 +139,12 @@ class ImpairedWire:
     def time_s(self) -> float:
         """Seconds since `start`."""
         return self._clock() - self._zero_s
+
+    def pull(self, from_s: float, seconds: float) -> None:
+        """Pull the cable, both ways, at a second of the wire's time that has yet to come, and plug it in again."""
+        for channel in (self.up, self.down):
+            wire = channel.impairment
+            channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
 
     def check(self) -> None:
         """Raise the LinkError that ended the wire, if one did."""

@@ -1,0 +1,224 @@
+"""A minute of scripted flight over bad wires: what our link survives, and how far it leads the vehicle astray.
+
+    python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--to URL --truth URL]
+
+Every row is a whole flight in real time, all of it over the wire: connecting, arming, take-off, a minute of velocities,
+turns and holds, landing. `astray` is the farthest that the truth was from the flight over the perfect wire at the same
+second of the minute, `end` the distance at its end, `cut speed` the speed two seconds after the cable was pulled.
+Without --to our own simulator flies, a fresh one for each row; with it an autopilot that is running and landed.
+"""
+
+import argparse
+import contextlib
+import json
+import math
+import tempfile
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dronecats.border.errors import DronecatsError, InfrastructureError
+from dronecats.border.mavlink import dialect
+from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
+from dronecats.border.truth import NewestTruth, TruthSample
+from dronecats.run.listening import Listener
+from dronecats.run.supervisor import Supervisor
+from hil.impaired_wire import ImpairedWire
+from hil.impairment import Impairment
+from hil.link import Link
+from hil.transport import connect
+
+EPISODE = "campus-approaching-01"
+CUT_AT_S, CUT_S = 20.0, 10.0  # of the minute
+LEG: tuple[tuple[Setpoint, float], ...] = (
+    (Velocity(1.2, None), 5.0),
+    (Hold(), 2.0),
+    (Turn(math.radians(60.0)), 1.5),
+    (Hold(), 3.5),
+)
+MINUTE = LEG * 5
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A wire."""
+
+    name: str
+    up: Impairment
+    down: Impairment
+    cut: bool = False
+
+
+def both(name: str, cut: bool = False, **impairment: Any) -> Row:
+    return Row(name, Impairment(**impairment), Impairment(**impairment), cut)
+
+
+ROWS = (
+    both("perfect"),
+    both("10 % loss", loss=0.10),
+    both("30 % loss", loss=0.30),
+    both("300 ms delay", delay_s=0.15),
+    both("600 ms delay", delay_s=0.30),
+    both("jitter 200 ms", jitter_s=0.2),
+    both("reordered, doubled", reorder=0.1, duplicate=0.1),
+    both("57,600 baud", baud=57_600),
+    both("1 byte in 1000 wrong", corrupt=0.001),
+    both("10 s cut", cut=True),
+    both("all of them", cut=True, loss=0.10, delay_s=0.15, jitter_s=0.05, baud=57_600, reorder=0.02, duplicate=0.02),
+)
+
+
+@dataclass
+class Truth:
+    """Listens to the truth on a thread of its own."""
+
+    url: str
+    samples: list[TruthSample] = field(default_factory=list)
+
+    def __enter__(self) -> "Truth":
+        self._newest = NewestTruth((47.397742, 8.545594, 488.0))  # only differences are looked at
+        self._listener = Listener(self.url, self._newest.feed)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ending.set()
+        self._thread.join()
+        self._listener.close()
+
+    def _listen(self) -> None:
+        while not self._ending.is_set():
+            self._listener.read(0.02)
+            for drone in range(16):
+                sample = self._newest.of(drone)
+                if sample is not None and (not self.samples or sample.time_us > self.samples[-1].time_us):
+                    self.samples.append(sample)
+
+    def at(self, time_us: int) -> TruthSample:
+        """Return the sample nearest to a vehicle time. Raises InfrastructureError when there is none."""
+        if not self.samples:
+            raise InfrastructureError(f"no truth is heard on {self.url}")
+        return min(self.samples, key=lambda s: abs(s.time_us - time_us))
+
+
+@contextlib.contextmanager
+def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
+    """Give the URLs of an autopilot's link and of its truth."""
+    if args.to:
+        yield args.to, args.truth
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        supervisor = Supervisor(Path(folder))
+        try:
+            config = {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": 1.0}
+            ports = supervisor.start("simulator", config).ready()
+            yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
+        finally:
+            supervisor.close()
+
+
+Path3 = list[tuple[float, float, float]]
+
+
+def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
+    """Return the figures of a flight, and its path: the truth every 0.1 s of the minute relative to its start, NED."""
+    figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
+    path: Path3 = []
+    with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
+        near = connect("udpin://127.0.0.1:0")
+        wire = ImpairedWire(near, connect(to), row.up, row.down, args.seed)
+        link = Link(connect(f"udpout://127.0.0.1:{near.port}"))  # type: ignore[attr-defined]
+        phase, t0_us = "connecting", None
+        with wire:
+            try:
+                link.connect()
+                phase = "waiting until it is ready"
+                link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")
+                phase = "arming"
+                link.arm()
+                phase = "taking off"
+                link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+                link.wait_for(lambda s: s.mode == "HOLD" and s.landed is False, 60.0, "reaching take-off height")
+                link.wait(3.0)
+                phase = "entering offboard"
+                link.fly(Hold())
+                link.start_offboard()
+                phase = "the minute"
+                t0_us = link.time_us
+                if row.cut:
+                    wire.pull(wire.time_s + CUT_AT_S, CUT_S)
+                for setpoint, seconds in MINUTE:
+                    link.fly(setpoint)
+                    link.wait(seconds)
+                phase = "landing"
+                link.stop_offboard()
+                link.set_mode("LAND")
+                link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
+                figures["survived"] = True
+            except DronecatsError as fault:
+                figures["why"] = f"{phase}: {fault}"
+            figures |= {"mode_at_the_end": link.state.mode, "up": str(wire.up.counts), "down": str(wire.down.counts)}
+        link.close()
+        if not figures["survived"]:
+            rescue(to)
+        if t0_us is not None:
+            start = truth.at(t0_us).position_ned
+            end_us = min(t0_us + 60_000_000, truth.samples[-1].time_us)
+            for time_us in range(t0_us, end_us, 100_000):
+                north, east, down = (p - s for p, s in zip(truth.at(time_us).position_ned, start, strict=True))
+                path.append((north, east, down))
+            if row.cut:
+                at_us = t0_us + round((CUT_AT_S + 2.0) * 1e6)
+                figures["cut_speed_mps"] = round(math.hypot(*truth.at(at_us).velocity_ned), 2)
+    return figures, path
+
+
+def rescue(to: str) -> None:
+    """Land what a bad wire has left in the air, over a good one."""
+    link = Link(connect(to))
+    with contextlib.suppress(DronecatsError):
+        link.connect()
+        if link.state.armed:
+            link.set_mode("LAND")
+            link.wait_for(lambda state: not state.armed, 90.0, "landing")
+    link.close()
+
+
+def astray(path: Path3, reference: Path3) -> dict[str, float]:
+    """Return the farthest and the last distance of a path from the reference at the same second, m."""
+    distances = [math.dist(a, b) for a, b in zip(path, reference, strict=False)]
+    return {"astray_m": round(max(distances), 2), "end_m": round(distances[-1], 2)} if distances else {}
+
+
+def main() -> None:
+    """Fly the rows and print a line for each."""
+    parser = argparse.ArgumentParser(description="a minute of flight over bad wires")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="rows to fly; the perfect wire is flown first anyway")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--to", metavar="URL", help="an autopilot that is running, on the ground")
+    parser.add_argument("--truth", metavar="URL", help="with --to: where its HIL_STATE_QUATERNION comes")
+    args = parser.parse_args()
+    if bool(args.to) != bool(args.truth):
+        parser.error("--to and --truth go together")
+    reference: Path3 = []
+    for row in ROWS:
+        if args.only and row.name not in args.only and row is not ROWS[0]:
+            continue
+        figures, path = fly(row, args)
+        reference = reference or path
+        figures |= astray(path, reference)
+        print(json.dumps(figures, ensure_ascii=False) if args.json else line(figures), flush=True)
+
+
+def line(figures: dict[str, Any]) -> str:
+    told = " ".join(f"{key} {figures[key]:.2f}" for key in ("astray_m", "end_m", "cut_speed_mps") if key in figures)
+    return f"{figures['wire']:22} {'survived' if figures['survived'] else 'LOST':9} {told}  {figures['why']}"
+
+
+if __name__ == "__main__":
+    main()
