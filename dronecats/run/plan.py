@@ -80,6 +80,8 @@ def resolve(
         raise UsageError("only the oracle can fly without rendering; every other pilot looks at the frames")
     if px4 and autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+    if autopilot == "px4" and multiple is None:
+        raise UsageError("--autopilot px4 flies in real time: PX4's MAVLink threads do not wait; give --speed a factor")
     return Plan(
         episode=episode or catalogue.DEFAULT,
         record=catalogue.load(episode or catalogue.DEFAULT),

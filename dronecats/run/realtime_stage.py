@@ -1,5 +1,6 @@
 """Every part a process of its own, the vehicle's clock paced by the wall's."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,22 +28,35 @@ class RealtimeStage:
         self._oracle_bus: Listener | None = None
         self.executor = DaemonExecutor()
         try:
-            self._start(plan, folder, Patience(say))
+            self._start(plan, folder, say)
         except BaseException:
             self.close()
             raise
 
-    def _start(self, plan: Plan, folder: Path, patience: "Patience") -> None:
+    def _start(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
+        patience = Patience(say)
         pilot = self._supervisor.start("pilot", {"pilot": plan.pilot}) if plan.pilot not in (None, "oracle") else None
         simulator = self._supervisor.start(
             "simulator",
-            {"episode": plan.episode, "airframe": plan.airframe, "seed": plan.seed, "speed": plan.speed},
+            {
+                "episode": plan.episode,
+                "airframe": plan.airframe,
+                "seed": plan.seed,
+                "speed": plan.speed,
+                "autopilot": plan.autopilot,
+                "px4": plan.px4,
+                "log_dir": str(folder),
+            },
         )
         self._simulator = simulator
         ports = simulator.ready(patience)
         truth = f"udpout://127.0.0.1:{ports['truth']}"
         optics = plan.optics.as_dict() if plan.optics else None
+        direction = "udpin" if plan.autopilot == "px4" else "udpout"  # PX4 speaks first, to a place that it knows
+        self.links = [Link(connect(f"{direction}://127.0.0.1:{port}")) for port in ports["agent"]]
         camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth, "optics": optics})
+        if plan.autopilot == "px4":
+            self._await_px4(say)
         self._logger = self._supervisor.start(
             "logger",
             {
@@ -52,11 +66,23 @@ class RealtimeStage:
                 "telemetry": [f"udpout://127.0.0.1:{port}" for port in ports["log"]],
             },
         )
-        self.links = [Link(connect(f"udpout://127.0.0.1:{port}")) for port in ports["agent"]]
         self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
         self._camera_process = camera
         self._logger.ready(patience)
         self.model = self._model(plan, pilot, truth, patience)
+
+    def _await_px4(self, say: Callable[[str], None]) -> None:
+        """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
+
+        Raises InfrastructureError when one that we have started ends.
+        """
+        say("waiting for PX4: a simulated one connects to TCP port 4560, those of further drones to 4561 and on …")
+        while not self._simulator.do("in step"):
+            self._supervisor.check()
+            time.sleep(0.1)
+        for link in self.links:
+            while not link.transport.receive(0.5):
+                self._supervisor.check()
 
     def _model(self, plan: Plan, pilot: ChildProcess | None, truth: str, patience: "Patience") -> Model:
         if plan.pilot == "oracle":

@@ -5,14 +5,14 @@ Every message is still encoded to MAVLink bytes and decoded again; only the sock
 
 from collections.abc import Callable
 
-from dronecats.sitl.simulation import Simulation
+from dronecats.sitl.simulation import SimulatedVehicle, Simulation
 from hil.transport import MemoryTransport
 
 
 class Lockstep:
     """Owns the turn order: advance the simulation one tick, then let the followers read what came of it."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation[SimulatedVehicle]) -> None:
         self.simulation = simulation
         self.followers: list[Callable[[], None]] = []
 

@@ -1,12 +1,13 @@
 """A simulation built from an episode record: the map's ground, and each vehicle on it below its start pose."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from dronecats.border.truth import Origin
 from dronecats.sitl.collisions import Traffic
-from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
 from episodes import catalogue
 from episodes.obstacles import obstacles
 from episodes.world import World
@@ -38,10 +39,29 @@ def build(
     state_dir: Path | None = None,
     wind: Wind = CALM,
     faults: Sequence[Fault] = (),
-) -> Simulation:
-    """Return the simulation of a record's drones, or of `count` of them, all in one wind and with the same faults.
+) -> Simulation[SimulatedVehicle]:
+    """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
 
-    Raises UsageError for an unknown airframe or a fault that it cannot have.
+    def make(index: int, *arguments: Any, **physics: Any) -> SimulatedVehicle:
+        folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
+        return SimulatedVehicle(index, *arguments, state_dir=folder, **physics)
+
+    return built_of(make, world, airframe=airframe, seed=seed, count=count, wind=wind, faults=faults)
+
+
+def built_of(
+    make: Callable[..., V],
+    world: World,
+    *,
+    airframe: str = "x500",
+    seed: int = 0,
+    count: int | None = None,
+    wind: Wind = CALM,
+    faults: Sequence[Fault] = (),
+) -> Simulation[V]:
+    """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
+
+    All are in one wind and have the same faults. Raises UsageError for an unknown airframe or an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
@@ -52,7 +72,7 @@ def build(
         places.append(Place((north, east, world.ground_down(north, east)), places[-1].yaw))
     return Simulation(
         [
-            SimulatedVehicle(
+            make(
                 index,
                 frame,
                 place,
@@ -62,7 +82,6 @@ def build(
                 obstacles=solid,
                 wind=wind,
                 faults=faults,
-                state_dir=state_dir / f"vehicle-{index + 1}" if state_dir else None,
             )
             for index, place in enumerate(places[:count])
         ],

@@ -1,43 +1,33 @@
 """Vehicles with our autopilot on one clock: plant and inner loop fused in one compiled loop, commanders around it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore
 from dronecats.border.airframe import Airframe
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import Packer
 from dronecats.border.obstacles import OPEN, Obstacles
 from dronecats.border.terrain import FLAT, HeightField
-from dronecats.border.truth import TRUTH_COMPONENT, Origin, truth_message
+from dronecats.border.truth import Origin
 from dronecats.sitl.bus import TruthBus
-from dronecats.sitl.collisions import CollisionReport, Encounters, Traffic
+from dronecats.sitl.collisions import Encounters, Traffic
 from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
+from dronecats.sitl.vehicle import STEP_US, TICK_US, Place, Vehicle
 from dronecats.sitl.vehicle_port import VehiclePort
 from vehicles.faults import Fault
-from vehicles.multirotor import Multirotor
 from vehicles.wind import CALM, Wind
 
-STEP_US = 1_000  # plant and inner loop
-TICK_US = 10_000  # commander, MAVLink and truth
+__all__ = ["STEP_US", "TICK_US", "Place", "SimulatedVehicle", "Simulation"]
+
 FINER_US = (5_000, 2_000)  # steps within a tick, while a client wants messages at more than 100 Hz
 TRUTH_US = 20_000  # 50 Hz
+V = TypeVar("V", bound=Vehicle)
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a vehicle stands at boot."""
-
-    position_ned: Vec3  # m, map frame, on the ground
-    yaw: float  # rad
-
-
-class SimulatedVehicle:
-    """One vehicle: physics, inner loop, commander."""
+class SimulatedVehicle(Vehicle):
+    """One vehicle under our autopilot: physics, inner loop, commander."""
 
     def __init__(
         self,
@@ -54,17 +44,14 @@ class SimulatedVehicle:
         state_dir: Path | None = None,
     ) -> None:
         """`state_dir` keeps parameters, plans and flight logs; without it none of them outlives the process."""
-        self.index = index
-        self.origin = origin
-        self.plant = Multirotor(
+        super().__init__(
+            index,
             airframe,
+            place,
             seed=seed,
             origin=origin,
             terrain=terrain,
             obstacles=obstacles,
-            camera_frd=CameraModel().offset_frd,
-            position_ned=place.position_ned,
-            yaw=place.yaw,
             wind=wind,
             faults=faults,
         )
@@ -72,8 +59,6 @@ class SimulatedVehicle:
         self._failures = Failures(self.plant, faults)
         self._ports: list[VehiclePort] = []
         self._boot()
-        self._packer = Packer(index + 1, TRUTH_COMPONENT)
-        self._collisions = CollisionReport(self.plant)
 
     def advance(self) -> None:
         """Advance by one tick."""
@@ -128,35 +113,11 @@ class SimulatedVehicle:
         """Finish the flight log."""
         self.autopilot.close()
 
-    @property
-    def time_us(self) -> int:
-        return int(self.plant.truth["time_us"])
 
-    def truth(self) -> bytes:
-        """Return HIL_STATE_QUATERNION as bytes."""
-        truth = self.plant.truth
-        return self._packer.pack(
-            truth_message(
-                int(truth["time_us"]),
-                tuple(truth["position_ned"].tolist()),
-                tuple(truth["velocity_ned"].tolist()),
-                tuple(truth["attitude"].tolist()),
-                tuple(truth["rates_frd"].tolist()),
-                tuple(truth["accel_frd"].tolist()),
-                self.origin,
-            )
-        )
-
-    def collisions(self) -> bytes:
-        """Return a STATUSTEXT about what was hit since the last call as bytes, empty when nothing was."""
-        message = self._collisions.message()
-        return self._packer.pack(message) if message else b""
-
-
-class Simulation:
+class Simulation(Generic[V]):
     """A fleet on one clock, what moves in its world, and the bus its truth goes out on."""
 
-    def __init__(self, vehicles: Sequence[SimulatedVehicle], traffic: Traffic | None = None) -> None:
+    def __init__(self, vehicles: Sequence[V], traffic: Traffic | None = None) -> None:
         self.vehicles = tuple(vehicles)
         self.bus = TruthBus()
         self.traffic = traffic

@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from dronecats.run.child import Part
 from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.scenario import build, load_world
-from dronecats.sitl.simulation import TICK_US, Simulation
+from dronecats.sitl.simulation import TICK_US, SimulatedVehicle, Simulation, V
 from dronecats.sitl.sockets import UdpPort
 from vehicles import airframe as airframes
 from vehicles import fault_script
@@ -16,17 +17,21 @@ AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # + instance, where clie
 AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance, where the simulator listens
 
 
+def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
+    """Return the truth bus on UDP; `instance` None: on an ephemeral port, and to whoever speaks to it only."""
+    tap = simulation.bus.tap()
+    if instance is None:
+        return UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)
+    local, remote = (LOOPBACK, TRUTH_LOCAL + instance), (LOOPBACK, TRUTH_PORT + instance)
+    return UdpPort(local, remote, tap.take, tap.receive, shared=True)
+
+
 class Ports:
     """Every UDP port of a simulation. `instance` None: ephemeral ones, but for the ground station's."""
 
-    def __init__(self, simulation: Simulation, instance: int | None) -> None:
+    def __init__(self, simulation: Simulation[SimulatedVehicle], instance: int | None) -> None:
         self.agent, self.gcs, self.log = [], [], []
-        tap = simulation.bus.tap()
-        if instance is None:
-            self.truth = UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)
-        else:
-            self.truth = UdpPort((LOOPBACK, TRUTH_LOCAL + instance), (LOOPBACK, TRUTH_PORT + instance),
-                                 tap.take, tap.receive, shared=True)  # fmt: skip
+        self.truth = truth_port(simulation, instance)
         for vehicle in simulation.vehicles:
             n = (instance or 0) + vehicle.index
             ports = [vehicle.open_port(profile) for profile in ("onboard", "gcs", "minimal")]
@@ -97,10 +102,15 @@ class Simulator:
             port.close()
 
 
-def create(config: dict[str, Any]) -> Simulator:
+def create(config: dict[str, Any]) -> Part:
     """Return the simulator of an episode's vehicles.
 
     Keys episode, airframe, seed, speed, instance or None; if wanted count, state_dir, wind (north and east in m/s),
-    gusts (m/s at 20 ft) and faults (a script's path). Raises UsageError.
+    gusts (m/s at 20 ft) and faults (a script's path). With autopilot "px4", a PX4 flies each: see `Px4Simulator`.
+    Raises UsageError.
     """
+    if config.get("autopilot") == "px4":
+        from dronecats.sitl.px4_simulator import Px4Simulator
+
+        return Px4Simulator(config)
     return Simulator(config)
