@@ -127,9 +127,7 @@ class Conversation:
             elif self.time_us - before_us > GAP_US:
                 self._gap_us = self.time_us
         if kind == STATUSTEXT:
-            said = self.texts.take(message, self.time_us)
-            if said is None:
-                return
+            self.texts.take(message, self.time_us)
         self.state = update(self.state, message, self.time_us)
         self._noticed()
 
@@ -159,9 +157,10 @@ class Conversation:
         self.send(self._command_long(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, interval_us)))
 
     def _send_heartbeat(self) -> None:
+        # as a ground station: to a wire on which it has heard none a PX4 sends no STATUSTEXT
         self.send(
             dialect.MAVLink_heartbeat_message(
-                dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+                dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
             )
         )
 

@@ -7,6 +7,7 @@ from dronecats.border.mavlink import dialect
 
 WARNING = dialect.MAV_SEVERITY_WARNING  # 4; smaller is worse
 KEPT = 50
+PIECE = 50  # characters that one STATUSTEXT holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,30 +19,46 @@ class Said:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class _Open:
+    """A text of which a piece may still be missing."""
+
+    text_id: int
+    severity: int
+    time_us: int
+    text: str
+
+
 class StatusTexts:
     """The newest texts of one autopilot."""
 
     def __init__(self) -> None:
         self.newest: deque[Said] = deque(maxlen=KEPT)
-        self._pieces: dict[int, list[str]] = {}  # text id -> its pieces so far
+        self._open: _Open | None = None
 
-    def take(self, message: dialect.MAVLink_message, time_us: int) -> Said | None:
-        """Return the text that this STATUSTEXT completes. A piece that was lost costs what came before it."""
+    def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
+        """Take in a STATUSTEXT. A full piece may have a successor or be the last: another text, or `since`, ends it."""
         text = _plain(message.text)
-        if message.id:
-            pieces = self._pieces.setdefault(message.id, [])
-            if message.chunk_seq != len(pieces):
-                pieces.clear()
-            pieces.append(text)
-            if len(text) >= 50:
-                return None  # a full piece has a successor
-            text = "".join(self._pieces.pop(message.id))
-        said = Said(time_us, message.severity, " ".join(text.split()))
-        self.newest.append(said)
-        return said
+        if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
+            self._complete()
+        before = self._open.text if self._open is not None else ""
+        if message.id and len(text) >= PIECE:
+            self._open = _Open(message.id, message.severity, time_us, before + text)
+        else:
+            self._open = None
+            self._keep(message.severity, time_us, before + text)
+
+    def _complete(self) -> None:
+        if self._open is not None:
+            self._keep(self._open.severity, self._open.time_us, self._open.text)
+            self._open = None
+
+    def _keep(self, severity: int, time_us: int, text: str) -> None:
+        self.newest.append(Said(time_us, severity, " ".join(text.split())))
 
     def since(self, time_us: int) -> str:
         """Return the warnings and worse that were said from then on, in order, joined; empty when there was none."""
+        self._complete()
         texts = [said.text for said in self.newest if said.time_us >= time_us and said.severity <= WARNING]
         return "; ".join(dict.fromkeys(texts))
 

@@ -113,5 +113,5 @@ def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int =
         case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
             return state._replace(gps_fix=message.fix_type)
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            return state._replace(status_text=message.text) if message.severity <= 4 else state
+            return state._replace(status_text=" ".join(message.text.split())) if message.severity <= 4 else state
     return state

@@ -9,7 +9,8 @@ from urllib.parse import urlsplit
 
 from dronecats.border.errors import LinkError, UsageError
 
-FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT or serial://DEVICE:BAUD"
+FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
+BAUD = 57_600  # of a serial line that names none, MAVSDK's and PX4's TELEM1
 BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
 
 
@@ -105,6 +106,61 @@ class TcpTransport:
         self._socket.close()
 
 
+class TcpListener:
+    """A TCP server for one client at a time; a client that comes later takes its place."""
+
+    def __init__(self, url: str, host: str, port: int) -> None:
+        self.url = url
+        self._listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._listening.bind((host, port))
+        except OSError as error:
+            self._listening.close()
+            raise bind_error(error, "TCP", host, port) from None
+        self._listening.listen(1)
+        self._client: socket.socket | None = None
+
+    @property
+    def port(self) -> int:
+        """The local port, useful when 0 was asked for."""
+        return int(self._listening.getsockname()[1])
+
+    def receive(self, timeout_s: float) -> bytes:
+        watched = [self._listening] + ([self._client] if self._client else [])
+        ready = select.select(watched, [], [], timeout_s)[0]
+        if self._listening in ready:
+            self._drop()
+            self._client = self._listening.accept()[0]
+            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return b""
+        if self._client is None or self._client not in ready:
+            return b""
+        try:
+            data = self._client.recv(65536)
+        except OSError:
+            data = b""
+        if not data:
+            self._drop()
+        return data
+
+    def send(self, data: bytes) -> None:
+        if self._client is not None:
+            try:
+                self._client.sendall(data)
+            except OSError:
+                self._drop()
+
+    def _drop(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def close(self) -> None:
+        self._drop()
+        self._listening.close()
+
+
 class SerialTransport:
     """A serial line, through pyserial (extra `serial`)."""
 
@@ -115,20 +171,26 @@ class SerialTransport:
             raise UsageError("serial links need pyserial: pip install 'dronecats[serial]'") from None
         self.url = url
         try:
-            self._port = serial.Serial(device, baud, timeout=0)
+            self._port = serial.Serial(device, baud, timeout=0, write_timeout=1.0)
         except (OSError, ValueError) as error:
             raise LinkError(f"the serial device {device} cannot be opened: {error}") from None
 
     def receive(self, timeout_s: float) -> bytes:
-        if not select.select([self._port.fileno()], [], [], timeout_s)[0]:
-            return b""
         try:
-            return bytes(self._port.read(65536))
+            if not select.select([self._port.fileno()], [], [], timeout_s)[0]:
+                return b""
+            data = bytes(self._port.read(65536))
         except OSError as error:
             raise LinkError(f"the serial line {self.url} broke: {error}") from None
+        if not data:  # readable, and yet nothing there: the device is gone
+            raise LinkError(f"the serial line {self.url} broke: the device is gone")
+        return data
 
     def send(self, data: bytes) -> None:
-        self._port.write(data)
+        try:
+            self._port.write(data)
+        except OSError as error:
+            raise LinkError(f"the serial line {self.url} broke: {error}") from None
 
     def close(self) -> None:
         self._port.close()
@@ -159,10 +221,15 @@ class MemoryTransport:
 
 
 def connect(url: str) -> Transport:
-    """Return an open transport. Raises UsageError for a malformed URL or a taken port, LinkError when none answers."""
+    """Return an open transport. Raises UsageError for a malformed URL or a taken port, LinkError when none answers.
+
+    MAVSDK's forms are understood too: udp:// listens, tcpout:// connects, serial:// without a rate takes 57,600 baud.
+    """
     scheme, _, rest = url.partition("://")
     if scheme == "serial" and rest:
-        device, _, baud = rest.rpartition(":")
+        device, colon, baud = rest.rpartition(":")
+        if not colon:
+            return SerialTransport(url, rest, BAUD)
         if device and baud.isdigit():
             return SerialTransport(url, device, int(baud))
         raise UsageError(f"--connect {url!r} should read serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
@@ -179,6 +246,8 @@ def connect(url: str) -> Transport:
         return UdpTransport(url, host, port, listen=False)
     if scheme in ("tcp", "tcpout"):
         return TcpTransport(url, host, port)
+    if scheme == "tcpin":
+        return TcpListener(url, host, port)
     raise UsageError(f"--connect {url!r} is no link; use {FORMS}")
 
 

@@ -1,4 +1,6 @@
 import contextlib
+import os
+import pty
 import socket
 
 import pytest
@@ -49,7 +51,16 @@ def test_tcp_says_when_it_ends():
 
 @pytest.mark.parametrize(
     "url",
-    ["", "udpin", "udpin://", "udpin://1.2.3.4", "udpin://h:99999999", "ftp://h:1", "serial:///dev/x", "udp://[::1"],
+    [
+        "",
+        "udpin",
+        "udpin://",
+        "udpin://1.2.3.4",
+        "udpin://h:99999999",
+        "ftp://h:1",
+        "serial:///dev/x:fast",
+        "udp://[::1",
+    ],
 )
 def test_malformed_urls_are_one_sentence(url):
     with pytest.raises(UsageError, match="--connect"):
@@ -77,3 +88,40 @@ def test_memory_pipe_pumps_only_when_it_runs_dry():
     assert not pumped
     assert pipe.receive(1.0) == b"second"
     assert len(pumped) == 3
+
+
+def test_a_tcp_server_serves_the_newest_client():
+    server = connect("tcpin://127.0.0.1:0")
+    server.send(b"to nobody")
+    for word in (b"first", b"second"):
+        client = connect(f"tcp://127.0.0.1:{server.port}")
+        client.send(word)
+        got = b""
+        while not got:  # the first read accepts
+            got = server.receive(2.0)
+        assert got == word
+        server.send(word + b" back")
+        assert client.receive(2.0) == word + b" back"
+        client.close()
+    server.close()
+
+
+def test_a_serial_line_without_a_rate_has_mavsdks():
+    line, far = pty.openpty()
+    with contextlib.closing(connect(f"serial://{os.ttyname(far)}")) as port:
+        os.write(line, b"hello")
+        assert port.receive(2.0) == b"hello"
+        port.send(b"you")
+        assert os.read(line, 10) == b"you"
+    os.close(line)
+    os.close(far)
+
+
+def test_a_serial_device_that_goes_away_is_noticed():
+    line, far = pty.openpty()
+    port = connect(f"serial://{os.ttyname(far)}:115200")
+    os.close(far)
+    os.close(line)
+    with pytest.raises(LinkError, match="broke"):
+        port.receive(2.0)
+    port.close()

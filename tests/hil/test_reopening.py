@@ -1,0 +1,54 @@
+"""A pulled cable comes back."""
+
+import os
+import pty
+import socket
+
+import pytest
+
+from dronecats.border.errors import LinkError
+from hil.reopening import Reopening
+from hil.transport import connect
+
+
+def test_a_tcp_wire_that_breaks_is_opened_again():
+    listener = socket.create_server(("127.0.0.1", 0))
+    url = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+    wire = Reopening(lambda: connect(url))
+    for round_trip in range(3):
+        peer, _ = listener.accept()
+        peer.sendall(b"hello")
+        assert wire.receive(2.0) == b"hello"
+        assert wire.reopened == round_trip
+        peer.close()
+        assert wire.receive(2.0) == b""  # the end of the connection, no exception
+        wire.send(b"lost")
+        assert wire.receive(1.0) == b""  # opened again on the way
+    wire.close()
+    listener.close()
+
+
+def test_a_serial_device_that_is_plugged_in_again_is_used_again(tmp_path):
+    device = tmp_path / "ttyACM0"
+    line, far = pty.openpty()
+    device.symlink_to(os.ttyname(far))
+    wire = Reopening(lambda: connect(f"serial://{device}:57600"))
+    os.write(line, b"before")
+    assert wire.receive(2.0) == b"before"
+    device.unlink()
+    os.close(far)
+    os.close(line)
+    assert wire.receive(0.2) == b""
+    assert wire.receive(0.6) == b""  # not back yet
+    line, far = pty.openpty()
+    device.symlink_to(os.ttyname(far))
+    assert wire.receive(1.0) == b""
+    os.write(line, b"after")
+    assert wire.receive(2.0) == b"after"
+    assert wire.reopened == 1
+    wire.close()
+
+
+def test_what_cannot_be_opened_at_first_is_said():
+    with pytest.raises(LinkError, match="nothing answers"):
+        Reopening(lambda: connect("tcp://127.0.0.1:1"))

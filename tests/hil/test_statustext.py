@@ -1,0 +1,27 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.border.mavlink import dialect
+from hil.statustext import PIECE, StatusTexts
+
+
+def pieces(text, text_id, severity=2):
+    cut = [text[i : i + PIECE] for i in range(0, len(text), PIECE)]
+    return [dialect.MAVLink_statustext_message(severity, c.encode(), text_id, n) for n, c in enumerate(cut)]
+
+
+@given(st.lists(st.text("abcdefgh ", min_size=1, max_size=180).filter(str.strip), min_size=1, max_size=5))
+def test_texts_in_pieces_come_out_whole_and_in_order(texts):
+    said = StatusTexts()
+    for number, text in enumerate(texts, 1):
+        for piece in pieces(text, number):
+            said.take(piece, 7)
+    said.since(0)
+    assert [one.text for one in said.newest] == [" ".join(text.split()) for text in texts]
+
+
+def test_only_warnings_and_worse_since_then():
+    said = StatusTexts()
+    for time_us, severity, text in ((1, 2, b"old"), (5, 6, b"chatter"), (5, 4, b"warning\t"), (6, 4, b"warning")):
+        said.take(dialect.MAVLink_statustext_message(severity, text), time_us)
+    assert said.since(5) == "warning"
