@@ -1,4 +1,4 @@
-"""`dronecats sitl`: the simulator alone, for any MAVLink client, on PX4's ports."""
+"""`dronecats sitl`: the simulator alone, for any MAVLink client, on PX4's ports; under our autopilot or a real PX4."""
 
 import argparse
 import contextlib
@@ -13,7 +13,7 @@ WIND_MAX = 40.0  # m/s, a hurricane
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("sitl", help="run the simulator for any MAVLink client")
+    parser = verbs.add_parser("sitl")
     parser.add_argument("--instance", type=int, default=0, metavar="I", help="added to every port (default 0)")
     parser.add_argument("--count", type=int, default=None, metavar="N", help="vehicles, each on its own ports")
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
@@ -38,6 +38,12 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
     parser.add_argument("--faults", type=Path, metavar="FILE", help="what breaks when: docs/faults.md")
+    parser.add_argument(
+        "--autopilot", choices=("ours", "px4"), default="ours", help="px4: a real one flies (default ours)"
+    )
+    parser.add_argument(
+        "--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits for one"
+    )
     parser.set_defaults(run=run)
 
 
@@ -67,25 +73,31 @@ def run(args: argparse.Namespace) -> int:
     if args.optics is not None and args.camera is None:
         raise UsageError("--optics goes with --camera; add it or leave --optics out")
     optics = load(args.optics).as_dict() if args.optics else None
+    if args.px4 and args.autopilot != "px4":
+        raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.run.supervisor import Supervisor
+    from dronecats.sitl.px4_simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
 
-    simulator = Simulator(
-        {
-            "episode": episode,
-            "airframe": args.airframe,
-            "seed": args.seed,
-            "speed": factor,
-            "instance": args.instance,
-            "count": args.count or 1,
-            "wind": wind,
-            "gusts": args.gusts,
-            "faults": str(args.faults) if args.faults else None,
-            "state_dir": str(args.state or Path("runs") / f"sitl-{args.instance}"),
-        }
-    )
+    config = {
+        "episode": episode,
+        "airframe": args.airframe,
+        "seed": args.seed,
+        "speed": factor,
+        "instance": args.instance,
+        "count": args.count or 1,
+        "wind": wind,
+        "gusts": args.gusts,
+        "faults": str(args.faults) if args.faults else None,
+        "state_dir": str(args.state or Path("runs") / f"sitl-{args.instance}"),
+    }
+    simulator: Simulator | Px4Simulator
+    if args.autopilot == "px4":
+        simulator = Px4Simulator({**config, "px4": args.px4, "restart": True}, say=_say)
+    else:
+        simulator = Simulator(config)
     with tempfile.TemporaryDirectory(prefix="dronecats-sitl-") as logs:
         supervisor = Supervisor(Path(logs))
         try:
@@ -97,12 +109,14 @@ def run(args: argparse.Namespace) -> int:
                 child = supervisor.start("camera", config)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
+            if args.autopilot == "px4" and not args.px4:
+                _say("waiting for a PX4, and no time passes until then; start yours with PX4_SIM_MODEL=none_iris")
             simulator.ready()
             while True:
                 simulator.turn()
                 supervisor.check()
                 if lag := simulator.pace.line():
-                    print(lag, flush=True)
+                    _say(lag)
         except KeyboardInterrupt:
             return 0
         finally:
@@ -124,12 +138,20 @@ def _wind(text: str) -> tuple[float, float]:
     return north, east
 
 
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
     from dronecats.sitl.simulator_process import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
+    from hil.simulator_server import PORT
 
     for index in range(args.count or 1):
         port = AGENT_PORT + args.instance + index
-        print(f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}")
+        behind = f"   PX4 on TCP port {PORT + args.instance + index}" if args.autopilot == "px4" else ""
+        print(
+            f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}{behind}"
+        )
     print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}")
     if camera:
         print(f"camera: {camera}")
