@@ -9,7 +9,7 @@ from typing import Any
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("compare", help="say how far the paths of two flights lie apart")
+    parser = verbs.add_parser("compare")
     parser.add_argument("a", type=Path, help="a run folder, or the folder of one episode in it")
     parser.add_argument("b", type=Path, help="the other")
     parser.add_argument("--within", type=float, default=1.0, metavar="M", help="metres that count as agreeing (1.0)")

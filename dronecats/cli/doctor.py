@@ -52,7 +52,7 @@ class Finding:
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = subparsers.add_parser("doctor", help="say what works on this machine, what is missing and how to get it")
+    parser = subparsers.add_parser("doctor")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("edit", help="make or change an episode in the browser")
+    parser = verbs.add_parser("edit")
     parser.add_argument("what", nargs="?", default="residential", metavar="MAP|ID", help="default: residential")
     parser.add_argument(
         "--out", type=Path, default=Path("my-episodes"), metavar="DIR", help="where records are written"

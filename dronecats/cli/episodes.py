@@ -11,7 +11,7 @@ ACTIONS = ("list", "show", "check", "new", "sheet", "audit", "probe")
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb and its actions."""
-    parser = verbs.add_parser("episodes", help="list, show, check and make episodes; the reading probe")
+    parser = verbs.add_parser("episodes")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for action in ACTIONS:
         importlib.import_module(f"dronecats.cli.episodes_{action}").add_parser(actions)

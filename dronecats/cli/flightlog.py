@@ -9,7 +9,7 @@ from pathlib import Path
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("flightlog", help="list and fetch the flight logs on board of an autopilot")
+    parser = verbs.add_parser("flightlog")
     what = parser.add_subparsers(dest="what", metavar="list|fetch", required=True)
     listing = what.add_parser("list", help="say which logs there are")
     fetching = what.add_parser("fetch", help="download one")

@@ -14,7 +14,7 @@ CONNECTED_ONLY = ("camera", "instruction", "seconds")
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("fly", help="fly an episode, in simulation or on a vehicle you connect")
+    parser = verbs.add_parser("fly")
     vehicle = parser.add_argument_group("vehicle")
     vehicle.add_argument("--sitl", action="store_true", help="simulate the vehicle, its autopilot and its camera")
     vehicle.add_argument(

@@ -8,7 +8,7 @@ BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("impair", help="put a bad wire between an agent and an autopilot")
+    parser = verbs.add_parser("impair")
     parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
     parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
     wire = parser.add_argument_group("the wire", f"Each takes {BOTH}.")

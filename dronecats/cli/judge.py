@@ -9,7 +9,7 @@ AGREES = {True: "agrees with verdict.json", False: "DIFFERS from verdict.json", 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("judge", help="derive the verdicts of a run again from its logs")
+    parser = verbs.add_parser("judge")
     parser.add_argument("run_dir", type=Path, help="a run folder, or the folder of one episode in it")
     parser.add_argument("--delta", type=float, default=5.0, help="success radius in metres (default 5)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

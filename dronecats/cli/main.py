@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import sys
+from typing import Any
 
 from dronecats import __version__
 from dronecats.border.errors import DronecatsError
@@ -16,11 +17,21 @@ VERBS = {
     "compare": "say how far the paths of two flights lie apart",
     "flightlog": "list and fetch the flight logs on board of an autopilot",
     "tune": "print an airframe's gains and margins, and draw its loops",
-    "episodes": "list, show, check, make and fly episodes",
+    "episodes": "list, show, check, make and fly episodes; the reading probe",
     "edit": "make or change an episode in the browser",
     "maps": "list the maps, export one, import your own",
     "doctor": "say what works on this machine, what is missing and how to get it",
 }
+
+
+class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
+    """The verbs' parsers. What a verb does stands in the table above, for its own help and for everybody's."""
+
+    def add_parser(self, name: str, **kwargs: Any) -> Any:
+        """Return a new parser for the verb `name`."""
+        said = VERBS[name]
+        words = {"help": said, "description": f"{said[0].upper()}{said[1:]}."}
+        return super().add_parser(name, **{**words, **kwargs})
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -30,13 +41,13 @@ def main(argv: list[str] | None = None) -> int:
         prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, action=Verbs)
     asked = next((a for a in arguments if not a.startswith("-")), None)
-    for verb, help_text in VERBS.items():
+    for verb in VERBS:
         if verb == asked:
             importlib.import_module(f"dronecats.cli.{verb}").add_parser(verbs)
         else:
-            verbs.add_parser(verb, help=help_text)
+            verbs.add_parser(verb)
     args = parser.parse_args(arguments)
     try:
         return int(args.run(args))

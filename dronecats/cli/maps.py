@@ -9,7 +9,7 @@ from typing import Any
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("maps", help="list the maps, export one, import your own")
+    parser = verbs.add_parser("maps")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="one line per map")
     listing.add_argument("--json", action="store_true", help="print one JSON object")

@@ -9,7 +9,7 @@ from typing import Any
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("tune", help="print an airframe's gains and margins, and draw its loops")
+    parser = verbs.add_parser("tune")
     parser.add_argument("airframe", help="the name of an airframe, or a TOML file that describes one")
     parser.add_argument("--out", type=Path, metavar="DIR", help="draw Bode and step plots into this folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from dronecats.cli.main import main
+from dronecats.cli.main import VERBS, main
 
 
 @pytest.mark.parametrize(
@@ -48,6 +48,15 @@ def test_wrong_usage_is_one_sentence_and_status_2(arguments, sentence, capsys, t
     said = capsys.readouterr().err.strip()
     assert sentence in said
     assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_what_a_verb_does_is_said_by_its_own_help_and_by_everybodys(verb, capsys):
+    for arguments in ([verb, "--help"], ["--help"], ["--help", verb]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 0
+        assert VERBS[verb][1:] in " ".join(capsys.readouterr().out.split())
 
 
 def test_an_api_key_that_is_missing_is_asked_for_by_its_variable(capsys, monkeypatch):
