@@ -26,6 +26,7 @@ class RealtimeStage:
         self._supervisor = Supervisor(folder)
         self._oracle: OracleModel | None = None
         self._oracle_bus: Listener | None = None
+        self._copies: list[Copy] = []
         self.executor = DaemonExecutor()
         try:
             self._start(plan, folder, say)
@@ -58,6 +59,8 @@ class RealtimeStage:
         if plan.autopilot == "px4":
             self._await_px4(say)
         self._logger = self._supervisor.start(
+            self._copies = [Copy(link) for link in self.links]
+        log = [copy.port for copy in self._copies] or ports["log"]
             "logger",
             {
                 "episode": plan.episode,
@@ -70,6 +73,8 @@ class RealtimeStage:
         self._camera_process = camera
         self._logger.ready(patience)
         self.model = self._model(plan, pilot, truth, patience)
+        for copy in self._copies:
+            copy.begin()
 
     def _await_px4(self, say: Callable[[str], None]) -> None:
         """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
@@ -120,14 +125,35 @@ class RealtimeStage:
         for closing in ("model", "camera"):
             if hasattr(self, closing):
                 getattr(self, closing).close()
-        for link in getattr(self, "links", []):
-            link.close()
+        for part in (*getattr(self, "links", []), *self._copies):
+            part.close()
         if self._oracle_bus:
             self._oracle_bus.close()
         self._supervisor.close()
 
 
 class Patience:
+class Copy:
+    """Copies what a link hears to the logger, since PX4 has no MAVLink port to spare that sends what is asked of it."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._socket = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
+
+    @property
+    def port(self) -> int:
+        """Where the logger has to say hello."""
+        return self._socket.port
+
+    def begin(self) -> None:
+        """From now on, to the logger, which has said hello."""
+        self._socket.receive(1.0)
+        self._link.listeners.append(lambda message: self._socket.send(bytes(message.get_msgbuf())))
+
+    def close(self) -> None:
+        self._socket.close()
+
+
     """Says once why nothing happens, when nothing happens for a while."""
 
     def __init__(self, say: Callable[[str], None]) -> None:

@@ -94,12 +94,8 @@ class Px4Simulator:
 
     def ready(self) -> dict[str, Any]:
         self._reset_pace()
-        numbers = [self.instance + vehicle.index for vehicle in self.vehicles]
-        return {
-            "agent": [AGENT_PORT + n for n in numbers],
-            "log": [LOG_PORT + n for n in numbers],
-            "truth": self._truth.port,
-        }
+        agent = [AGENT_PORT + self.instance + vehicle.index for vehicle in self.vehicles]
+        return {"agent": agent, "log": [], "truth": self._truth.port}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
