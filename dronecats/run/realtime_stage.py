@@ -16,7 +16,7 @@ from dronecats.run.supervisor import ChildProcess, Supervisor
 from dronecats.sitl.scenario import load_world, origin
 from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
-from hil.transport import connect
+from hil.transport import UdpTransport, connect
 
 
 class RealtimeStage:
@@ -66,7 +66,7 @@ class RealtimeStage:
                 "episode": plan.episode,
                 "folder": str(folder),
                 "truth": truth,
-                "telemetry": [f"udpout://127.0.0.1:{port}" for port in ports["log"]],
+                "telemetry": [f"udpout://127.0.0.1:{port}" for port in log],
             },
         )
         self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
