@@ -58,9 +58,9 @@ class RealtimeStage:
         camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth, "optics": optics})
         if plan.autopilot == "px4":
             self._await_px4(say)
-        self._logger = self._supervisor.start(
             self._copies = [Copy(link) for link in self.links]
         log = [copy.port for copy in self._copies] or ports["log"]
+        self._logger = self._supervisor.start(
             "logger",
             {
                 "episode": plan.episode,
@@ -72,9 +72,9 @@ class RealtimeStage:
         self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
         self._camera_process = camera
         self._logger.ready(patience)
-        self.model = self._model(plan, pilot, truth, patience)
         for copy in self._copies:
             copy.begin()
+        self.model = self._model(plan, pilot, truth, patience)
 
     def _await_px4(self, say: Callable[[str], None]) -> None:
         """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
@@ -132,7 +132,6 @@ class RealtimeStage:
         self._supervisor.close()
 
 
-class Patience:
 class Copy:
     """Copies what a link hears to the logger, since PX4 has no MAVLink port to spare that sends what is asked of it."""
 
@@ -154,6 +153,7 @@ class Copy:
         self._socket.close()
 
 
+class Patience:
     """Says once why nothing happens, when nothing happens for a while."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
