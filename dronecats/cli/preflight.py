@@ -1,0 +1,79 @@
+"""`dronecats preflight --connect URL`: is this vehicle fit to be flown by the agent? Looks, never arms."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hil.preflight.check import Check
+
+YES = "yes"
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("preflight", help="say whether a vehicle is fit to be flown, and what is not")
+    parser.add_argument(
+        "--connect",
+        required=True,
+        metavar="URL",
+        help="the vehicle: udpin://0.0.0.0:14540, serial:///dev/ttyACM0:57600",
+    )
+    parser.add_argument("--camera", metavar="URL", help="look through the camera too")
+    parser.add_argument("--seconds", type=float, default=5.0, metavar="N", help="how long to listen (default 5)")
+    parser.add_argument("--out", type=Path, default=Path("runs"), metavar="DIR", help="where runs go (default runs)")
+    parser.add_argument("--fix", action="store_true", help="propose changes of parameters; set them after a typed yes")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the table; return 0 when nothing fails, 1 when something does."""
+    from dronecats.border.errors import UsageError
+    from hil import transport
+    from hil.link import Link
+    from hil.preflight.check import check, mend
+
+    if not 1.0 <= args.seconds <= 600.0:
+        raise UsageError(f"--seconds wants 1 to 600, got {args.seconds:g}")
+    link = Link(transport.connect(args.connect))
+    try:
+        link.connect()
+        found = check(link, seconds=args.seconds, folder=args.out, camera_url=args.camera)
+        if not args.json:
+            _show(found)
+        if args.fix and found.changes and _agreed(found, quiet=args.json):
+            found = mend(link, found, found.changes)
+            if not args.json:
+                print("\nset, and read back:\n")
+                _show(found)
+    finally:
+        link.close()
+    failed = any(row.passed is False for row in found.rows)
+    if args.json:
+        rows, changes = [asdict(row) for row in found.rows], [asdict(change) for change in found.changes]
+        print(json.dumps({"passed": not failed, "rows": rows, "changes": changes}))
+    return 1 if failed else 0
+
+
+def _show(found: "Check") -> None:
+    from hil.preflight.row import summary, table
+
+    print(table(found.rows))
+    print(f"\n{summary(found.rows)}", flush=True)
+
+
+def _agreed(found: "Check", *, quiet: bool) -> bool:
+    """Show what would be set and return whether `yes` was typed. The end of the input is a no."""
+    from hil.preflight.row import proposal
+
+    print(f"\n--fix would set, on the vehicle itself:\n\n{proposal(found.changes)}\n", file=sys.stderr)
+    print(f"type {YES} to set them: ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline().strip()
+    if answer == YES:
+        return True
+    print("nothing was changed" if quiet else "\nnothing was changed", file=sys.stderr)
+    return False

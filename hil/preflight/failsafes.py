@@ -1,0 +1,248 @@
+"""The parameters that decide what the vehicle does by itself: one rule each, with the value that ought to be there.
+
+A wrong proposal is dangerous, so a rule proposes only what holds on every vehicle; what is the owner's choice is shown
+and left alone. Sources: PX4's parameter reference; failsafe.cpp, where noted; measured, where the reference is silent.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from hil.parameters import Value
+from hil.preflight.row import Change, Finding, Row
+
+OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold", 6: "Terminate",
+                 7: "Disarm"}  # fmt: skip
+LINK_LOSS = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6: "Disarm"}
+LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land", 4: "Terminate"}
+KILLING = (5, 6)  # of NAV_RCL_ACT and NAV_DLL_ACT: the motors stop in the air
+EXCEPT_OFFBOARD = 4  # bit of COM_RCL_EXCEPT
+OVERRIDE_OFFBOARD = 2  # bit of COM_RC_OVERRIDE
+MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
+SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
+AGENT_SPEED = 1.2  # m/s, the most that the agent's controller asks for
+LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 a radio that stutters would throw us out of offboard
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the rules judge by."""
+
+    values: Mapping[str, Value | None]  # None: the autopilot did not tell it
+    sticks: bool = False  # somebody holds sticks that reach the autopilot
+    version: tuple[int, int] = (0, 0)  # of the firmware; (0, 0) when unknown
+
+
+def _offboard_loss(s: Situation, value: Value) -> Finding:
+    """COM_OBL_RC_ACT. Measured: 0 without sticks shows POSCTL and sinks at 0.7 m/s; 5 stops and stays."""
+    shown = OFFBOARD_LOSS.get(int(value), "an unknown action")
+    lost = f"when our setpoints stop: {shown}"
+    if value == 5:
+        return _good("COM_OBL_RC_ACT", value, f"{lost}, it stays where it is")
+    if value in (3, 4):
+        return _good("COM_OBL_RC_ACT", value, f"{lost}, as somebody chose; 5 would let it stay where it is")
+    if value in (6, 7):
+        reason = "it would fall when our setpoints stop; Hold lets it stay where it is"
+    elif s.sticks:
+        reason = "it would fly by whatever the sticks say, throttle down included; Hold lets it stay where it is"
+    else:
+        reason = "nobody holds sticks for that mode, so it sinks at 0.7 m/s; Hold lets it stay where it is"
+    return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}: {reason.partition(';')[0]}", reason)
+
+
+def _offboard_timeout(s: Situation, value: Value) -> Finding:
+    """COM_OF_LOSS_T: how long the last velocity goes on being flown after its sender has died."""
+    flown = f"the last setpoint goes on for {value:g} s, {value * AGENT_SPEED:.1f} m at {AGENT_SPEED:g} m/s"
+    reason = f"a dead agent's last velocity ends after {LOSS_GOOD:g} s; the agent sends twenty setpoints a second"
+    if not LOSS_LEAST <= value <= LOSS_MOST:
+        too = "long" if value > LOSS_MOST else "short for a radio that stutters"
+        return _mend("COM_OF_LOSS_T", value, LOSS_GOOD, f"{flown}: too {too}", reason)
+    change = None if value <= LOSS_GOOD else Change("COM_OF_LOSS_T", value, LOSS_GOOD, reason)
+    return Finding(Row(_named("COM_OF_LOSS_T", value), True, flown), change)
+
+
+def _stick_exception(s: Situation, value: Value) -> Finding:
+    """COM_RCL_EXCEPT. From 1.14 on sticks that were absent at arming are optional: failsafe.cpp, updateArmingState."""
+    exempt = int(value) & EXCEPT_OFFBOARD
+    if s.sticks and exempt:
+        return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "losing the sticks is ignored in offboard",
+                     "the pilot who has sticks must not lose them unnoticed")  # fmt: skip
+    if s.sticks:
+        return _good("COM_RCL_EXCEPT", value, "losing the sticks counts in offboard too")
+    if not exempt and (0, 0) < s.version < (1, 14):
+        return _mend("COM_RCL_EXCEPT", value, int(value) | EXCEPT_OFFBOARD, "without sticks it leaves offboard at once",
+                     "this firmware takes absent sticks for lost ones")  # fmt: skip
+    if exempt:
+        return _good("COM_RCL_EXCEPT", value, "no sticks, none missed; clear bit 4 before you fly with sticks again")
+    return _good("COM_RCL_EXCEPT", value, "no sticks at arming, none missed in flight")
+
+
+def _stick_loss(s: Situation, value: Value) -> Finding:
+    """NAV_RCL_ACT."""
+    action = LINK_LOSS.get(int(value), "an unknown action")
+    if value in KILLING:
+        return _bad("NAV_RCL_ACT", value, f"sticks lost: {action}, it falls", "choose 2 (Return) or 3 (Land)")
+    if s.sticks and value not in (1, 2, 3):
+        return _bad("NAV_RCL_ACT", value, f"sticks lost: {action}", "choose 2 (Return) or 3 (Land)")
+    return _good("NAV_RCL_ACT", value, f"sticks lost: {action}" if s.sticks else f"{action}; no sticks to lose")
+
+
+def _station_loss(s: Situation, value: Value) -> Finding:
+    """NAV_DLL_ACT. Above 0 no ground station means no arming: rcAndDataLinkCheck.cpp. The agent is none."""
+    action = LINK_LOSS.get(int(value), "an unknown action")
+    if value in KILLING:
+        return _bad("NAV_DLL_ACT", value, f"ground station lost: {action}, it falls", "choose 2 (Return) or 3 (Land)")
+    if value == 0 and not s.sticks:
+        return Finding(
+            Row(
+                _named("NAV_DLL_ACT", value),
+                None,
+                "ground station lost: nothing happens, and there are no sticks: nobody could take over",
+                "fly with sticks, or with a station and 2 (Return)",
+            )
+        )
+    return _good("NAV_DLL_ACT", value, f"ground station lost: {action}")
+
+
+def _low_battery(s: Situation, value: Value) -> Finding:
+    """COM_LOW_BAT_ACT."""
+    action = LOW_BATTERY.get(int(value), "an unknown action")
+    if value in (1, 2, 3):
+        return _good("COM_LOW_BAT_ACT", value, f"battery critical: {action}")
+    return _mend("COM_LOW_BAT_ACT", value, 3, f"battery critical: {action} and no more",
+                 "at critical level it returns, at emergency level it lands where it is")  # fmt: skip
+
+
+def _stick_override(s: Situation, value: Value) -> Finding:
+    """COM_RC_OVERRIDE."""
+    if not s.sticks:
+        return _good("COM_RC_OVERRIDE", value, "no sticks to take over with")
+    if int(value) & OVERRIDE_OFFBOARD:
+        return _good("COM_RC_OVERRIDE", value, "moving the sticks takes over from the agent")
+    return _mend("COM_RC_OVERRIDE", value, int(value) | OVERRIDE_OFFBOARD, "moving the sticks does nothing in offboard",
+                 "the pilot's hands take over without a switch")  # fmt: skip
+
+
+def _place_lost(s: Situation, value: Value) -> Finding:
+    """COM_POS_FS_EPH."""
+    if 0.0 < value <= 10.0:
+        return _good("COM_POS_FS_EPH", value, f"a place known worse than {value:g} m counts as lost")
+    return _bad("COM_POS_FS_EPH", value, "a lost place goes unnoticed", "5 m is PX4's own")
+
+
+def _speed(s: Situation, value: Value) -> Finding:
+    """MPC_XY_VEL_MAX, the last limit on a velocity that we ask for."""
+    if value < AGENT_SPEED:
+        return _bad("MPC_XY_VEL_MAX", value, f"the agent asks for {AGENT_SPEED:g} m/s and would not get it", "raise it")
+    return _good("MPC_XY_VEL_MAX", value, f"the agent asks for {AGENT_SPEED:g} m/s at most; the autopilot would fly "
+                 f"{value:g} m/s if it were told to")  # fmt: skip
+
+
+def _climb(s: Situation, value: Value) -> Finding:
+    """MPC_Z_VEL_MAX_UP."""
+    if value < AGENT_SPEED:
+        return _bad("MPC_Z_VEL_MAX_UP", value, f"the agent climbs at up to {AGENT_SPEED:g} m/s", "raise it")
+    return _good("MPC_Z_VEL_MAX_UP", value, "as fast as the agent climbs, or faster")
+
+
+def _sink(s: Situation, value: Value) -> Finding:
+    """MPC_Z_VEL_MAX_DN."""
+    if value < AGENT_SPEED:
+        return _bad("MPC_Z_VEL_MAX_DN", value, f"the agent sinks at up to {AGENT_SPEED:g} m/s", "raise it")
+    return _good("MPC_Z_VEL_MAX_DN", value, "as fast as the agent sinks, or faster")
+
+
+def _hitl(s: Situation, value: Value) -> Finding:
+    """SYS_HITL."""
+    if value > 0:
+        return Finding(
+            Row(
+                _named("SYS_HITL", value),
+                None,
+                "this board flies a simulated vehicle",
+                "for a real flight set it to 0 and reboot; in simulation take the propellers off",
+            )
+        )
+    return _good("SYS_HITL", value, "real sensors, real motors, or a simulator of its own")
+
+
+RULES: dict[str, Callable[[Situation, Value], Finding]] = {
+    "COM_OBL_RC_ACT": _offboard_loss,
+    "COM_OF_LOSS_T": _offboard_timeout,
+    "COM_RCL_EXCEPT": _stick_exception,
+    "NAV_RCL_ACT": _stick_loss,
+    "NAV_DLL_ACT": _station_loss,
+    "COM_LOW_BAT_ACT": _low_battery,
+    "COM_RC_OVERRIDE": _stick_override,
+    "COM_POS_FS_EPH": _place_lost,
+    "MPC_XY_VEL_MAX": _speed,
+    "MPC_Z_VEL_MAX_UP": _climb,
+    "MPC_Z_VEL_MAX_DN": _sink,
+    "SYS_HITL": _hitl,
+}
+PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
+VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # what happens to a vehicle whose agent dies must be known
+
+
+def findings(situation: Situation) -> list[Finding]:
+    """Return one finding per rule, and those on the pilot's switches where somebody holds sticks."""
+    found = [Finding(_sticks(situation))]
+    for name, rule in RULES.items():
+        value = situation.values.get(name)
+        if value is None:
+            found.append(Finding(Row(name, False if name in VITAL else None, "the autopilot does not tell it")))
+        else:
+            found.append(rule(situation, value))
+    if situation.sticks:
+        found += [Finding(_mode_switch(situation)), Finding(_kill_switch(situation))]
+    return found
+
+
+def _sticks(s: Situation) -> Row:
+    mode = s.values.get("COM_RC_IN_MODE")
+    if s.sticks:
+        return Row("sticks", True, "somebody holds them; the advice below is for a flight with a safety pilot")
+    if mode == 4:
+        return Row("sticks", None, "COM_RC_IN_MODE = 4: all sticks are ignored, nobody could take over by hand",
+                   "0 for a transmitter")  # fmt: skip
+    return Row("sticks", None, "none: nobody could take over by hand", "switch the transmitter on, and run this again")
+
+
+def _mode_switch(s: Situation) -> Row:
+    if s.values.get("COM_RC_IN_MODE") == 1:
+        return Row("mode switch", None, "COM_RC_IN_MODE = 1: a ground station's joystick, whose buttons are its own",
+                   "try it: the pilot takes over with it")  # fmt: skip
+    channel, slots = s.values.get("RC_MAP_FLTMODE"), [s.values.get(name) for name in SLOTS]
+    if channel is None:
+        return Row("mode switch", None, "the autopilot does not tell RC_MAP_FLTMODE")
+    if not channel:
+        return Row("mode switch", False, "RC_MAP_FLTMODE = 0: no switch of the transmitter changes the mode",
+                   "map one; the pilot takes over with it")  # fmt: skip
+    if not any(slot in MANUAL_SLOTS for slot in slots):
+        return Row("mode switch", False, f"channel {channel:g}, but no position of it is a mode flown by hand",
+                   "put Position (2) on one of COM_FLTMODE1 … 6")  # fmt: skip
+    return Row("mode switch", True, f"channel {channel:g}, with a mode flown by hand on it")
+
+
+def _kill_switch(s: Situation) -> Row:
+    channel = s.values.get("RC_MAP_KILL_SW")
+    if channel:
+        return Row("kill switch", True, f"channel {channel:g}")
+    return Row("kill switch", None, "none is mapped", "map one for the first flights: it stops the motors at once")
+
+
+def _named(name: str, value: float) -> str:
+    return f"{name} = {value:g}"
+
+
+def _good(name: str, value: float, why: str) -> Finding:
+    return Finding(Row(_named(name, value), True, why))
+
+
+def _bad(name: str, value: float, why: str, fix: str) -> Finding:
+    return Finding(Row(_named(name, value), False, why, fix))
+
+
+def _mend(name: str, value: float, new: float, why: str, reason: str) -> Finding:
+    """Return a failed row with the change that mends it."""
+    row = Row(_named(name, value), False, why, f"{new:g}: --fix proposes it")
+    return Finding(row, Change(name, value, new, reason))

@@ -1,0 +1,156 @@
+"""What the autopilot says of itself while it is listened to for some seconds."""
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from dronecats.border.mavlink import dialect
+from hil.firmware import Firmware, firmware
+from hil.link import Link
+from hil.statustext import StatusTexts
+
+Message: TypeAlias = dialect.MAVLink_message
+
+ASKED_HZ: dict[int, float] = {  # the streams that the checks read, and the two that flying stands on
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 2.0,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+}
+ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
+SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC questions
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """One TIMESYNC question and its answer."""
+
+    asked_ns: int  # this machine's monotonic clock
+    answered_ns: int
+    vehicle_ns: int  # the vehicle's clock, since its boot
+
+    @property
+    def length_s(self) -> float:
+        return (self.answered_ns - self.asked_ns) * 1e-9
+
+    @property
+    def offset_ns(self) -> int:
+        """ns to add to this machine's monotonic clock for the vehicle's, if both ways take equally long."""
+        return self.vehicle_ns - (self.asked_ns + self.answered_ns) // 2
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """Everything that was heard. Message ids are keys; messages of other systems than the autopilot are not here."""
+
+    newest: Mapping[int, Message] = field(default_factory=dict)
+    seconds: float = 0.0  # of vehicle time
+    counts: Mapping[int, int] = field(default_factory=dict)  # message id → how many came in `seconds`
+    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # field of ESTIMATOR_STATUS → its largest
+    texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
+    station: bool = False  # some ground station's heartbeat was heard
+    round_trips: tuple[RoundTrip, ...] = ()
+    sync_asked: int = 0  # TIMESYNC questions that were sent
+    unix_s: float = 0.0  # this machine's calendar when SYSTEM_TIME came
+
+    def message(self, name: str) -> Message | None:
+        """Return the newest message of this name, None when none came."""
+        return self.newest.get(getattr(dialect, f"MAVLINK_MSG_ID_{name}"))
+
+    @property
+    def firmware(self) -> Firmware | None:
+        """What AUTOPILOT_VERSION said, None when it did not come."""
+        message = self.message("AUTOPILOT_VERSION")
+        return None if message is None else firmware(message)
+
+    @property
+    def sticks(self) -> bool:
+        """Whether somebody's sticks reach the autopilot: the bit of a radio receiver that is present and healthy."""
+        status, bit = self.message("SYS_STATUS"), dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+        if status is None:
+            return False
+        return bool(status.onboard_control_sensors_present & status.onboard_control_sensors_health & bit)
+
+
+class Watch:
+    """Listens on a link. Attach `hear` to its listeners."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._newest: dict[int, Message] = {}
+        self._counts: Counter[int] = Counter()
+        self._worst: dict[str, float] = {}
+        self._texts = StatusTexts()
+        self._station = False
+        self._asked: set[int] = set()
+        self._round_trips: list[RoundTrip] = []
+        self._unix_s = 0.0
+        self._began_us = 0
+
+    def listen(self, seconds: float) -> Heard:
+        """Ask for what the checks read, let `seconds` of vehicle time pass, and return what was heard.
+
+        The streams that were asked for keep their rates: whoever flies next on this link asks for its own.
+        """
+        link = self._link
+        link.listeners.append(self._hear)
+        try:
+            for message_id, rate in ASKED_HZ.items():
+                link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate))
+            for message_id in ONCE:
+                link.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
+            link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # has the reasons said again
+            self._counts.clear()
+            self._began_us = link.time_us
+            sync_us = 0
+            while link.time_us < self._began_us + seconds * 1e6:
+                if link.time_us >= sync_us:
+                    sync_us = link.time_us + SYNC_US
+                    self._ask_the_time()
+                link.tick()
+            return self._heard()
+        finally:
+            link.listeners.remove(self._hear)
+
+    def _heard(self) -> Heard:
+        return Heard(
+            newest=dict(self._newest),
+            seconds=(self._link.time_us - self._began_us) * 1e-6,
+            counts=dict(self._counts),
+            worst_ratio=dict(self._worst),
+            texts=tuple(dict.fromkeys(said.text for said in self._texts.newest if said.severity <= 4)),
+            station=self._station,
+            round_trips=tuple(self._round_trips),
+            sync_asked=len(self._asked) + len(self._round_trips),
+            unix_s=self._unix_s,
+        )
+
+    def _ask_the_time(self) -> None:
+        now_ns = time.monotonic_ns()  # wall time is the subject here
+        self._asked.add(now_ns)
+        self._link.send(dialect.MAVLink_timesync_message(0, now_ns))
+
+    def _hear(self, message: Message) -> None:
+        kind = message.get_msgId()
+        if (message.get_srcSystem(), message.get_srcComponent()) != (self._link.system, self._link.component):
+            if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT and message.type == dialect.MAV_TYPE_GCS:
+                self._station = True
+            return
+        self._newest[kind] = message
+        self._counts[kind] += 1
+        if kind == dialect.MAVLINK_MSG_ID_STATUSTEXT:
+            self._texts.take(message, self._link.time_us)
+        elif kind == dialect.MAVLINK_MSG_ID_TIMESYNC and message.ts1 in self._asked:
+            self._asked.remove(message.ts1)
+            self._round_trips.append(RoundTrip(message.ts1, time.monotonic_ns(), message.tc1))
+        elif kind == dialect.MAVLINK_MSG_ID_SYSTEM_TIME:
+            self._unix_s = time.time()
+        elif kind == dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
+            for name in ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"):
+                self._worst[name] = max(self._worst.get(name, 0.0), getattr(message, name))

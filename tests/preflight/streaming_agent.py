@@ -1,0 +1,26 @@
+"""An agent in mid-step, to be killed: takes off, then streams 1.2 m/s ahead through the link for ever.
+
+    python streaming_agent.py URL
+
+Says `streaming` on standard output once it is in offboard.
+"""
+
+import sys
+
+from dronecats.border.mavlink import dialect
+from dronecats.border.setpoints import Velocity
+from hil.link import Link
+from hil.transport import connect
+
+link = Link(connect(sys.argv[1]))
+link.connect()
+link.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
+link.arm()
+link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
+link.fly(Velocity(forward=1.2, up=None))
+link.start_offboard()
+sys.stdout.write("streaming\n")
+sys.stdout.flush()
+while True:
+    link.tick()

@@ -1,0 +1,151 @@
+"""The advice on parameters: every value of the small ones, with sticks and without."""
+
+import itertools
+
+import pytest
+
+from hil.preflight import failsafes, fence
+from hil.preflight.failsafes import RULES, Situation, findings
+
+SANE = {
+    "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 2,
+    "COM_LOW_BAT_ACT": 3, "COM_RC_OVERRIDE": 3, "COM_POS_FS_EPH": 5.0, "MPC_XY_VEL_MAX": 12.0,
+    "MPC_Z_VEL_MAX_UP": 3.0, "MPC_Z_VEL_MAX_DN": 1.5, "SYS_HITL": 0, "COM_RC_IN_MODE": 0, "RC_MAP_FLTMODE": 5,
+    "RC_MAP_KILL_SW": 6, "COM_FLTMODE1": 2,
+}  # fmt: skip
+PX4_DEFAULTS = {
+    "COM_OBL_RC_ACT": 0, "COM_OF_LOSS_T": 1.0, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0,
+    "COM_LOW_BAT_ACT": 0, "COM_RC_OVERRIDE": 1, "COM_POS_FS_EPH": 5.0, "MPC_XY_VEL_MAX": 12.0,
+    "MPC_Z_VEL_MAX_UP": 3.0, "MPC_Z_VEL_MAX_DN": 1.5, "SYS_HITL": 0,
+}  # fmt: skip
+
+
+def judged(name, value, *, sticks=False, version=(1, 15)):
+    """Return (passed, what would be set) of one parameter; None when nothing would."""
+    finding = RULES[name](Situation({name: value}, sticks, version), value)
+    assert finding.row.name == f"{name} = {value:g}"
+    assert finding.change is None or (finding.change.name, finding.change.old) == (name, value)
+    return finding.row.passed, finding.change and finding.change.new
+
+
+def test_a_sane_vehicle_passes_everywhere():
+    for sticks in (False, True):
+        found = findings(Situation(SANE, sticks, (1, 15)))
+        assert [f.change for f in found if f.change] == []
+        assert [f.row for f in found if f.row.passed is False] == []
+    assert all(f.row.passed for f in found)
+
+
+@pytest.mark.parametrize("sticks", [False, True])
+@pytest.mark.parametrize("value", range(8))
+def test_only_what_keeps_it_in_the_air_or_brings_it_down_softly_may_follow_our_loss(value, sticks):
+    expected = (True, None) if value in (3, 4, 5) else (False, 5)
+    assert judged("COM_OBL_RC_ACT", value, sticks=sticks) == expected
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [(0.0, (False, 0.5)), (0.2, (False, 0.5)), (0.5, (True, None)), (1.0, (True, 0.5)), (1.1, (False, 0.5)),
+     (60.0, (False, 0.5))],
+)  # fmt: skip
+def test_the_offboard_timeout(seconds, expected):
+    assert judged("COM_OF_LOSS_T", seconds) == expected
+
+
+@pytest.mark.parametrize("value", range(32))
+def test_the_failsafe_of_sticks_is_never_switched_off_for_whoever_has_sticks(value):
+    passed, new = judged("COM_RCL_EXCEPT", value, sticks=True)
+    assert passed is not bool(value & 4)
+    assert new == (value & ~4 if value & 4 else None)
+
+
+@pytest.mark.parametrize("value", range(32))
+@pytest.mark.parametrize("version", [(0, 0), (1, 13), (1, 14), (1, 15)])
+def test_absent_sticks_are_only_exempted_where_the_firmware_needs_it(value, version):
+    needed = version == (1, 13) and not value & 4
+    assert judged("COM_RCL_EXCEPT", value, version=version) == ((False, value | 4) if needed else (True, None))
+
+
+@pytest.mark.parametrize("value", range(4))
+def test_sticks_override_offboard_for_whoever_has_sticks(value):
+    assert judged("COM_RC_OVERRIDE", value) == (True, None)
+    expected = (True, None) if value & 2 else (False, value | 2)
+    assert judged("COM_RC_OVERRIDE", value, sticks=True) == expected
+
+
+@pytest.mark.parametrize("name", ["NAV_RCL_ACT", "NAV_DLL_ACT"])
+@pytest.mark.parametrize("sticks", [False, True])
+def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alone(name, sticks):
+    for value in range(7):
+        passed, new = judged(name, value, sticks=sticks)
+        assert new is None
+        assert (passed is False) == (value in (5, 6) or (name == "NAV_RCL_ACT" and sticks and value in (0, 4)))
+    assert judged("NAV_DLL_ACT", 0)[0] is None  # nobody could take over: for a person to judge
+
+
+@pytest.mark.parametrize(("value", "expected"), [(0, (False, 3)), (1, (True, None)), (2, (True, None)),
+                                                 (3, (True, None)), (4, (False, 3))])  # fmt: skip
+def test_a_low_battery_must_have_a_consequence(value, expected):
+    assert judged("COM_LOW_BAT_ACT", value) == expected
+
+
+@pytest.mark.parametrize("name", ["MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"])
+def test_speeds_below_the_agents_fail(name):
+    assert judged(name, 1.0) == (False, None)
+    assert judged(name, 1.2) == (True, None)
+
+
+@pytest.mark.parametrize(("value", "passed"), [(-1.0, False), (0.0, False), (5.0, True), (10.0, True), (50.0, False)])
+def test_a_lost_place_must_count(value, passed):
+    assert judged("COM_POS_FS_EPH", value) == (passed, None)
+
+
+def test_what_is_vital_must_be_told():
+    rows = {f.row.name: f.row.passed for f in findings(Situation(dict.fromkeys(SANE)))}
+    assert [name for name, passed in rows.items() if passed is False] == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
+
+
+def test_a_proposal_leaves_nothing_to_propose():
+    for sticks, points in itertools.product((False, True), (None, 0, 4)):
+        values = {**PX4_DEFAULTS, "GF_ACTION": 4, "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}
+
+        def changes(values, sticks=sticks, points=points):
+            found = findings(Situation(values, sticks, (1, 13))) + fence.findings(values, points)
+            return [f.change for f in found if f.change]
+
+        proposed = changes(values)
+        assert proposed
+        assert changes({**values, **{change.name: change.new for change in proposed}}) == []
+
+
+@pytest.mark.parametrize(
+    ("changed", "passed"),
+    [({}, True), ({"RC_MAP_FLTMODE": 0}, False), ({"COM_FLTMODE1": 7}, False), ({"COM_RC_IN_MODE": 1}, None),
+     ({"RC_MAP_FLTMODE": None}, None)],
+)  # fmt: skip
+def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand(changed, passed):
+    rows = {f.row.name: f.row for f in findings(Situation({**SANE, **changed}, sticks=True))}
+    assert rows["mode switch"].passed is passed
+
+
+def test_the_fence():
+    def found(points=0, **changed):
+        values = {"GF_ACTION": 2, "GF_MAX_HOR_DIST": 100.0, "GF_MAX_VER_DIST": 100.0, "RTL_RETURN_ALT": 60.0, **changed}
+        rows = fence.findings(values, points)
+        return [f.row.name.split()[0] for f in rows if f.row.passed is False], {
+            f.change.name: f.change.new for f in rows if f.change
+        }
+
+    assert found() == ([], {})
+    assert found(GF_ACTION=4) == (["GF_ACTION"], {"GF_ACTION": 2})
+    assert found(GF_MAX_HOR_DIST=0.0) == (["GF_MAX_HOR_DIST"], {"GF_MAX_HOR_DIST": 150.0})
+    assert found(GF_MAX_HOR_DIST=0.0, points=5) == ([], {})
+    assert found(RTL_RETURN_ALT=120.0) == (["RTL_RETURN_ALT"], {})
+    assert found(GF_MAX_VER_DIST=0.0) == (["GF_MAX_VER_DIST"], {"GF_MAX_VER_DIST": 120.0})
+    # a ceiling below the height of a return would hold the vehicle in the air: no such thing is proposed
+    assert found(GF_MAX_VER_DIST=0.0, RTL_RETURN_ALT=130.0) == (["GF_MAX_VER_DIST"], {})
+
+
+def test_every_rule_is_read_from_the_vehicle():
+    assert set(RULES) <= set(failsafes.PARAMETERS)
+    assert all(len(name) <= 16 for name in failsafes.PARAMETERS)

@@ -1,0 +1,97 @@
+"""The parameter client, against an autopilot that answers, one that keeps silent, and over a wire that loses."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.border.errors import LinkError, UsageError
+from dronecats.border.mavlink import Packer, Parser, dialect
+from hil.parameters import RETRY_US, TRIES, Parameters, decoded
+
+
+def test_integers_and_floats_are_read_as_they_are(meet):
+    _, link = meet()
+    values = Parameters(link).read_many(["COM_OF_LOSS_T", "NAV_RCL_ACT", "COM_FLTMODE1"])
+    assert values == {"COM_OF_LOSS_T": 1.0, "NAV_RCL_ACT": 2, "COM_FLTMODE1": -1}
+    assert [type(value) for value in values.values()] == [float, int, int]
+    assert link.listeners == []
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_a_name_that_nobody_knows_is_none(meet, tells):
+    _, link = meet(tells_unknown=tells)
+    began_us = link.time_us
+    assert Parameters(link).read_many(["NO_SUCH", "NAV_RCL_ACT"]) == {"NO_SUCH": None, "NAV_RCL_ACT": 2}
+    waited_us = link.time_us - began_us
+    assert waited_us < RETRY_US if tells else waited_us < (TRIES + 1) * RETRY_US
+
+
+def test_a_name_that_nobody_knows_cannot_be_set(meet):
+    _, link = meet()
+    with pytest.raises(LinkError, match="has no parameter NO_SUCH"):
+        Parameters(link).set("NO_SUCH", 1)
+
+
+@pytest.mark.parametrize(("name", "value"), [("COM_OBL_RC_ACT", 5), ("COM_FLTMODE1", -1), ("COM_OF_LOSS_T", 0.5)])
+def test_what_is_set_is_held(meet, name, value):
+    autopilot, link = meet()
+    assert Parameters(link).set(name, value) == value
+    assert autopilot.parameters[name] == value
+    assert type(autopilot.parameters[name]) is type(value)
+
+
+def test_an_autopilot_that_keeps_its_value_is_told_on(meet):
+    _, link = meet(keeps=("COM_OBL_RC_ACT",))
+    with pytest.raises(LinkError, match="holds COM_OBL_RC_ACT at 0 although it was told 5"):
+        Parameters(link).set("COM_OBL_RC_ACT", 5)
+
+
+def test_an_autopilot_that_does_not_answer_settings_is_told_on(meet):
+    _, link = meet(deaf_to=("PARAM_SET",))
+    with pytest.raises(LinkError, match="holds COM_OBL_RC_ACT at 0"):
+        Parameters(link).set("COM_OBL_RC_ACT", 5)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("COM_OBL_RC_ACT", 2.5), ("COM_OBL_RC_ACT", 1 << 31), ("COM_OF_LOSS_T", 1e39)]
+)
+def test_a_value_that_the_type_cannot_hold_is_refused_before_it_is_sent(meet, name, value):
+    autopilot, link = meet()
+    with pytest.raises(UsageError, match=name):
+        Parameters(link).set(name, value)
+    assert "PARAM_SET" not in autopilot.heard
+
+
+@pytest.mark.parametrize("name", ["", "A_NAME_OF_MORE_THAN_16", "SÜSS"])
+def test_a_name_that_is_none_is_refused(meet, name):
+    _, link = meet()
+    with pytest.raises(UsageError, match="is no parameter"):
+        Parameters(link).read(name)
+
+
+def test_a_wire_that_loses_a_third_of_what_is_asked_only_takes_longer(meet):
+    autopilot, link = meet()
+    autopilot.loses = lambda number: number % 3 == 0
+    client = Parameters(link)
+    names = sorted(autopilot.parameters)
+    assert client.read_many(names) == {name: autopilot.parameters[name] for name in names}
+    assert client.set("COM_OBL_RC_ACT", 5) == 5
+
+
+@given(st.integers(-(1 << 31), (1 << 31) - 1))
+def test_every_integer_is_decoded_from_its_bytes(value):
+    frame = bytearray(Packer(1, 1).pack(dialect.MAVLink_param_value_message(b"X", 1.0, 6, 900, 1)))
+    frame[10:14] = struct.pack("<i", value)
+    frame[-2:] = checksum(frame)
+    (message,) = Parser().feed(bytes(frame))
+    assert decoded(message) == value
+
+
+def checksum(frame):
+    from pymavlink.generator.mavcrc import x25crc
+
+    crc = x25crc(bytes(frame[1:-2]))
+    crc.accumulate(bytes([dialect.MAVLink_param_value_message.crc_extra]))
+    return struct.pack("<H", crc.crc)
