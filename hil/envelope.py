@@ -34,7 +34,8 @@ class Limits:
     yaw_rate: float = 1.2  # rad/s; the paper's 60°/s is 1.05
     margin_m: float = 1.0  # short of every place limit at which the vehicle is to stand still
     battery_min: float | None = 0.25  # 0 … 1; None: not watched
-    flight_time_max_s: float = 900.0  # since the agent took over
+    flight_time_max_s: float | None = 900.0  # since the agent took over; None: not watched
+    frame_s: float = 1.0  # s: on a frame that is older nothing is decided; the vehicle holds until a newer one comes
     heartbeat_s: float = 3.0  # s of vehicle time without a heartbeat after which nothing moves
     exclusions: tuple[tuple[Corner, ...], ...] = ()  # polygons that may not be entered, at any height
     exclusions_geodetic: tuple[tuple[Corner, ...], ...] = ()  # the same in latitude and longitude, °; see `placed`
@@ -42,7 +43,7 @@ class Limits:
 
 SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches them
     ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=20.0, climb=5.0, yaw_rate=3.5,
-    battery_min=None, flight_time_max_s=math.inf,
+    battery_min=None, flight_time_max_s=None,
 )  # fmt: skip
 
 
@@ -77,7 +78,7 @@ def broken_off(state: VehicleState, limits: Limits, flown_s: float) -> str | Non
     battery = state.battery_remaining
     if limits.battery_min is not None and battery is not None and battery < limits.battery_min:
         return f"the battery is at {battery:.0%}, and the envelope keeps {limits.battery_min:.0%}"
-    if flown_s > limits.flight_time_max_s:
+    if limits.flight_time_max_s is not None and flown_s > limits.flight_time_max_s:
         return f"the envelope's flight time of {limits.flight_time_max_s:g} s is over"
     return None
 

@@ -9,7 +9,8 @@ from typing import Any
 from dronecats.cli import signals
 
 SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4")
-CONNECTED_ONLY = ("camera", "instruction", "seconds")
+CONNECTED_ONLY = ("camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience")
+ARM = "ARM"  # what has to be typed
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -20,7 +21,21 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument(
         "--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"
     )
-    vehicle.add_argument("--camera", metavar="URL", help="with --connect: an http:// address that gives a picture")
+    vehicle.add_argument(
+        "--camera", metavar="URL", help="with --connect: http://, rtsp://, v4l2:0, a video file or a folder"
+    )
+    vehicle.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="with --connect: the lens, see docs/cameras.md"
+    )
+    vehicle.add_argument(
+        "--arm", action="store_true", help="with --connect: arm and take off after a typed yes; without it, you do"
+    )
+    vehicle.add_argument("--dry-run", action="store_true", help="with --connect: decide and draw, but move nothing")
+    vehicle.add_argument("--then", choices=("land", "return", "hold"), help="with --connect: how the flight ends")
+    vehicle.add_argument(
+        "--envelope", type=Path, metavar="FILE", help="limits of the safety envelope: docs/envelope.md"
+    )
+    vehicle.add_argument("--no-envelope", action="store_true", help="with --sitl: no limits at all")
     vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
     vehicle.add_argument("--airframe", metavar="NAME", help="with --sitl (default x500)")
     vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
@@ -37,6 +52,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     run_group.add_argument("--speed", metavar="N|max", help="factor on real time (default 1); max is lockstep")
     run_group.add_argument("--seed", type=int, help="of the sensors' noise (default 0)")
     run_group.add_argument("--seconds", type=float, help="with --connect: length of the flight (300)")
+    run_group.add_argument(
+        "--patience", type=float, metavar="S", help="with --connect: end the flight after S without a reply (60)"
+    )
     run_group.add_argument("--full", action="store_true", help="fly to the cap even when the verdict is decided")
     run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
     run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
@@ -57,10 +75,17 @@ def run(args: argparse.Namespace) -> int:
     strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
     stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
     if stray:
+        stray = stray.replace("_", "-")
         raise UsageError(f"--{stray} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
     if args.connect:
         if not args.camera or not args.instruction:
             raise UsageError("--connect needs --camera URL and --instruction TEXT")
+        if args.no_envelope:
+            raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
+        if args.arm and args.dry_run:
+            raise UsageError("--dry-run moves nothing, so it goes without --arm")
+        if args.arm:
+            _confirm(args.connect)
         from dronecats.run.connected import fly_connected
 
         result = fly_connected(args, say=_say)
@@ -69,6 +94,16 @@ def run(args: argparse.Namespace) -> int:
 
         result = fly_simulated(args, say=_say)
     return _report(result, args.json)
+
+
+def _confirm(url: str) -> None:
+    """Have it typed that the propellers may turn. Raises UsageError for anything else."""
+    from dronecats.border.errors import UsageError
+
+    print(f"--arm: the vehicle on {url} will arm and take off. Keep clear of it, a pilot at the sticks.")
+    print(f"Type {ARM} to go on: ", end="", flush=True)
+    if sys.stdin.readline().strip() != ARM:
+        raise UsageError(f"not armed: {ARM} was not typed; without --arm, you arm and take off yourself")
 
 
 def _say(line: str) -> None:

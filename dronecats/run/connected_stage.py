@@ -9,9 +9,9 @@ from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.mavlink import dialect
 from dronecats.run.supervisor import Supervisor
-from hil.cameras.snapshot import HttpCamera
+from hil.cameras.patient import PatientCamera
 from hil.link import Link
-from hil.transport import Transport, connect
+from hil.transport import connect
 
 
 class ConnectedStage:
@@ -19,8 +19,8 @@ class ConnectedStage:
 
     def __init__(
         self,
-        transport: Transport,
-        camera_url: str,
+        link: Link,
+        camera: PatientCamera,
         pilot: str | None,
         model: str | None,
         base_url: str | None,
@@ -28,13 +28,12 @@ class ConnectedStage:
     ) -> None:
         self._supervisor = Supervisor(folder)
         self.executor = DaemonExecutor()
-        self.links: list[Link] = []
+        self.links = [link]
+        self.camera, self.camera_model = camera, camera.model
         try:
-            self.links.append(Link(transport))
-            self.camera = HttpCamera(camera_url, lambda: self.links[0].time_us)
             self._logger = self._supervisor.start("estimate-logger", {"folder": str(folder)})
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
-            self.links[0].listeners.append(self._to_logger)
+            link.listeners.append(self._to_logger)
             self.model = self._model(pilot, model, base_url)
         except BaseException:
             self.close()

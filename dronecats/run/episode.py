@@ -10,7 +10,6 @@ from typing import Any
 
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot
-from dronecats.border.camera import CameraModel
 from dronecats.border.errors import DronecatsError, InfrastructureError, LinkError
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import dialect
@@ -203,7 +202,7 @@ def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: 
         pilot=pilot,
         vehicles=stage.links,
         camera=stage.camera,
-        camera_model=CameraModel(),
+        camera_model=stage.camera_model,
         log=log,
         frames_dir=folder / "frames",
         executor=stage.executor,

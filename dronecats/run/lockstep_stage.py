@@ -27,7 +27,7 @@ class LockstepStage:
     """The same parts as in real time, without the sockets between them; the pilot keeps its HTTP endpoint."""
 
     def __init__(self, plan: Plan, folder: Path, world: World) -> None:
-        camera = CameraModel()
+        camera = self.camera_model = CameraModel()
         simulation = build(world, airframe=plan.airframe, seed=plan.seed)
         self._simulation = simulation
         clock = Lockstep(simulation)
@@ -47,7 +47,7 @@ class LockstepStage:
         self._server: PilotServer | None = None
         self._oracle: OracleModel | None = None
         self.model = self._model(plan, world, camera, clock)
-        self.links = [Link(clock.transport(index)) for index in range(len(simulation.vehicles))]
+        self.links = [Link(clock.transport(index), limits=plan.limits) for index in range(len(simulation.vehicles))]
         self.executor: Executor = InlineExecutor()
 
     def _log(self, port: VehiclePort) -> None:

@@ -13,6 +13,8 @@ from episodes import catalogue
 from episodes.optics.file import load as load_optics
 from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
+from hil.envelope import SIMULATED, Limits
+from hil.envelope_file import load as load_envelope
 from vehicles import airframe as airframes
 
 SEED_MAX = 2**31 - 1
@@ -38,6 +40,7 @@ class Plan:
     full: bool  # fly to the cap although the verdict is decided
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
     optics: Optics | None = None  # what the camera and the weather are like; None: as in the benchmark
+    limits: Limits | None = SIMULATED  # the safety envelope; None: none at all
     autopilot: str = "ours"  # or px4: a real PX4 flies the simulated vehicle
     px4: str | None = None  # the command that starts it; None: it is waited for
 
@@ -67,6 +70,8 @@ def resolve(
     full: bool = False,
     rendered: bool = True,
     optics_file: Path | None = None,
+    envelope_file: Path | None = None,
+    unlimited: bool = False,
     autopilot: str | None = None,
     px4: str | None = None,
 ) -> Plan:
@@ -76,6 +81,8 @@ def resolve(
     if not 0 <= seed <= SEED_MAX:
         raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {seed}")
     airframes.load(airframe or "x500")
+    if unlimited and envelope_file:
+        raise UsageError("--no-envelope and --envelope FILE contradict each other; choose one")
     if not rendered and (model or (pilot or "vision") != "oracle"):
         raise UsageError("only the oracle can fly without rendering; every other pilot looks at the frames")
     if px4 and autopilot != "px4":
@@ -96,6 +103,7 @@ def resolve(
         full=full,
         rendered=rendered,
         optics=load_optics(optics_file) if optics_file else None,
+        limits=None if unlimited else load_envelope(envelope_file, SIMULATED) if envelope_file else SIMULATED,
         autopilot=autopilot or "ours",
         px4=px4,
     )

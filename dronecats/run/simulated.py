@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
         prompt_file=args.prompt,
         full=args.full,
         optics_file=args.optics,
+        envelope_file=args.envelope,
+        unlimited=args.no_envelope,
         autopilot=args.autopilot,
         px4=args.px4,
     )
@@ -91,6 +94,7 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
         "latency": plan.latency.name,
         "airframe": plan.airframe,
         "camera": plan.camera,
+        "envelope": asdict(plan.limits) if plan.limits else None,
     }
 
 

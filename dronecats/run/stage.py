@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from typing import Protocol
 
 from dronecats.agent.model import Model
-from dronecats.border.camera import Camera
+from dronecats.border.camera import Camera, CameraModel
 from hil.link import Link
 
 
@@ -16,6 +16,8 @@ class Stage(Protocol):
     def links(self) -> Sequence[Link]: ...
     @property
     def camera(self) -> Camera: ...
+    @property
+    def camera_model(self) -> CameraModel: ...
     @property
     def model(self) -> Model: ...
     @property

@@ -6,6 +6,8 @@ import pytest
 
 from dronecats.cli.main import VERBS, main
 
+CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to the van"]
+
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
@@ -28,7 +30,15 @@ from dronecats.cli.main import VERBS, main
         (["fly", "--sitl", "--seconds", "9"], "--seconds goes with --connect"),
         (["fly", "--connect", "udpin://127.0.0.1:0", "--speed", "max"], "--speed goes with --sitl"),
         (["fly", "--connect", "x", "--camera", "x", "--instruction", "x", "--seconds", "nan"], "--seconds wants"),
-        (["fly", "--connect", "x", "--camera", "http://127.0.0.1:1/", "--instruction", "x"], "gives no frame"),
+        (["fly", "--connect", "x", "--camera", "x", "--instruction", "x"], "'x' is no link"),
+        ([*CONNECT, "--camera", "http://127.0.0.1:1/"], "gives no frame"),
+        ([*CONNECT, "--camera", "x", "--no-envelope"], "--no-envelope goes with --sitl"),
+        ([*CONNECT, "--camera", "x", "--arm", "--dry-run"], "--dry-run moves nothing"),
+        ([*CONNECT, "--camera", "x", "--patience", "0.1"], "--patience wants"),
+        ([*CONNECT, "--camera", "x", "--envelope", "nowhere.toml"], "nowhere.toml cannot be read"),
+        (["fly", "--sitl", "--arm"], "--arm goes with --connect"),
+        (["fly", "--sitl", "--dry-run"], "--dry-run goes with --connect"),
+        (["fly", "--sitl", "--no-envelope", "--envelope", "x.toml"], "choose one"),
         (["fly", "--sitl", "--prompt", "/nowhere/prompt.txt"], "cannot be read"),
         (["judge", "/nowhere"], "there is no folder"),
         (["judge", ".", "--delta", "-1"], "--delta wants"),

@@ -1,0 +1,64 @@
+"""What the pilot meant: each decision drawn into the frame it was made on, with the setpoints that fly it."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.agent.action import action_from
+from dronecats.agent.controller import Segment, plan
+from dronecats.agent.history import compact
+from dronecats.border.camera import CameraModel
+from dronecats.border.setpoints import Turn, Velocity
+from dronecats.judge.files import lines
+
+INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR
+
+
+def draw(folder: Path, camera: CameraModel) -> int:
+    """Draw every decision of an episode folder into intent/, and return how many were drawn."""
+    drawn = 0
+    for decision in lines(folder / "decisions.jsonl"):
+        suffix = f"_d{decision['drone']}" if decision["drone"] else ""
+        picture = cv2.imread(str(folder / "frames" / f"{decision['frame_id']:06d}{suffix}.jpg"))
+        if picture is None:
+            continue
+        (folder / "intent").mkdir(exist_ok=True)
+        name = folder / "intent" / f"{decision['step']:04d}{suffix}.jpg"
+        drawn += bool(cv2.imwrite(str(name), _marked(np.asarray(picture, np.uint8), decision, camera)))
+    return drawn
+
+
+def _marked(picture: NDArray[np.uint8], decision: dict[str, Any], camera: CameraModel) -> NDArray[np.uint8]:
+    height, width = picture.shape[:2]
+    words = [f"step {decision['step']}  t={decision['t_decided']:.1f} s"]
+    if decision["action"] is None:
+        words.append(f"unreadable: {decision['error']}")
+    else:
+        action = action_from(decision["action"])
+        words.append(compact(action, camera))
+        words += [_meant(segment) for segment in plan(action, camera)]
+        point = decision["action"].get("point")
+        if point:
+            at = (round(point[0] * width / 1000), round(point[1] * height / 1000))
+            cv2.arrowedLine(picture, (width // 2, height - 1), at, INK, 2, cv2.LINE_AA, tipLength=0.04)
+            cv2.circle(picture, at, max(8, width // 60), INK, 2, cv2.LINE_AA)
+    scale = width / 1000
+    for row, word in enumerate(words):
+        at = (round(12 * scale), round((30 + 30 * row) * scale))
+        for colour, thickness in ((SHADE, 4), (INK, 1)):
+            cv2.putText(picture, word, at, cv2.FONT_HERSHEY_SIMPLEX, 0.8 * scale, colour, thickness, cv2.LINE_AA)
+    return picture
+
+
+def _meant(segment: Segment) -> str:
+    match segment.setpoint:
+        case Turn(yaw_rate):
+            return f"would turn {math.degrees(yaw_rate):+.0f} deg/s for {segment.duration_s:.2f} s"
+        case Velocity(forward, up):
+            climb = "height held" if up is None else f"{up:+.2f} m/s up"
+            return f"would fly {forward:.2f} m/s ahead, {climb}, for {segment.duration_s:.2f} s"
+    return f"would hold for {segment.duration_s:.2f} s"
