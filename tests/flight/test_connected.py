@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
@@ -174,6 +175,36 @@ def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
     assert [m.param2 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176] == [6.0]
     tap.order("LAND")
     tap.until(lambda: not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128)
+
+
+class DeafModel(BaseHTTPRequestHandler):
+    """Lists its models, and never answers a question."""
+
+    def do_GET(self):
+        self.send_response(200)
+        self.end_headers()
+
+    def do_POST(self):
+        time.sleep(60.0)
+
+    def log_message(self, *args):
+        pass
+
+
+def test_a_model_that_hangs_leaves_the_vehicle_standing_and_then_landing(field, tap, tmp_path):
+    server = ThreadingHTTPServer(("127.0.0.1", 0), DeafModel)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    model = ("--model", "local/deaf", "--base-url", f"http://127.0.0.1:{server.server_port}/v1", "--patience", "6")
+    flight = fly(tap, field[1], tmp_path, "--arm", *model)
+    _, err = flight.communicate("ARM\n", timeout=240)
+    server.shutdown()
+    assert flight.returncode == 3
+    assert "has not answered for 6 s" in err
+    assert all(m.coordinate_frame == 1 for m in setpoints(tap))  # places to hold; a velocity never
+    modes = [m.param2 * 100 + m.param3 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176]
+    assert modes[-2:] == [403, 406]
+    assert not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128
 
 
 def test_a_dry_run_draws_and_moves_nothing(field, tap, tmp_path):
