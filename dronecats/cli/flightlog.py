@@ -1,28 +1,39 @@
-"""`dronecats flightlog`: the flight logs on board of an autopilot, listed and fetched."""
+"""`dronecats flightlog`: what is left of a real flight: its logs on board, and the trace that they allow."""
 
 import argparse
 import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
     parser = verbs.add_parser("flightlog")
-    what = parser.add_subparsers(dest="what", metavar="list|fetch", required=True)
-    listing = what.add_parser("list", help="say which logs there are")
+    what = parser.add_subparsers(dest="what", metavar="list|fetch|trace", required=True)
+    listing = what.add_parser("list", help="say which logs there are on board")
     fetching = what.add_parser("fetch", help="download one")
+    tracing = what.add_parser("trace", help="derive the pose trace of a flight without truth, and judge it by that")
     for each in (listing, fetching):
         each.add_argument("--connect", required=True, metavar="URL", help="udpin://0.0.0.0:14550, serial://…")
         each.add_argument("--json", action="store_true", help="print one JSON object")
     fetching.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where to (default: here)")
     fetching.add_argument("--log", type=int, metavar="N", help="its number on board (default: the newest)")
+    tracing.add_argument("run_dir", type=Path, help="a run folder of one episode, or the folder of the episode")
+    tracing.add_argument("--ulog", type=Path, metavar="FILE", help="the autopilot's own log (default: flight.tlog)")
+    tracing.add_argument("--target", metavar="LAT,LON[,ALT]", help="its centre as surveyed; ALT above mean sea level")
+    tracing.add_argument("--target-std", type=float, metavar="M", help="how well, per axis (3, a handheld receiver)")
+    tracing.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """List, or fetch one log and print its file."""
+    """List the logs, fetch one, or derive a trace."""
+    return _trace(args) if args.what == "trace" else _on_board(args)
+
+
+def _on_board(args: argparse.Namespace) -> int:
     from dronecats.border.errors import UsageError
     from hil.flight_logs import log_store
 
@@ -40,6 +51,36 @@ def run(args: argparse.Namespace) -> int:
             print(json.dumps({"file": str(file), **asdict(chosen[-1])}))
         else:
             print(f"{file}  ({chosen[-1].size_bytes:,} bytes, written {chosen[-1].date})")
+    return 0
+
+
+def _trace(args: argparse.Namespace) -> int:
+    """Write estimate.jsonl and judge the flight anew, unless its truth is known: then say how good the trace is."""
+    from dronecats.border.errors import UsageError
+    from dronecats.judge.distances import sentence
+    from dronecats.judge.episode import write_verdict
+    from dronecats.judge.files import episode_folder, read
+    from dronecats.logger.estimate_trace import against_truth, derive
+    from dronecats.logger.surveyed_target import target_from
+
+    if args.target_std is not None and not args.target:
+        raise UsageError("--target-std goes with --target; add it or leave it out")
+    folder = episode_folder(args.run_dir)
+    file = derive(folder, target_from(args.target, args.target_std) if args.target else None, args.ulog)
+    result: dict[str, Any] = {"file": str(file)}
+    if read(folder).true:
+        from dronecats.sitl.scenario import load_world, origin
+
+        result |= against_truth(folder, origin(load_world(str(folder / "episode.json"))))
+        told = (
+            f"against the truth: {result['rms_m']:.2f} m rms, {result['max_m']:.2f} m at most,"
+            f" {100 * result['within_2_std']:.0f} % of the axes within two standard deviations"
+        )
+    else:
+        verdict = write_verdict(folder)
+        result |= {"outcome": verdict["outcome"], "distances": verdict["distances"]}
+        told = sentence(verdict["distances"], verdict["delta_m"]) if verdict["distances"] else "no target was surveyed"
+    print(json.dumps(result) if args.json else f"{file}\n{told}")
     return 0
 
 

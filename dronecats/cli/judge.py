@@ -18,6 +18,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print the verdicts; status 0 whatever they are."""
+    from dronecats.judge.distances import sentence
     from dronecats.judge.episode import judge_run
 
     episodes = judge_run(args.run_dir, args.delta)
@@ -28,9 +29,11 @@ def run(args: argparse.Namespace) -> int:
         ne_m = "     –" if verdict["ne_m"] is None else f"{verdict['ne_m']:6.2f}"
         agrees = AGREES[verdict["stored_agrees"]]
         print(
-            f"{episode:32} {verdict['outcome']:8} NE {ne_m} m  {verdict['steps']:3} steps"
+            f"{episode:32} {verdict['outcome']:13} NE {ne_m} m  {verdict['steps']:3} steps"
             f"  {verdict['declarations']:3} declarations  {agrees}"
         )
+        if verdict.get("distances"):
+            print(f"{'':32} {sentence(verdict['distances'], args.delta)}")
         if verdict["error"]:
             print(f"{'':32} {verdict['error']}")
     return 0

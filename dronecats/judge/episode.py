@@ -7,6 +7,7 @@ from typing import Any
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.diagnostics import diagnostics
+from dronecats.judge.distances import distances
 from dronecats.judge.files import Logs, UnmeasuredError, declarations, finished, json_object, last_action, read
 from dronecats.judge.verdict import CAP_S, DELTA_M, Verdict, judge
 
@@ -16,20 +17,21 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
 
     A qualifying declaration is a success however the flight ended. Without one, a flight that the logger did not see
     end at the cap or by decision, or one with an unmeasured frame, is an error of the infrastructure, never a failure.
-    Where nobody knew the truth the outcome is unknown and `success` None.
+    Where nobody knew the truth `success` is None: the outcome is unknown, or "distance only" with `distances`, when the
+    autopilot's own estimate and a surveyed target tell how near it came, though not whether the target was in view.
     """
     claims = finished(logs)
-    known = (logs.begin or {}).get("source") != "estimate"
+    measured = distances(logs, delta_m)
     try:
-        verdict = judge(declarations(logs), last_action(logs), delta_m) if known else Verdict(False, None, None)
+        verdict = judge(declarations(logs), last_action(logs), delta_m) if logs.true else Verdict(False, None, None)
         error = None if verdict.success else _interrupted(logs)
     except UnmeasuredError as unmeasured:
         verdict, error = Verdict(False, None, None), str(unmeasured)
     steps = max((d["step"] + 1 for d in logs.decisions), default=0)
     deciding = verdict.deciding
     return {
-        "outcome": "error" if error else "success" if verdict.success else "failure" if known else "unknown",
-        "success": verdict.success if known else None,
+        "outcome": "error" if error else _named(verdict, logs.true, measured is not None),
+        "success": verdict.success if logs.true else None,
         "ne_m": verdict.ne_m,
         "delta_m": delta_m,
         "steps": steps,
@@ -42,7 +44,14 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
         ),
         "error": error,
         "diagnostics": diagnostics(logs, delta_m),
+        **({} if logs.true else {"distances": measured}),
     }
+
+
+def _named(verdict: Verdict, true: bool, measured: bool) -> str:
+    if true:
+        return "success" if verdict.success else "failure"
+    return "distance only" if measured else "unknown"
 
 
 def _interrupted(logs: Logs) -> str | None:

@@ -2,12 +2,21 @@
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.verdict import CAP_S, Measured
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """estimate.jsonl: where the autopilot thought it was, smoothed, in a flight whose truth nobody knew."""
+
+    head: dict[str, Any]
+    frames: dict[tuple[int, int], dict[str, Any]]  # (drone, frame id) -> frame record
+    poses: tuple[dict[str, Any], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,17 +28,49 @@ class Logs:
     poses: tuple[dict[str, Any], ...]
     begin: dict[str, Any] | None
     end: dict[str, Any] | None
+    estimate: Estimate | None = None  # None: not derived, or not needed because the truth was known
+
+    @property
+    def true(self) -> bool:
+        """Whether truth.jsonl is the truth, and not what an autopilot said of itself."""
+        return (self.begin or {}).get("source") != "estimate"
 
 
 def read(folder: Path) -> Logs:
     """Return the logs of an episode folder. Raises UsageError when a file is missing or a line in it is damaged."""
     truth = list(lines(folder / "truth.jsonl", _truth_fault))
-    return Logs(
+    logs = Logs(
         decisions=tuple(lines(folder / "decisions.jsonl", _decision_fault)),
         frames={(r["drone"], r["frame_id"]): r for r in truth if r["kind"] == "frame"},
         poses=tuple(r for r in truth if r["kind"] == "pose"),
         begin=next((r for r in truth if r["kind"] == "begin"), None),
         end=next((r for r in truth if r["kind"] == "end"), None),
+    )
+    return logs if logs.true else replace(logs, estimate=_estimate(folder / "estimate.jsonl"))
+
+
+def episode_folder(path: Path) -> Path:
+    """Return the episode folder that is meant: the folder itself, or a run's only one. Raises UsageError."""
+    if (path / "truth.jsonl").exists():
+        return path
+    inside = sorted(p.parent for p in path.glob("*/truth.jsonl"))
+    if len(inside) != 1:
+        many = f"holds {len(inside)} episodes; name one of them" if inside else "holds no episode"
+        raise UsageError(f"{path} {many}")
+    return inside[0]
+
+
+def _estimate(path: Path) -> Estimate | None:
+    if not path.exists():
+        return None
+    rows = list(lines(path, _estimate_fault))
+    head = next((r for r in rows if r["kind"] == "estimate"), None)
+    if head is None:
+        raise UsageError(f"{path} is damaged: it does not say what it was derived from")
+    return Estimate(
+        head=head,
+        frames={(r["drone"], r["frame_id"]): r for r in rows if r["kind"] == "frame"},
+        poses=tuple(r for r in rows if r["kind"] == "pose"),
     )
 
 
@@ -97,6 +138,15 @@ def _truth_fault(row: Row) -> str | None:
     if row.get("visible") not in (True, False, None):
         return "its visible is neither true nor false"
     return _not_whole(row, *whole) or _not_number(row, "t")
+
+
+def _estimate_fault(row: Row) -> str | None:
+    std = row.get("distance_std_m")
+    if std is not None and not (_is_number(std) and std >= 0):
+        return "its distance_std_m is not a standard deviation"
+    if row.get("kind") == "end":
+        return "an estimate has no end"
+    return _truth_fault(row)
 
 
 def _not_whole(row: Row, *names: str) -> str | None:

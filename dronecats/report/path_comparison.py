@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.border.errors import UsageError
-from dronecats.judge.files import Logs, Row, read
+from dronecats.judge.files import Logs, Row, episode_folder, read
 
 Array = NDArray[np.float64]
 GRID_S = 0.1  # s between two instants at which the paths are compared
@@ -141,17 +141,6 @@ def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
     ]
     common = said[0].keys() & said[1].keys()
     return sum(said[0][key] == said[1][key] for key in common), len(common)
-
-
-def episode_folder(path: Path) -> Path:
-    """Return the episode folder that is meant: the folder itself, or a run's only one. Raises UsageError."""
-    if (path / "truth.jsonl").exists():
-        return path
-    inside = sorted(p.parent for p in path.glob("*/truth.jsonl"))
-    if len(inside) != 1:
-        many = f"holds {len(inside)} episodes; name one of them" if inside else "holds no episode"
-        raise UsageError(f"{path} {many}")
-    return inside[0]
 
 
 def logs_of(path: Path) -> Logs:

@@ -8,7 +8,8 @@ import pytest
 
 from dronecats.border.errors import UsageError
 from dronecats.cli.main import main
-from dronecats.report.path_comparison import compare, episode_folder, figures, logs_of
+from dronecats.judge.files import episode_folder
+from dronecats.report.path_comparison import compare, figures, logs_of
 
 
 def flight(folder: Path, place, *, seconds=120.0, yaw_deg=0.0, start=(0.0, 0.0, 0.0), drones=1, replies=("x",)) -> Path:
