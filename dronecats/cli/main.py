@@ -15,11 +15,12 @@ VERBS = {
     "preflight": "say whether a vehicle is fit to be flown, and what is not",
     "judge": "derive the verdicts of a run again from its logs",
     "compare": "say how far the paths of two flights lie apart",
-    "flightlog": "list and fetch the flight logs on board of an autopilot",
+    "flightlog": "list and fetch the logs on board of an autopilot, and trace a flight without truth",
     "tune": "print an airframe's gains and margins, and draw its loops",
     "episodes": "list, show, check, make and fly episodes; the reading probe",
     "edit": "make or change an episode in the browser",
     "maps": "list the maps, export one, import your own",
+    "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "say what works on this machine, what is missing and how to get it",
 }
 

@@ -1,5 +1,6 @@
 """Live video through OpenCV: RTSP, and cameras on this computer (Video4Linux)."""
 
+import os
 import threading
 import time
 from typing import Any
@@ -9,7 +10,11 @@ import cv2
 from dronecats.border.errors import CameraError, UsageError
 from hil.cameras.stream import Picture
 
-OPEN_MS, READ_MS = 5000, 2000  # after which a silent stream is taken for absent, for broken
+OPEN_MS, READ_MS = 5000, 5000  # after which a silent stream is taken for absent, for broken
+# what FFmpeg reads to learn what the stream is, it must not hand out afterwards: that would be a second old for ever
+OPTIONS = ("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;tcp|fflags;nobuffer")
+LIVE_GRABS = 3  # that had to wait for their picture: the buffer is empty
+DRAIN_S = 5.0
 
 
 class RtspSource:
@@ -20,6 +25,7 @@ class RtspSource:
         self._capture: Any = None
 
     def open(self) -> None:
+        os.environ.setdefault(*OPTIONS)  # OpenCV takes FFmpeg's options from nowhere else
         # one decoding thread: with more, FFmpeg holds a picture back for each of them
         wanted = [
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS, cv2.CAP_PROP_N_THREADS, 1,
@@ -27,6 +33,7 @@ class RtspSource:
         self._capture = cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, wanted)
         if not self._capture.isOpened():
             raise CameraError("no video comes: nothing answers there, or the path, the user or the password is wrong")
+        drain(self._capture)
 
     def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
         return shoot(self._capture)
@@ -75,6 +82,20 @@ def shoot(capture: Any) -> tuple[float, Picture]:
     if not there:
         raise CameraError("its stream broke")
     return taken_s, picture
+
+
+def drain(capture: Any) -> None:
+    """Throw away what was kept for us: servers and decoders hand a new listener the last second or two at once.
+
+    A picture was kept when it comes in less than half the time that lies between it and the one before.
+    """
+    live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
+    while live < LIVE_GRABS and time.monotonic() < end_s:
+        began_s = time.monotonic()
+        shoot(capture)
+        waited_ms, before_ms = (time.monotonic() - began_s) * 1e3, at_ms
+        at_ms = capture.get(cv2.CAP_PROP_POS_MSEC)
+        live = live + 1 if waited_ms > 0.5 * (at_ms - before_ms) and waited_ms > 2.0 else 0
 
 
 def size_of(text: str | None) -> tuple[int, int] | None:

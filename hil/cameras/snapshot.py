@@ -48,6 +48,11 @@ class HttpCamera:
         assert self._lens.model is not None  # a picture has come, and has said how large it is
         return self._lens.model
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens is known: frames are straightened, and the field of view is measured."""
+        return self._lens.calibration is not None
+
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError when none comes."""
         try:

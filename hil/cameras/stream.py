@@ -69,7 +69,7 @@ class StreamCamera:
         self._none = f"the camera at {name} gives no frame"
         self._shot: Shot | None = None
         self._fault: str | None = None
-        self._over = False
+        self._over = self._ended = False  # the thread reads no more; because the recording has come to its end
         self._news = threading.Condition()
         self._stop = threading.Event()
         self.reopened = 0  # how often the stream broke and came back
@@ -90,6 +90,11 @@ class StreamCamera:
         """Return how long ago (s) the newest picture came, None while there is none."""
         shot = self._shot
         return None if shot is None else time.monotonic() - shot.taken_s
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens is known: frames are straightened, and the field of view is measured."""
+        return self._lens.calibration is not None
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError when none that is young enough comes in time."""
@@ -117,7 +122,7 @@ class StreamCamera:
             self._news.wait_for(lambda: self._young(after) or self._over, self._patience_s)
             shot = self._young(after)
             if shot is None:
-                raise CameraError(f"{self._none}: {self._why()}")
+                raise (StreamEndedError if self._ended else CameraError)(f"{self._none}: {self._why()}")
             return shot
 
     def _why(self) -> str:
@@ -144,6 +149,7 @@ class StreamCamera:
                 try:
                     taken_s, data = self._source.shoot(self._stop)
                 except StreamEndedError as end:
+                    self._ended = True
                     return self._tell(str(end), over=True)
                 except CameraError as fault:
                     self._tell(str(fault))

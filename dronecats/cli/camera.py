@@ -1,0 +1,193 @@
+"""`dronecats camera`: what a camera really delivers, and what its lens is."""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+VIEWS_WANTED = 20  # different views of the board, of a camera that is looked at live
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("camera", help="check a camera, or calibrate it with a chessboard")
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    url_help = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
+    check = actions.add_parser("check", help="rate, latency, drops and size of what a camera delivers")
+    check.add_argument("url", metavar="URL", help=url_help)
+    check.add_argument("--calibration", type=Path, metavar="FILE", help="OpenCV's calibration file of this camera")
+    check.add_argument("--seconds", type=float, default=5.0, metavar="N", help="how long to look (default 5)")
+    check.add_argument("--save", type=Path, metavar="FILE", help="write the last frame as the pilot would see it")
+    check.add_argument("--json", action="store_true", help="print one JSON object")
+    calibrate = actions.add_parser("calibrate", help="find out the lens from pictures of a chessboard")
+    calibrate.add_argument("url", metavar="URL|FOLDER", help=url_help)
+    calibrate.add_argument("--board", default="9x6", metavar="CxR", help="inner corners of the board (default 9x6)")
+    calibrate.add_argument("--square", type=float, required=True, metavar="M", help="side of a square in metres")
+    calibrate.add_argument("--out", type=Path, required=True, metavar="FILE", help="ends in .yml, .xml or .json")
+    calibrate.add_argument("--seconds", type=float, default=120.0, metavar="N", help="of looking live (default 120)")
+    calibrate.add_argument("--json", action="store_true", help="print one JSON object at the end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what was asked for; status 0, 2 for what cannot be used, 3 for a camera that gives no frame."""
+    from dronecats.border.errors import UsageError
+
+    if not 0.1 <= args.seconds <= 3600.0:
+        raise UsageError(f"--seconds wants a number from 0.1 to 3600, got {args.seconds:g}")
+    return _check(args) if args.action == "check" else _calibrate(args)
+
+
+def _check(args: argparse.Namespace) -> int:
+    import cv2
+
+    from dronecats.border.errors import UsageError
+    from hil.cameras.calibration import load
+    from hil.cameras.measure import host_us, measure
+    from hil.cameras.open import open_camera
+
+    if args.save and not cv2.haveImageWriter(str(args.save)):
+        raise UsageError(f"--save {str(args.save)!r} should end in .jpg or .png")
+    began_s = time.monotonic()
+    camera = open_camera(args.url, host_us, load(args.calibration) if args.calibration else None)
+    try:
+        camera.newest()
+        first_s = time.monotonic() - began_s
+        delivery, frame = measure(camera, args.seconds)
+    finally:
+        camera.close()
+    if args.save and not _written(args.save, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR)):
+        raise UsageError(f"--save {str(args.save)!r} cannot be written")
+    found = {"first_frame_s": first_s, **asdict(delivery)}
+    print(json.dumps(found) if args.json else _table(found))
+    return 0
+
+
+def _written(path: Path, picture: Any) -> bool:
+    import cv2
+
+    try:
+        return bool(cv2.imwrite(str(path), picture))
+    except cv2.error:
+        return False
+
+
+def _table(found: dict[str, Any]) -> str:
+    """Return the findings for a person, each with what it means."""
+    model = found["model"]
+
+    def ms(value: float | None) -> str:
+        return "unknown" if value is None else f"{value:.0f} ms"
+
+    known = "from the calibration, straightened" if found["calibrated"] else "assumed: calibrate, or aim is off"
+    rate = "unknown" if found["rate_hz"] is None else f"{found['rate_hz']:.1f} Hz"
+    asked = ", as fast as it was asked" if found["asked"] else ""
+    age = (
+        "unknown: it stamps by the vehicle's clock"
+        if found["age_ms"] is None
+        else f"{ms(found['age_ms'])}, at worst {ms(found['oldest_ms'])}, from arrival here to a picture in hand"
+    )
+    return "\n".join(
+        f"  {name:12} {value}"
+        for name, value in (
+            ("picture", f"{model['width']}×{model['height']} px, {model['hfov_deg']:.1f}° wide ({known})"),
+            ("first frame", f"after {found['first_frame_s']:.2f} s"),
+            ("rate", f"{rate}{asked}, {found['frames']} frames in {found['seconds']:.1f} s"),
+            ("interval", f"{ms(found['interval_ms'])}, jitter {ms(found['jitter_ms'])}, "
+                         f"longest {ms(found['longest_ms'])}"),
+            ("age", age),
+            ("missing", f"{found['missing']}, by gaps in the rhythm"),
+            ("repeated", f"{found['repeated']}, the same picture as before"),
+            ("not seen", f"{found['unseen']}, this computer was busy"),
+            ("reopened", f"{found['reopened']} times"),
+            ("", "The camera's own delay (exposure, coding, network) is in none of these: docs/cameras.md shows it."),
+        )
+    )  # fmt: skip
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    from dronecats.border.errors import UsageError
+    from hil.cameras.calibration import save
+    from hil.cameras.chessboard import board_of, fit
+    from hil.cameras.lens import Lens
+
+    board = board_of(args.board, args.square)
+    if args.out.suffix not in (".yml", ".yaml", ".xml", ".json"):
+        raise UsageError(f"--out '{args.out}' should end in .yml, .yaml, .xml or .json")
+    say: Callable[[str], None] = (lambda line: None) if args.json else (lambda line: print(line, flush=True))
+    looking = _of_folder if Path(args.url).is_dir() else _of_camera
+    views, width, height = looking(args, board, say)
+    result = fit(views, board, width, height)
+    model = Lens(result.calibration).model
+    assert model is not None  # a calibrated lens knows its picture's size
+    save(result.calibration, args.out)
+    if args.json:
+        print(json.dumps({**asdict(result), "hfov_deg": model.hfov_deg, "file": str(args.out)}))
+        return 0
+    matrix = result.calibration.matrix
+    print(f"  views       {result.views}, the worst is off by {result.worst_px:.2f} px")
+    print(f"  error       {result.calibration.error_px:.3f} px, root mean square")
+    print(f"  focal       {matrix[0][0]:.1f}, {matrix[1][1]:.1f} px ± {result.focal_sigma:.2%}")
+    print(f"  centre      {matrix[0][2]:.1f}, {matrix[1][2]:.1f} px of {width}×{height}")
+    print(f"  distortion  {', '.join(f'{k:.4f}' for k in result.calibration.distortion)}")
+    print(f"  corners     in {result.coverage:.0%} of the picture")
+    print(f"  straight    {model.hfov_deg:.1f}° wide")
+    print(f"written: {args.out}")
+    return 0
+
+
+def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
+    """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
+    from dronecats.border.errors import UsageError
+    from hil.cameras.chessboard import corners
+    from hil.cameras.playback import pictures
+    from hil.cameras.stream import decoded
+
+    views: list[Any] = []
+    size: tuple[int, ...] | None = None
+    for path in pictures(Path(args.url)):
+        picture = decoded(path.read_bytes())
+        if picture is None:
+            raise UsageError(f"{path} is not a picture")
+        size = size or picture.shape
+        if picture.shape != size:
+            raise UsageError(f"{path} is of another size than the pictures before it")
+        places = corners(picture, board)
+        say(f"  {path.name}: {'no board' if places is None else 'seen'}")
+        if places is not None:
+            views.append(places)
+    height, width = (size or (0, 0))[:2]
+    return views, width, height
+
+
+def _of_camera(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
+    """Look through a camera until enough different views of the board were seen, or time is over."""
+    import cv2
+
+    from hil.cameras.chessboard import corners, is_new
+    from hil.cameras.measure import host_us
+    from hil.cameras.open import open_camera
+    from hil.cameras.stream import StreamEndedError
+
+    camera = open_camera(args.url, host_us)
+    views: list[Any] = []
+    try:
+        frame = camera.newest()
+        height, width = frame.image_rgb.shape[:2]
+        say(f"show the board, hold it still, then elsewhere and tilted otherwise: {VIEWS_WANTED} views are wanted")
+        end_s = time.monotonic() + args.seconds
+        while len(views) < VIEWS_WANTED and time.monotonic() < end_s:
+            places = corners(cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR), board)
+            if places is not None and is_new(places, views, width):
+                views.append(places)
+                say(f"  view {len(views)} of {VIEWS_WANTED}")
+            try:
+                frame = camera.following(frame.frame_id)
+            except StreamEndedError:  # a recording is all there is
+                break
+    finally:
+        camera.close()
+    return views, width, height

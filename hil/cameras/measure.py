@@ -1,0 +1,91 @@
+"""What a camera really delivers: its rate, how regular, how old a frame is when it can be used."""
+
+import statistics
+import time
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dronecats.border.camera import CameraModel, Frame
+from hil.cameras.open import RealCamera
+from hil.cameras.snapshot import HttpCamera
+from hil.cameras.stream import StreamEndedError
+
+GAP = 1.6  # times the usual interval, from which on a picture is missing between two
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """What came in a while. Intervals are those of the stamps; an age is from stamp to straightened picture."""
+
+    model: CameraModel  # of the frames
+    calibrated: bool  # whether the field of view is known, or believed
+    asked: bool  # whether each frame had to be asked for: the rate is then that of asking
+    frames: int
+    seconds: float  # host's, from the first frame to the last
+    rate_hz: float | None  # of pictures that came, looked at or not; None of fewer than two frames
+    interval_ms: float | None  # median
+    jitter_ms: float | None  # standard deviation of the interval
+    longest_ms: float | None
+    age_ms: float | None  # median; None when the camera stamps by a clock of its own
+    oldest_ms: float | None
+    missing: int  # pictures that gaps between neighbours say are missing
+    repeated: int  # pictures that are the one before, bit for bit
+    unseen: int  # pictures that came while this computer was still busy with an earlier one
+    reopened: int  # times that the stream broke and came back
+
+
+def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
+    """Look at every frame for `seconds` of a camera whose clock is `host_us`; return what was seen, and the last frame.
+
+    Raises CameraError when frames cease.
+    """
+    frame = camera.newest()
+    model, asked = camera.model, isinstance(camera, HttpCamera)
+    own_clock = isinstance(camera, HttpCamera) and camera.stamps
+    began_s, numbers, stamps_us, ages_ms, repeated = time.monotonic(), [], [], [], 0
+    while True:
+        numbers.append(frame.frame_id)
+        stamps_us.append(frame.time_us)
+        ages_ms.append((host_us() - frame.time_us) / 1e3)
+        if time.monotonic() - began_s >= seconds:
+            break
+        try:
+            following = camera.following(frame.frame_id)
+        except StreamEndedError:  # a recording that is shorter
+            break
+        repeated += bool(np.array_equal(following.image_rgb, frame.image_rgb))
+        frame = following
+    spans = [
+        (later_us - us) / 1e3
+        for (number, us), (later, later_us) in pairwise(zip(numbers, stamps_us, strict=True))
+        if later == number + 1
+    ]
+    usual = statistics.median(spans) if spans else None
+    took_s = time.monotonic() - began_s
+    came, span_s = numbers[-1] - numbers[0], (stamps_us[-1] - stamps_us[0]) / 1e6
+    if asked:  # a camera that is asked numbers its frames as it likes
+        came, span_s = len(numbers) - 1, took_s
+    return Delivery(
+        model=model,
+        calibrated=camera.calibrated,
+        asked=asked,
+        frames=len(numbers),
+        seconds=took_s,
+        rate_hz=came / span_s if came > 0 and span_s > 0 else None,
+        interval_ms=usual,
+        jitter_ms=statistics.pstdev(spans) if spans else None,
+        longest_ms=max(spans, default=None),
+        age_ms=None if own_clock else statistics.median(ages_ms),
+        oldest_ms=None if own_clock else max(ages_ms),
+        missing=sum(round(span / usual) - 1 for span in spans if span > GAP * usual) if usual else 0,
+        repeated=repeated,
+        unseen=0 if asked else came - len(numbers) + 1,
+        reopened=camera.reopened,
+    ), frame
+
+
+def host_us() -> int:
+    """Return µs of the host's monotonic clock: the vehicle's clock when there is no vehicle."""
+    return time.monotonic_ns() // 1000
