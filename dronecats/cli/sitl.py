@@ -44,6 +44,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument(
         "--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits for one"
     )
+    parser.add_argument("--hitl", metavar="URL", help="a PX4 board flies: serial:///dev/ttyACM0:921600")
     parser.set_defaults(run=run)
 
 
@@ -75,9 +76,12 @@ def run(args: argparse.Namespace) -> int:
     optics = load(args.optics).as_dict() if args.optics else None
     if args.px4 and args.autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+    if args.hitl:
+        _check_hitl(args, factor)
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.run.supervisor import Supervisor
+    from dronecats.sitl.board_simulator import BoardSimulator
     from dronecats.sitl.px4_simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
 
@@ -93,8 +97,10 @@ def run(args: argparse.Namespace) -> int:
         "faults": str(args.faults) if args.faults else None,
         "state_dir": str(args.state or Path("runs") / f"sitl-{args.instance}"),
     }
-    simulator: Simulator | Px4Simulator
-    if args.autopilot == "px4":
+    simulator: Simulator | Px4Simulator | BoardSimulator
+    if args.hitl:
+        simulator = BoardSimulator({**config, "hitl": args.hitl}, say=_say)
+    elif args.autopilot == "px4":
         simulator = Px4Simulator({**config, "px4": args.px4, "restart": True}, say=_say)
     else:
         simulator = Simulator(config)
@@ -109,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
                 child = supervisor.start("camera", config)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
-            if args.autopilot == "px4" and not args.px4:
+            if args.autopilot == "px4" and not (args.px4 or args.hitl):
                 _say("waiting for a PX4, and no time passes until then; start yours with PX4_SIM_MODEL=none_iris")
             simulator.ready()
             while True:
@@ -123,6 +129,20 @@ def run(args: argparse.Namespace) -> int:
             with contextlib.suppress(KeyboardInterrupt):
                 supervisor.close()
                 simulator.close()
+
+
+def _check_hitl(args: argparse.Namespace, factor: float) -> None:
+    """Raise UsageError for what a board cannot do: it runs in real time, alone, and brings its own autopilot."""
+    from dronecats.border.errors import UsageError
+    from hil.simulator_board import sensor_period_us
+
+    if factor != 1.0:
+        raise UsageError("a board runs in real time: leave --speed out, or leave --hitl out")
+    if (args.count or 1) != 1:
+        raise UsageError("one board flies one vehicle: leave --count out, or leave --hitl out")
+    if args.px4 or args.faults:
+        raise UsageError(f"--{'px4' if args.px4 else 'faults'} does not go with --hitl; leave one of them out")
+    sensor_period_us(args.hitl)
 
 
 def _wind(text: str) -> tuple[float, float]:

@@ -16,6 +16,10 @@ class RateKeeper:
 
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Count from nothing, and from now."""
         self.ticks = 0
         self.late = 0  # ticks that began more than 2 ms after they were due
         self.skipped_s = 0.0  # time given up, by which the simulation is now behind the wall
