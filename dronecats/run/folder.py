@@ -56,8 +56,9 @@ def fresh_run(pilot_name: str) -> Path:
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:
-    """Return the names of what a run was configured with otherwise."""
-    return [key for key, value in configuration.items() if before.get(key) != value]
+    """Return the names of what a run was configured with otherwise; `before` is as it stands in run.json."""
+    now = json.loads(json.dumps(configuration))  # tuples are lists there
+    return [key for key, value in now.items() if before.get(key) != value]
 
 
 def missing_package(error: ImportError) -> str:

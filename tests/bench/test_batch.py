@@ -63,6 +63,13 @@ def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):
         Batch(tmp_path / "run", {"pilot": "oracle", "seed": 1})
 
 
+def test_settings_are_compared_as_they_stand_in_the_file(tmp_path):
+    Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
+    Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
+    with pytest.raises(UsageError, match="another envelope"):
+        Batch(tmp_path / "run", {"envelope": {"exclusions": ()}})
+
+
 def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
     first = Batch(tmp_path / "run", {})
     with pytest.raises(UsageError, match="another process is flying"):
