@@ -16,6 +16,11 @@ def ids() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.json"))
 
 
+def ships(record: EpisodeRecord) -> bool:
+    """Return whether this is a shipped episode, and not merely one that bears the id of one."""
+    return record.id in ids() and load(record.id) == record
+
+
 def must_exist(id_or_path: str | Path) -> None:
     """Raise UsageError when this is neither a shipped episode nor something on the disk that could be a record."""
     name = str(id_or_path)

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +85,13 @@ def _chosen(episodes: list[str], suite: str | None) -> list[str]:
     if episodes and suite:
         raise UsageError("choose one: the episodes by name, or --suite")
     chosen = list(dict.fromkeys(episodes)) or suites.ids(suite or "all")
-    names = [catalogue.load(episode).id for episode in chosen]
-    for name in names:
-        if names.count(name) > 1:
-            raise UsageError(f"two of the episodes are called '{name}', and each needs a folder of its own")
+    records = {episode: catalogue.load(episode) for episode in chosen}
+    times = Counter(record.id for record in records.values())
+    for episode, record in records.items():
+        if times[record.id] > 1:
+            raise UsageError(f"two of the episodes have the id '{record.id}', which each needs to itself")
+        if record.id in catalogue.ids() and not catalogue.ships(record):
+            raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; give yours another one")
     return chosen
 
 

@@ -13,7 +13,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser.add_argument("--count", type=int, default=1, metavar="N", help="how many (default: 1)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same records")
     parser.add_argument(
-        "--first", type=int, default=1, metavar="N", help="number in the first record's id (default: 1)"
+        "--first", type=int, metavar="N", help="number in the first record's id (default: the next after what ships)"
     )
     parser.add_argument("--map-seed", type=int, default=1, metavar="N", help="the map's own seed (default: 1)")
     parser.add_argument("--official", action="store_true", help="instead of all that: make the shipped catalogue again")
@@ -35,8 +35,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         if not (args.map and args.cell):
             raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")
-        task = proposals.Batch(args.map, args.cell, args.first, args.count, args.seed, args.map_seed)
-        batches = iter([proposals.propose(task)])
+        first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
+        task = proposals.Batch(args.map, args.cell, first, args.count, args.seed, args.map_seed)
+        proposals.must_be_possible(task)
+        batches = (proposals.propose(each) for each in [task])
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -44,6 +46,18 @@ def run(args: argparse.Namespace) -> int:
     for batch in batches:
         for record in batch:
             file = args.out / f"{record.id}.json"
-            file.write_text(record.to_json(), encoding="utf-8")
+            _write(file, record.to_json(), replace=args.official)
             print(f"{file}  {record.instruction}", flush=True)
     return 0
+
+
+def _write(file: Path, text: str, replace: bool) -> None:
+    """Write a record. Raises UsageError for a file that holds another one, unless `replace`, or cannot be written."""
+    from dronecats.border.errors import UsageError
+
+    try:
+        if not replace and file.exists() and file.read_bytes() != text.encode():
+            raise UsageError(f"'{file}' holds another record: choose another --out or --first.")
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"'{file}' cannot be written: {error.strerror}.") from None

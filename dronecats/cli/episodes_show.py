@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
     from episodes import catalogue, par, suites
 
     record = catalogue.load(args.episode)
-    member, steps = suites.of(record.id), par.load().get(record.id)
+    member, steps = (suites.of(record.id), par.load().get(record.id)) if catalogue.ships(record) else ((), None)
     if args.picture is not None:
         from dronecats.report.first_frame import write_first_frame
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Vec3
-from episodes import maps
+from episodes import catalogue, maps
 from episodes.check.rules import check
 from episodes.propose import commanding, painted, referred
 from episodes.propose.draft import Draft
@@ -38,7 +38,7 @@ def propose(batch: Batch) -> list[EpisodeRecord]:
 
     Raises UsageError for a request that cannot be, or when the map has no room for so many.
     """
-    _valid(batch)
+    must_be_possible(batch)
     site = Site(batch.map, batch.map_seed)
     rng = random.Random(f"{batch.map} {batch.map_seed} {batch.cell} {batch.seed}")
     drafts = _source(site, batch.cell, rng)
@@ -61,7 +61,14 @@ def propose(batch: Batch) -> list[EpisodeRecord]:
     return found
 
 
-def _valid(batch: Batch) -> None:
+def first_free(name: str, cell: str) -> int:
+    """Return the number after those of the shipped episodes of a map and cell: an id means one episode only."""
+    numbers = [one.removeprefix(f"{name}-{cell}-") for one in catalogue.ids()]
+    return max((int(number) for number in numbers if number.isdigit()), default=0) + 1
+
+
+def must_be_possible(batch: Batch) -> None:
+    """Raise UsageError for a request that no map and no search could fulfil."""
     if batch.cell not in CELLS:
         raise UsageError(f"cell '{batch.cell}' does not exist: use one of {', '.join(CELLS)}.")
     if batch.map not in maps.names():

@@ -1,5 +1,6 @@
 """Workers are real processes: they fly, they are killed, and what was left is flown by the next run."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -39,6 +40,11 @@ def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path):
     assert log.stat().st_mtime_ns == flown
 
 
+def workers():
+    """Return this process's children that fly, or start to."""
+    return [p for p in psutil.Process().children(recursive=True) if "dronecats.run.child" in p.cmdline()]
+
+
 @pytest.mark.slow
 def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     episodes = [EASY, "residential-searching-01", "residential-tracking-01"]
@@ -59,7 +65,7 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     assert batch.left(episodes) == [episodes[1]]
     again = Runner(batch, ORACLE, jobs=2).fly(batch.left(episodes))
     assert [r["outcome"] for r in again] == ["success"]
-    assert not psutil.Process().children(recursive=True)
+    assert not workers()
 
 
 @pytest.mark.slow
@@ -86,7 +92,7 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
     (tmp_path / "run" / UNFINISHED).write_text("a file where what was broken off has to be moved to")
     with pytest.raises(InfrastructureError, match="cannot be written: File exists"):
         Runner(batch, ORACLE, jobs=1).fly([EASY])
-    assert not psutil.Process().children(recursive=True)
+    assert not workers()
 
 
 def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
@@ -94,13 +100,17 @@ def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
     runner._close()
     with pytest.raises(InfrastructureError, match="killed by SIGKILL"):
         runner._start()
-    assert not psutil.Process().children(recursive=True)
+    assert not workers()
 
 
 def test_what_cannot_be_flown_is_refused_at_once(tmp_path):
+    like = tmp_path / "like.json"
+    like.write_text(dataclasses.replace(catalogue.load(EASY), instruction="go home").to_json())
     for arguments, sentence in (
         (["--pilot", "nobody"], "nobody"),
         (["no-such-episode"], "no-such-episode"),
+        ([str(like)], "like.json: 'residential-approaching-01' is the id of an episode that ships"),
+        ([str(like), EASY], "two of the episodes have the id"),
         (["--suite", "quik"], "did you mean quick"),
         (["--jobs", "0"], "--jobs"),
         (["--pilot", "vision", "--write-par"], "--write-par"),

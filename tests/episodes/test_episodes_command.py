@@ -58,6 +58,16 @@ def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert shown["drones"] == 1
 
 
+def test_only_what_ships_is_in_a_suite(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    same, other = tmp_path / "same.json", tmp_path / "other.json"
+    same.write_text(SHIPPED.to_json())
+    other.write_text(replace(SHIPPED, seed=SHIPPED.seed + 1).to_json())
+    assert "quick" in json.loads(said(capsys, "show", str(same), "--json"))["suites"]
+    shown = json.loads(said(capsys, "show", str(other), "--json"))
+    assert shown["suites"] == []
+    assert shown["par"] is None
+
+
 def test_show_refuses_a_picture_of_no_kind(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["episodes", "show", catalogue.DEFAULT, "--picture", str(tmp_path / "first.gif")]) == 2
     assert ".png" in capsys.readouterr().err

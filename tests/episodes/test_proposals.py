@@ -17,7 +17,7 @@ from episodes.check.rules import check
 from episodes.maps.places import Places
 from episodes.propose import official, phrases
 from episodes.propose.lanes import stretch
-from episodes.propose.proposals import Batch, propose
+from episodes.propose.proposals import Batch, first_free, propose
 from episodes.record import CELLS, HIDDEN, parse
 from episodes.world import World
 
@@ -56,9 +56,27 @@ def test_the_catalogue_is_made_again_byte_for_byte() -> None:
 def test_command_writes_records_that_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["--map", "residential", "--cell", "approaching", "--count", "1", "--seed", "3", "--out", str(tmp_path)]
     assert main(["episodes", "new", *asked]) == 0
-    file = tmp_path / "residential-approaching-01.json"
+    file = tmp_path / "residential-approaching-11.json"  # ten ship
     assert str(file) in capsys.readouterr().out
     assert catalogue.load(file).cell == "approaching"
+    assert main(["episodes", "new", *asked]) == 0  # the same once more
+    file.write_text("what somebody has made of it")
+    assert main(["episodes", "new", *asked]) == 2
+    assert "holds another record" in capsys.readouterr().err
+    assert file.read_text() == "what somebody has made of it"
+
+
+def test_a_file_that_cannot_be_written_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "blocks-commanding-20.json").mkdir()
+    asked = ["--map", "blocks", "--cell", "commanding", "--first", "20", "--out", str(tmp_path)]
+    assert main(["episodes", "new", *asked]) == 2
+    assert "cannot be written: Is a directory." in capsys.readouterr().err
+
+
+def test_numbers_go_on_after_what_ships() -> None:
+    assert first_free("blocks", "commanding") == 11
+    assert first_free("residential", "search-and-track") == 11
+    assert first_free("campus", "commanding") == first_free("my-yard", "tracking") == 1
 
 
 @pytest.mark.parametrize(
