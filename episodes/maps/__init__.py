@@ -33,7 +33,8 @@ def names() -> list[str]:
 
 
 def build(name: str, seed: int = 1) -> Scene:
-    """Return the map `name`; the same seed gives the same scene. Raises UsageError for a name that is no map.
+    """Return the map `name`; the same seed gives the same scene. Raises UsageError for a name that is no map
+    and for a negative seed.
 
     A user's map has no seed: it is what its file says.
     """
@@ -42,6 +43,8 @@ def build(name: str, seed: int = 1) -> Scene:
     if name not in _MAPS:
         near = ", ".join(difflib.get_close_matches(name, names(), 3, 0.3) or names())
         raise UsageError(f"map '{name}' does not exist: did you mean {near}?")
+    if seed < 0:
+        raise UsageError(f"the seed of a map is a whole number from 0, not {seed}.")
     return _shipped(name, seed)
 
 

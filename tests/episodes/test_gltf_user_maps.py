@@ -159,3 +159,8 @@ def test_the_oracle_flies_a_users_map_to_success(folder, yard, tmp_path, capsys)
     assert result["success"]
     assert result["ne_m"] <= 5.0
     assert json.loads((out / result["episode"] / "episode.json").read_text())["map"] == "yard"
+
+
+def test_a_map_has_no_negative_seed(capsys):
+    assert main(["maps", "show", "blocks", "--seed", "-1"]) == 2
+    assert "a whole number from 0, not -1" in capsys.readouterr().err
