@@ -15,8 +15,7 @@ from dronecats.border.sensors import MAX_ROTORS
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 HIL_ENABLED = dialect.MAV_MODE_FLAG_HIL_ENABLED
-SENSOR_BYTES = 77  # a HIL_SENSOR on the wire
-GPS_BYTES = 51  # a HIL_GPS on the wire
+SENSOR_BYTES = 74  # a HIL_SENSOR on the wire at most: MAVLink 2 leaves trailing zeros out, and id is 0
 COURSE_UNKNOWN = 65535
 COURSE_FROM = 0.3  # m/s, below which a receiver has no course over ground to tell
 

@@ -1,0 +1,92 @@
+"""A client that speaks PX4's end of the simulator interface and nothing else: for what only the wire can show."""
+
+import contextlib
+import json
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from dronecats.border.mavlink import Packer, Parser, dialect
+
+RECORDED = Path(__file__).parent / "recorded"
+HEARTBEAT = dialect.MAVLink_heartbeat_message(0, dialect.MAV_AUTOPILOT_PX4, 0, 0, 0, 0)
+WANTS_TRUTH = dialect.MAVLink_command_long_message(
+    0, 0, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 5e3, 0, 0, 0, 0, 0
+)
+Answer = Callable[[dialect.MAVLink_message], bytes]
+
+
+class StandIn:
+    """Connects as PX4 does, keeps every message it gets, and answers a HIL_SENSOR with what `answer` returns."""
+
+    def __init__(self, port: int, answer: Answer) -> None:
+        self.got: list[dialect.MAVLink_message] = []
+        self._answer, self._parser, self._packer = answer, Parser(), Packer(1, 1)
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=10.0)
+        self._socket.sendall(self._packer.pack(HEARTBEAT) + self._packer.pack(WANTS_TRUTH))
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def named(self, name: str) -> list[dialect.MAVLink_message]:
+        return [message for message in self.got if message.get_type() == name]
+
+    def close(self) -> None:
+        """Go away as a process does that is killed."""
+        with contextlib.suppress(OSError):  # gone already
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join(10.0)
+        self._socket.close()
+
+    def _run(self) -> None:
+        try:
+            while data := self._socket.recv(65536):
+                for message in self._parser.feed(data):
+                    self.got.append(message)
+                    if message.get_type() == "HIL_SENSOR" and (reply := self._answer(message)):
+                        self._socket.sendall(reply)
+        except OSError:
+            return
+
+
+def controls(time_us: int, outputs: tuple[float, ...] = (), armed: bool = False) -> bytes:
+    """Return PX4's HIL_ACTUATOR_CONTROLS as bytes."""
+    filled = [*outputs, *[0.0] * (16 - len(outputs))]
+    return Packer(1, 1).pack(dialect.MAVLink_hil_actuator_controls_message(time_us, filled, 1 | 128 * armed, 1))
+
+
+def always(*outputs: float, armed: bool = True) -> Answer:
+    """Answer every sensor message with these outputs."""
+    return lambda sensor: controls(sensor.time_usec, outputs, armed)
+
+
+def silent(sensor: dialect.MAVLink_message) -> bytes:
+    """Answer nothing, as a PX4 does that is still booting."""
+    return b""
+
+
+class Replay:
+    """Answers with what a real PX4 sent when it had been told the same time, byte for byte."""
+
+    def __init__(self, name: str) -> None:
+        self.frames: dict[int, bytes] = {}
+        for message in recorded(name):
+            if message.get_type() == "HIL_ACTUATOR_CONTROLS":
+                self.frames[message.time_usec] = bytes(message.get_msgbuf())
+
+    def __call__(self, sensor: dialect.MAVLink_message) -> bytes:
+        return self.frames.get(sensor.time_usec, b"")
+
+
+def recorded(name: str) -> list[dialect.MAVLink_message]:
+    """Return the messages of a recorded stretch of a real PX4's speech."""
+    parser = Parser()
+    messages = parser.feed((RECORDED / name).read_bytes())
+    assert parser.bad == 0
+    return messages
+
+
+def exchange(name: str) -> list[tuple[float, bytes]]:
+    """Return (seconds, bytes) of a recorded serial line."""
+    lines = (RECORDED / name).read_text(encoding="ascii").splitlines()
+    return [(float(at), bytes.fromhex(data)) for at, data in map(json.loads, lines)]
