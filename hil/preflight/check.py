@@ -45,7 +45,7 @@ class Check:
         return [finding.change for finding in self._findings() if finding.change is not None]
 
     def _findings(self) -> list[Finding]:
-        situation = failsafes.Situation(self.values, self.heard.sticks, health.version(self.heard))
+        situation = failsafes.Situation(self.values, self.heard.sticks, health.version(self.heard), self.heard.station)
         return failsafes.findings(situation) + fence.findings(self.values, self.fence_points)
 
 

@@ -16,7 +16,7 @@ LINK_LOSS = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6:
 LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land", 4: "Terminate"}
 KILLING = (5, 6)  # of NAV_RCL_ACT and NAV_DLL_ACT: the motors stop in the air
 EXCEPT_OFFBOARD = 4  # bit of COM_RCL_EXCEPT
-OVERRIDE_OFFBOARD = 2  # bit of COM_RC_OVERRIDE
+OVERRIDE = 1 | 2  # bits of COM_RC_OVERRIDE: in automatic modes, such as the Hold that follows us, and in offboard
 MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
 AGENT_SPEED = 1.2  # m/s, the most that the agent's controller asks for
@@ -30,6 +30,7 @@ class Situation:
     values: Mapping[str, Value | None]  # None: the autopilot did not tell it
     sticks: bool = False  # somebody holds sticks that reach the autopilot
     version: tuple[int, int] = (0, 0)  # of the firmware; (0, 0) when unknown
+    station: bool = False  # a ground station is heard on this link
 
 
 def _offboard_loss(s: Situation, value: Value) -> Finding:
@@ -92,14 +93,11 @@ def _station_loss(s: Situation, value: Value) -> Finding:
     if value in KILLING:
         return _bad("NAV_DLL_ACT", value, f"ground station lost: {action}, it falls", "choose 2 (Return) or 3 (Land)")
     if value == 0 and not s.sticks:
-        return Finding(
-            Row(
-                _named("NAV_DLL_ACT", value),
-                None,
-                "ground station lost: nothing happens, and there are no sticks: nobody could take over",
-                "fly with sticks, or with a station and 2 (Return)",
-            )
-        )
+        return _judge("NAV_DLL_ACT", value, "ground station lost: nothing; without sticks nobody could take over",
+                      "fly with sticks, or with a station and 2 (Return)")  # fmt: skip
+    if value > 0 and not s.station:
+        return _judge("NAV_DLL_ACT", value, "no ground station is heard on this link; without one it refuses to arm",
+                      "connect one")  # fmt: skip
     return _good("NAV_DLL_ACT", value, f"ground station lost: {action}")
 
 
@@ -116,10 +114,10 @@ def _stick_override(s: Situation, value: Value) -> Finding:
     """COM_RC_OVERRIDE."""
     if not s.sticks:
         return _good("COM_RC_OVERRIDE", value, "no sticks to take over with")
-    if int(value) & OVERRIDE_OFFBOARD:
+    if int(value) & OVERRIDE == OVERRIDE:
         return _good("COM_RC_OVERRIDE", value, "moving the sticks takes over from the agent")
-    return _mend("COM_RC_OVERRIDE", value, int(value) | OVERRIDE_OFFBOARD, "moving the sticks does nothing in offboard",
-                 "the pilot's hands take over without a switch")  # fmt: skip
+    return _mend("COM_RC_OVERRIDE", value, int(value) | OVERRIDE, "moving the sticks does not take over everywhere",
+                 "the pilot's hands take over without a switch, in offboard and in the Hold after it")  # fmt: skip
 
 
 def _place_lost(s: Situation, value: Value) -> Finding:
@@ -154,14 +152,8 @@ def _sink(s: Situation, value: Value) -> Finding:
 def _hitl(s: Situation, value: Value) -> Finding:
     """SYS_HITL."""
     if value > 0:
-        return Finding(
-            Row(
-                _named("SYS_HITL", value),
-                None,
-                "this board flies a simulated vehicle",
-                "for a real flight set it to 0 and reboot; in simulation take the propellers off",
-            )
-        )
+        return _judge("SYS_HITL", value, "this board flies a simulated vehicle",
+                      "for a real flight set it to 0 and reboot; in simulation take the propellers off")  # fmt: skip
     return _good("SYS_HITL", value, "real sensors, real motors, or a simulator of its own")
 
 
@@ -240,6 +232,11 @@ def _good(name: str, value: float, why: str) -> Finding:
 
 def _bad(name: str, value: float, why: str, fix: str) -> Finding:
     return Finding(Row(_named(name, value), False, why, fix))
+
+
+def _judge(name: str, value: float, why: str, fix: str) -> Finding:
+    """Return a row that only a person can judge."""
+    return Finding(Row(_named(name, value), None, why, fix))
 
 
 def _mend(name: str, value: float, new: float, why: str, reason: str) -> Finding:

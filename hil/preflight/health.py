@@ -1,6 +1,6 @@
 """The autopilot itself: which firmware, what its own checks say, and whether its estimate can be flown on."""
 
-from dronecats.border.mavlink import dialect
+from dronecats.border.mavlink import dialect, mode_name
 from hil.preflight.heard import Heard, Message
 from hil.preflight.row import Row
 
@@ -17,6 +17,7 @@ SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_LOGGING: "flight log",
 }
 NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # without one of them it is no vehicle for us
+PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 only ever says that it is unhealthy
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying velocities and places stands on
     dialect.ESTIMATOR_ATTITUDE: "attitude",
@@ -25,8 +26,7 @@ ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying velocities and places stan
     dialect.ESTIMATOR_POS_HORIZ_ABS: "place",
     dialect.ESTIMATOR_POS_VERT_ABS: "altitude",
 }
-TROUBLES = {
-    dialect.ESTIMATOR_CONST_POS_MODE: "it assumes that it does not move",
+TROUBLES = {  # not CONST_POS_MODE: PX4 assumes a constant place whenever the vehicle stands still
     dialect.ESTIMATOR_GPS_GLITCH: "it rejects the GPS as a glitch",
     dialect.ESTIMATOR_ACCEL_ERROR: "it suspects the accelerometer",
 }
@@ -71,15 +71,16 @@ def _sensors(heard: Heard) -> Row:
     status = heard.message("SYS_STATUS")
     if status is None:
         return Row("sensors", False, "SYS_STATUS does not come: nothing is known", "look at the link's rates")
+    present = int(status.onboard_control_sensors_present) | PRESENT_UNSAID
     bad = [name for bit, name in SENSORS.items() if _enabled(status) & bit and not _health(status) & bit]
     missing = [
         name for bit, name in SENSORS.items()
-        if name in NEEDED and name not in bad and not status.onboard_control_sensors_present & bit
+        if name in NEEDED and name not in bad and not present & bit
     ]  # fmt: skip
     if bad or missing:
         reasons = [f"{name} unhealthy" for name in bad] + [f"no {name}" for name in missing]
         return Row("sensors", False, ", ".join(reasons) + _said(heard), "calibrate or replace what is named")
-    good = [name for bit, name in SENSORS.items() if status.onboard_control_sensors_present & bit]
+    good = [name for bit, name in SENSORS.items() if present & bit]
     return Row("sensors", True, ", ".join(good))
 
 
@@ -88,9 +89,9 @@ def _prearm(heard: Heard) -> Row:
     if status is None:
         return Row("pre-arm check", False, "SYS_STATUS does not come", "look at the link's rates")
     if not _health(status) & PREARM:
-        return Row("pre-arm check", False, "it would refuse to arm" + _said(heard),
+        return Row("pre-arm check", False, f"it would refuse to arm in {_mode(heard)}" + _said(heard),
                    "the ground station's arming page names every reason")  # fmt: skip
-    return Row("pre-arm check", True, "it would arm in its present mode" + _said(heard))
+    return Row("pre-arm check", True, f"it would arm in {_mode(heard)}" + _said(heard))
 
 
 def _estimator(heard: Heard) -> Row:
@@ -111,6 +112,11 @@ def _estimator(heard: Heard) -> Row:
     worst = max(heard.worst_ratio.values(), default=0.0)
     return Row("estimator", True, f"attitude, velocity, place and altitude; place ±{status.pos_horiz_accuracy:.1f} m, "
                f"altitude ±{status.pos_vert_accuracy:.1f} m, largest test ratio {worst:.2f}")  # fmt: skip
+
+
+def _mode(heard: Heard) -> str:
+    beat = heard.message("HEARTBEAT")
+    return "its present mode" if beat is None else mode_name(beat.custom_mode)
 
 
 def _said(heard: Heard) -> str:

@@ -20,9 +20,9 @@ PX4_DEFAULTS = {
 }  # fmt: skip
 
 
-def judged(name, value, *, sticks=False, version=(1, 15)):
+def judged(name, value, *, sticks=False, version=(1, 15), station=False):
     """Return (passed, what would be set) of one parameter; None when nothing would."""
-    finding = RULES[name](Situation({name: value}, sticks, version), value)
+    finding = RULES[name](Situation({name: value}, sticks, version, station), value)
     assert finding.row.name == f"{name} = {value:g}"
     assert finding.change is None or (finding.change.name, finding.change.old) == (name, value)
     return finding.row.passed, finding.change and finding.change.new
@@ -30,7 +30,7 @@ def judged(name, value, *, sticks=False, version=(1, 15)):
 
 def test_a_sane_vehicle_passes_everywhere():
     for sticks in (False, True):
-        found = findings(Situation(SANE, sticks, (1, 15)))
+        found = findings(Situation(SANE, sticks, (1, 15), station=True))
         assert [f.change for f in found if f.change] == []
         assert [f.row for f in found if f.row.passed is False] == []
     assert all(f.row.passed for f in found)
@@ -69,7 +69,7 @@ def test_absent_sticks_are_only_exempted_where_the_firmware_needs_it(value, vers
 @pytest.mark.parametrize("value", range(4))
 def test_sticks_override_offboard_for_whoever_has_sticks(value):
     assert judged("COM_RC_OVERRIDE", value) == (True, None)
-    expected = (True, None) if value & 2 else (False, value | 2)
+    expected = (True, None) if value == 3 else (False, 3)
     assert judged("COM_RC_OVERRIDE", value, sticks=True) == expected
 
 
@@ -77,10 +77,11 @@ def test_sticks_override_offboard_for_whoever_has_sticks(value):
 @pytest.mark.parametrize("sticks", [False, True])
 def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alone(name, sticks):
     for value in range(7):
-        passed, new = judged(name, value, sticks=sticks)
+        passed, new = judged(name, value, sticks=sticks, station=True)
         assert new is None
         assert (passed is False) == (value in (5, 6) or (name == "NAV_RCL_ACT" and sticks and value in (0, 4)))
     assert judged("NAV_DLL_ACT", 0)[0] is None  # nobody could take over: for a person to judge
+    assert judged("NAV_DLL_ACT", 2)[0] is None  # it would wait for a station that nobody hears
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0, (False, 3)), (1, (True, None)), (2, (True, None)),
