@@ -149,6 +149,8 @@ def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], 
     """Connect, arm, take off, fly to the start poses and hold there, all drones at a time. Raises LinkError."""
     for link in links:
         link.connect()
+        if not link.state.armed and link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
+            link.set_mode("HOLD")
     say("waiting until the autopilot is ready to arm …")
     for link in links:
         link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
