@@ -15,6 +15,7 @@ from hil.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us before the autopilot is asked to hold
 LAST_MODES = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
+SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
 
@@ -157,6 +158,8 @@ class Link(Conversation):
     def stop_offboard(self) -> None:
         """Let the autopilot hold, and stop streaming once it does."""
         self.set_mode("HOLD")
+        # the acknowledgement is ahead of the telemetry, and our own hold must not look like another hand's
+        self.wait_for(lambda state: state.mode != "OFFBOARD", 3.0, "leaving offboard")
         self._stream.stop()
 
     def give_up(self, then: str = "land") -> None:
@@ -184,24 +187,28 @@ class Link(Conversation):
     def go_to(self, position_ned: Vec3, yaw: float, *, tolerance_m: float = 0.25, seconds: float = 60.0) -> None:
         """Fly to a place of the local frame in offboard and settle there. Raises LinkError after `seconds`.
 
-        Settled: within `tolerance_m` and 3° at less than 0.15 m/s for a whole second.
+        Settled: within `tolerance_m` and 3° at less than 0.15 m/s for a whole second. An estimate that follows a
+        wandering GPS is never so still: after `seconds` / 4, three times as far and as fast is as good as it gets.
         """
-        end_us, settled_us = self.time_us + round(seconds * 1e6), None
+        began_us, settled_us = self.time_us, None
+        end_us, coarse_us = (began_us + round(part * seconds * 1e6) for part in (1.0, 0.25))
         self._stream.fly_to(Place(position_ned, yaw))
         self.start_offboard()
         while settled_us is None or self.time_us < settled_us + 1_000_000:
             if self.time_us >= end_us:
                 raise LinkError(f"the vehicle did not settle at its start pose within {seconds:g} s of vehicle time")
             self.tick()
-            settled_us = (settled_us or self.time_us) if self._is_at(position_ned, yaw, tolerance_m) else None
+            times = 1.0 if self.time_us < coarse_us else 3.0
+            there = self._is_at(position_ned, yaw, times * tolerance_m, times * SETTLED_MPS)
+            settled_us = (settled_us or self.time_us) if there else None
 
-    def _is_at(self, position_ned: Vec3, yaw: float, tolerance_m: float) -> bool:
+    def _is_at(self, position_ned: Vec3, yaw: float, tolerance_m: float, speed_mps: float) -> bool:
         state = self.state
         if state.position_ned is None or state.velocity_ned is None or state.euler is None:
             return False
         return (
             math.dist(state.position_ned, position_ned) <= tolerance_m
-            and math.hypot(*state.velocity_ned) <= 0.15
+            and math.hypot(*state.velocity_ned) <= speed_mps
             and abs(wrap_pi(state.euler[2] - yaw)) <= math.radians(3.0)
         )
 
