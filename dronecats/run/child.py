@@ -21,6 +21,7 @@ from dronecats.border.errors import DronecatsError
 KINDS = {
     "simulator": "dronecats.sitl.simulator_process",
     "camera": "dronecats.sitl.camera_process",
+    "truth-bridge": "dronecats.sitl.truth_bridge",
     "logger": "dronecats.logger.logger_process",
     "estimate-logger": "dronecats.logger.estimate_process",
     "pilot": "dronecats.pilots.pilot_process",
