@@ -46,7 +46,7 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
     elif s.sticks:
         reason = "it would fly by whatever the sticks say, throttle down included; Hold lets it stay where it is"
     else:
-        reason = "nobody holds sticks for that mode, so it sinks at 0.7 m/s; Hold lets it stay where it is"
+        reason = "nobody holds sticks for that mode, so it sinks to the ground; Hold lets it stay where it is"
     return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}: {reason.partition(';')[0]}", reason)
 
 

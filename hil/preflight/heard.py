@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from dronecats.border.mavlink import dialect
@@ -25,6 +25,8 @@ ASKED_HZ: dict[int, float] = {  # the streams that the checks read, and the two 
 }
 ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC questions
+ANSWER_US = 1_000_000  # µs before the end from which on nothing is asked that could not be answered in time
+TRIES = 3  # for a message that does not come by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,20 +105,29 @@ class Watch:
         try:
             for message_id, rate in ASKED_HZ.items():
                 link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate))
-            for message_id in ONCE:
-                link.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
             link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # has the reasons said again
             self._counts.clear()
             self._began_us = link.time_us
-            sync_us = 0
-            while link.time_us < self._began_us + seconds * 1e6:
-                if link.time_us >= sync_us:
+            sync_us, end_us = 0, self._began_us + seconds * 1e6
+            while link.time_us < end_us:
+                if link.time_us >= sync_us and (link.time_us < end_us - ANSWER_US or not self._asked):
                     sync_us = link.time_us + SYNC_US
                     self._ask_the_time()
                 link.tick()
-            return self._heard()
+            told = self._heard()
+            self._ask_for_what_is_missing()
+            return replace(told, newest=dict(self._newest))
         finally:
             link.listeners.remove(self._hear)
+
+    def _ask_for_what_is_missing(self) -> None:
+        """On a crowded wire some streams do not come through at all; a single message does."""
+        for message_id in (*ONCE, *ASKED_HZ):
+            for _ in range(TRIES):
+                if message_id in self._newest:
+                    break
+                self._link.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
+                self._link.tick()
 
     def _heard(self) -> Heard:
         return Heard(

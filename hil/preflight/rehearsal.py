@@ -70,8 +70,12 @@ def _would_arm(link: Link) -> bool:
             checks.append(bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK))
 
     link.listeners.append(hear)
+    end_us = link.time_us + SHOWN_S * 1e6
     try:
-        return _until(link, lambda: any(checks), SHOWN_S) is not None
+        while not any(checks) and link.time_us < end_us:
+            link.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_SYS_STATUS)  # the stream may be slow
+            link.tick()
+        return any(checks)
     finally:
         link.listeners.remove(hear)
 

@@ -10,7 +10,7 @@ FLOWN_ON = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_AT
 RATE_LEAST = 8.0  # Hz, below which the height and place loops of the link lag more than they hold
 SHARE_LEAST = 0.8  # of the rate asked for, below which it is worth a word
 ROUND_TRIP_MOST = 0.5  # s: a setpoint would be half of COM_OF_LOSS_T old at its arrival
-LOST_MOST = 0.2  # of the questions
+LOST_MOST = 0.35  # of the questions: one message in five is lost each way
 DRIFT_MOST = 2e-3  # a quartz drifts 1e-4; a vehicle whose seconds are not ours is simulated or overloaded
 CALENDAR_MOST = 2.0  # s
 

@@ -21,17 +21,20 @@ class Autopilot(threading.Thread):
     """Answers on UDP at the pace of a vehicle. What is wrong is said by the constructor's keywords."""
 
     def __init__(
-        self, url, *, health=HEALTHY, fix=3, home=True, refuses=(), deaf_to=(), armed=False, parameters=None,
-        tells_unknown=True, keeps=(), loses=lambda number: False, texts=(), version=1 << 24 | 15 << 16 | 255,
+        self, url, *,
+        health=HEALTHY, fix=3, home=True, refuses=(), deaf_to=(), armed=False, parameters=None,
+        withholds=(), tells_unknown=True, keeps=(), loses=lambda number: False, texts=(),
+        version=1 << 24 | 15 << 16 | 255,
     ):  # fmt: skip
         """`refuses`: mode names. `deaf_to`: message types. `keeps`: parameters that hold their value whatever is set.
 
-        `loses(n)`: whether the n-th datagram from the client is lost. `tells_unknown`: PARAM_ERROR, not silence.
+        `withholds`: messages that come only when asked for. `tells_unknown`: PARAM_ERROR, not silence.
+        `loses(n)`: whether the n-th datagram from the client is lost.
         """
         super().__init__(daemon=True)
         self.health, self.fix, self.home, self.refuses, self.deaf_to = health, fix, home, refuses, deaf_to
         self.armed, self.tells_unknown, self.keeps, self.loses = armed, tells_unknown, keeps, loses
-        self.texts, self.version = texts, version
+        self.texts, self.version, self.withholds = texts, version, withholds
         self.parameters = dict(PARAMETERS if parameters is None else parameters)
         self.mode, self.received, self.modes_asked, self.commands = "HOLD", 0, [], []
         self.heard: list[str] = []  # the type of every message that came through
@@ -64,9 +67,8 @@ class Autopilot(threading.Thread):
         self._send(dialect.MAVLink_attitude_message(self._ms, 0, 0, 0, 0, 0, 0))
         if self._ms % 200 == 0:
             self._send(dialect.MAVLink_heartbeat_message(2, 12, 128 * self.armed, MODES[self.mode].custom_mode, 3, 3))
-            self._send(dialect.MAVLink_sys_status_message(
-                self.health & ~PREARM, self.health & ~PREARM, self._healthy(), 0, 16000, -1, 90, 0, 0, 0, 0, 0, 0
-            ))  # fmt: skip
+            if "SYS_STATUS" not in self.withholds:
+                self._condition()
             self._send(dialect.MAVLink_estimator_status_message(
                 self._ms * 1000, 0x3F if self.fix >= 3 else 0x25, 0.1, 0.1, 0.1, 0.1, 0, 0, 0.5, 0.5
             ))  # fmt: skip
@@ -76,6 +78,12 @@ class Autopilot(threading.Thread):
             self._send(dialect.MAVLink_global_position_int_message(self._ms, 0, 0, 0, 0, 0, 0, 0, 0))
             self._send(dialect.MAVLink_battery_status_message(0, 0, 1, 32767, [4000] * 4 + [65535] * 6, -1, 0, -1, 90))
             self._send(dialect.MAVLink_system_time_message(0, self._ms))
+
+    def _condition(self):
+        present = self.health & ~PREARM
+        self._send(
+            dialect.MAVLink_sys_status_message(present, present, self._healthy(), 0, 16000, -1, 90, 0, 0, 0, 0, 0, 0)
+        )
 
     def _healthy(self):
         """A PX4 arms in OFFBOARD only while setpoints come."""
@@ -121,6 +129,8 @@ class Autopilot(threading.Thread):
     def _once(self, message_id):
         if message_id == dialect.MAVLINK_MSG_ID_HOME_POSITION and self.home:
             self._send(dialect.MAVLink_home_position_message(0, 0, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+        if message_id == dialect.MAVLINK_MSG_ID_SYS_STATUS:
+            self._condition()
         if message_id == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             self._send(dialect.MAVLink_autopilot_version_message(
                 0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0

@@ -56,6 +56,11 @@ def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
     assert "OFFBOARD was accepted, but HOLD is shown" in row(found, "offboard rehearsal").why
 
 
+def test_a_stream_that_does_not_come_through_is_asked_for_as_single_messages(meet, tmp_path):
+    _, link = meet(withholds=("SYS_STATUS",))
+    assert failed(looked_at(link, tmp_path)) == FINE
+
+
 def test_setpoints_that_do_not_arrive(meet, tmp_path):
     autopilot, link = meet(deaf_to=("SET_POSITION_TARGET_LOCAL_NED",))
     found = looked_at(link, tmp_path)

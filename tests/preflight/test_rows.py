@@ -116,7 +116,7 @@ def trips(length_s, drift, count=10):
 
 
 @pytest.mark.parametrize(
-    ("length_s", "asked", "expected"), [(0.01, 10, True), (0.01, 13, False), (0.6, 10, False), (0.01, 12, True)]
+    ("length_s", "asked", "expected"), [(0.01, 10, True), (0.01, 16, False), (0.6, 10, False), (0.01, 15, True)]
 )
 def test_round_trips(length_s, asked, expected):
     told = heard(round_trips=trips(length_s, 0.0), sync_asked=asked)
