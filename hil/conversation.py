@@ -1,5 +1,6 @@
 """Talking with an autopilot: bytes to state, the vehicle's clock, commands that are answered, streams that arrive."""
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -89,8 +90,9 @@ class Conversation:
 
     def close(self) -> None:
         """Leave the wire as it was found: streams that were silenced for its sake come back."""
-        for message_id in self.streams.silenced:
-            self._request(message_id, 0)
+        with contextlib.suppress(LinkError):  # a wire that is broken takes nothing any more
+            for message_id in self.streams.silenced:
+                self._request(message_id, 0)
         self.transport.close()
 
     def _receive(self, timeout_s: float) -> bool:

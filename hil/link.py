@@ -77,24 +77,29 @@ class Link(Conversation):
     def may_fly(self) -> bool:
         """Return whether the vehicle may be in the air by our doing, or stand there armed: ground it then.
 
-        Heartbeats lag by up to a second, so one that we have just told to arm is asked: it disarms on the ground and
-        refuses to in the air.
+        One that a person has armed and not handed over is none of ours. Heartbeats lag by up to a second, so one that
+        we have just told to arm is asked: it disarms on the ground and refuses to in the air.
         """
-        if self.state.armed or not self._tried_to_arm:
-            return self.state.armed
+        if not self._tried_to_arm or self.state.armed:
+            return self.state.armed and (self._offboard or self._tried_to_arm)
         return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
 
     def await_handover(self, say: Callable[[str], None] = lambda line: None) -> None:
         """Wait until a person has armed, taken off and handed over by switching to Hold, or to Offboard themselves.
 
-        Raises LinkError after ten minutes of vehicle time.
+        On the ground nothing is streamed: Offboard must not be there to be armed in. In the air it is a hold of the
+        place where the vehicle is at every moment. Raises LinkError after ten minutes of vehicle time.
         """
-        self.fly(Hold())  # streamed from the ground on, so that Offboard can be switched to by hand
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
         say("armed: take off, and hand over by switching to Hold (or Offboard) …")
-        self.wait_for(
-            lambda state: state.landed is False and state.mode in ("HOLD", "OFFBOARD"), FOREIGN_S, "the handover"
-        )
+        end_us = self.time_us + round(FOREIGN_S * 1e6)
+        while not (self.state.landed is False and self.state.mode in ("HOLD", "OFFBOARD")):
+            if self.time_us >= end_us:
+                raise LinkError(f"nobody took off and handed over within {FOREIGN_S:g} s")
+            self._stream.stop()
+            if self.state.landed is False:
+                self._stream.fly(Hold())
+            self.tick()
         self._stream.stop()
 
     # -- who flies -----------------------------------------------------------------------------------------------

@@ -202,3 +202,37 @@ def test_a_person_arms_takes_off_and_hands_over(vehicle):
     link.await_handover()
     assert vehicle.mode == "HOLD"
     assert {c[0] for c in vehicle.commands} <= {511, 512}  # nothing was ordered
+
+
+@pytest.mark.parametrize("mode", ["HOLD", "OFFBOARD"])
+def test_a_hand_over_high_up_holds_high_up(vehicle, mode):
+    vehicle.armed, vehicle.landed, vehicle.mode, vehicle.position = True, True, "POSCTL", [0.0, 0.0, 0.0]
+    link = Link(vehicle.transport(), limits=Limits())
+    link.connect(10.0)
+
+    def person():
+        if vehicle.landed and vehicle.time_ms > 4000:
+            assert vehicle.setpoints == []  # on the ground there is no Offboard to be armed in
+            vehicle.landed = False
+            vehicle.say(dialect.MAVLink_extended_sys_state_message(0, 2))
+        elif not vehicle.landed and vehicle.position[2] > -8.0:
+            vehicle.position[2] -= 0.1
+        elif vehicle.mode == "POSCTL" and vehicle.position[2] <= -8.0:
+            vehicle.mode = mode
+
+    link.on_wait = person
+    link.await_handover()
+    link.fly(Hold())
+    link.start_offboard()
+    link.wait(3.0)
+    assert vehicle.position[2] == pytest.approx(-8.0, abs=0.5)
+    assert all(m.z < -7.0 for t, m in vehicle.setpoints if t > vehicle.time_ms - 2500)
+
+
+def test_a_vehicle_that_a_person_has_in_hand_is_none_of_ours_to_land(vehicle):
+    vehicle.mode = "POSCTL"
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.wait(1.0)
+    assert link.state.armed
+    assert not link.may_fly()
