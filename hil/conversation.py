@@ -80,6 +80,8 @@ class Conversation:
                 what = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
                 raise LinkError(f"{what} on {self.transport.url} within {timeout_s:g} s")
         self._boots = self.clock.reboots
+        # the first heartbeat comes before the clock is known
+        self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
         self._request_streams()
 
     def _told(self) -> bool:

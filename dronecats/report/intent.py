@@ -46,11 +46,12 @@ def _marked(picture: NDArray[np.uint8], decision: dict[str, Any], camera: Camera
             at = (round(point[0] * width / 1000), round(point[1] * height / 1000))
             cv2.arrowedLine(picture, (width // 2, height - 1), at, INK, 2, cv2.LINE_AA, tipLength=0.04)
             cv2.circle(picture, at, max(8, width // 60), INK, 2, cv2.LINE_AA)
-    scale = width / 1000
-    for row, word in enumerate(words):
-        at = (round(12 * scale), round((30 + 30 * row) * scale))
-        for colour, thickness in ((SHADE, 4), (INK, 1)):
-            cv2.putText(picture, word, at, cv2.FONT_HERSHEY_SIMPLEX, 0.8 * scale, colour, thickness, cv2.LINE_AA)
+    size, row = 0.8 * width / 1000, 0
+    for word in words:
+        (long, high), below = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        row += high + below + 4
+        cv2.rectangle(picture, (0, row - high - 4), (long + 8, row + below), SHADE, cv2.FILLED)
+        cv2.putText(picture, word, (4, row), cv2.FONT_HERSHEY_SIMPLEX, size, INK, 1, cv2.LINE_AA)
     return picture
 
 

@@ -18,6 +18,7 @@ from dronecats.run import folder as folders
 from dronecats.run.episode import Flown, unexpected
 
 Say = Callable[[str], None]
+DECLARED = CameraModel()
 
 
 def conclude(
@@ -79,11 +80,11 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def progress(say: Say) -> Callable[[Decision], None]:
-    """Return the function that prints one line per step and drone."""
+def progress(say: Say, camera: CameraModel = DECLARED) -> Callable[[Decision], None]:
+    """Return the function that prints one line per step and drone, points in the pixels of `camera`."""
 
     def line(decision: Decision) -> None:
-        what = compact(action_from(decision.action), CameraModel()) if decision.action else f"! {decision.error}"
+        what = compact(action_from(decision.action), camera) if decision.action else f"! {decision.error}"
         drone = f" drone {decision.drone}" if decision.drone else ""
         say(f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)")
 

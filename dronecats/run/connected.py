@@ -90,7 +90,7 @@ def fly_connected(args: argparse.Namespace, say: Say) -> dict[str, Any]:
                 folder,
                 cap_s=seconds,
                 authority=authority,
-                on_step=progress(say),
+                on_step=progress(say, camera.model),
                 say=say,
             )
         finally:
