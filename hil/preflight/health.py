@@ -89,8 +89,9 @@ def _prearm(heard: Heard) -> Row:
     if status is None:
         return Row("pre-arm check", False, "SYS_STATUS does not come", "look at the link's rates")
     if not _health(status) & PREARM:
-        return Row("pre-arm check", False, f"it would refuse to arm in {_mode(heard)}" + _said(heard),
-                   "the ground station's arming page names every reason")  # fmt: skip
+        standing = _mode(heard) == "OFFBOARD"  # as a flight that was broken off leaves it
+        fix = "switch it to Hold: in OFFBOARD it wants setpoints" if standing else "a ground station names every reason"
+        return Row("pre-arm check", False, f"it would refuse to arm in {_mode(heard)}" + _said(heard), fix)
     return Row("pre-arm check", True, f"it would arm in {_mode(heard)}" + _said(heard))
 
 

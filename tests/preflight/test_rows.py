@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.border.mavlink import dialect
+from dronecats.border.mavlink import MODES, dialect
 from hil.preflight import battery, health, position, wire
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
 from hil.preflight.row import Change, Row, proposal, summary, table
@@ -50,6 +50,15 @@ def test_the_prearm_check_counts():
     assert passed(health.rows(heard(status())), "pre-arm check") is True
     row = health.rows(heard(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
     assert (row.passed, "Preflight Fail: compass" in row.why) == (False, True)
+
+
+def test_a_vehicle_left_in_offboard_is_told_apart_from_one_that_is_not_fit():
+    def fix(mode):
+        beat = dialect.MAVLink_heartbeat_message(2, 12, 1, MODES[mode].custom_mode, 3, 3)
+        return health.rows(heard(beat, status(healthy=0x2F)))[3].fix
+
+    assert "switch it to Hold" in fix("OFFBOARD")
+    assert "switch it to Hold" not in fix("HOLD")
 
 
 @pytest.mark.parametrize("bit", [1, 2, 4, 16, 32])
