@@ -1,16 +1,13 @@
 """Many records checked at once, each in a process of a small pool."""
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from dronecats.border.errors import InfrastructureError, UsageError
+from dronecats.border.errors import UsageError
 from episodes import catalogue
 from episodes.check.finding import Finding
 from episodes.check.rules import check
+from episodes.processes import share_out
 from episodes.world import World
 
 
@@ -45,16 +42,4 @@ def check_one(asked: str) -> Report:
 
 def check_all(asked: Sequence[str], jobs: int | None = None) -> Iterator[Report]:
     """Yield the reports as they are done, on `jobs` processes (default: one per core)."""
-    jobs = min(jobs or os.cpu_count() or 1, len(asked))
-    if jobs <= 1:
-        yield from map(check_one, asked)
-        return
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(check_one, one) for one in asked]
-        try:
-            for done in as_completed(futures):
-                yield done.result()
-        except BrokenProcessPool:
-            raise InfrastructureError("a checking process died, perhaps for want of memory.") from None
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    yield from share_out(check_one, asked, jobs)

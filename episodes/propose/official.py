@@ -4,12 +4,10 @@ Six residential records were placed by hand before there was a search and stay a
 approaching and the first of each other one-drone cell.
 """
 
-import multiprocessing
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 
 from episodes import catalogue
+from episodes.processes import share_out
 from episodes.propose.proposals import Batch, propose
 from episodes.record import EpisodeRecord
 
@@ -37,11 +35,6 @@ BATCHES = (
 
 
 def make(jobs: int | None = None) -> Iterator[list[EpisodeRecord]]:
-    """Yield the records of the catalogue batch by batch, those placed by hand first, on `jobs` processes."""
+    """Yield the records of the catalogue, a batch as it is done, those placed by hand first, on `jobs` processes."""
     yield [catalogue.load(name) for name in BY_HAND]
-    jobs = min(jobs or os.cpu_count() or 1, len(BATCHES))
-    if jobs <= 1:
-        yield from map(propose, BATCHES)
-        return
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(propose, BATCHES)
+    yield from share_out(propose, BATCHES, jobs)

@@ -1,0 +1,51 @@
+"""Work on many episodes, shared out among processes that end with whoever started them."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from dronecats.border.errors import InfrastructureError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None) -> Iterator[Result]:
+    """Yield the result of each item as it is done, on `jobs` processes (default: one per core). For the main thread.
+
+    A Ctrl-C, which a terminal sends to all of them, is the parent's to handle, and a parent that is killed takes them
+    with it. Raises what `work` raises, and InfrastructureError when a process dies.
+    """
+    jobs = min(jobs or os.cpu_count() or 1, len(items))
+    if jobs <= 1:
+        yield from map(work, items)
+        return
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the processes, started below, inherit
+        try:
+            futures = [pool.submit(work, item) for item in items]
+        finally:
+            signal.signal(signal.SIGINT, before)
+        try:
+            for done in as_completed(futures):
+                yield done.result()
+        except BrokenProcessPool:
+            raise InfrastructureError("one of the processes died, perhaps for want of memory.") from None
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _end_with_the_parent() -> None:
+    threading.Thread(target=_wait_and_end, daemon=True).start()
+
+
+def _wait_and_end() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,61 @@
+"""Shared-out work: it is done, it fails as one, and nothing of it outlives whoever asked."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from dronecats.border.errors import InfrastructureError
+from episodes.processes import share_out
+
+
+def ignores_interrupts(process: psutil.Process) -> bool:
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    ignored = next(line for line in status.splitlines() if line.startswith("SigIgn:"))
+    return bool(int(ignored.split()[1], 16) >> (signal.SIGINT - 1) & 1)
+
+
+def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process]]:
+    """Return a process, in a session of its own, that has work done by two others, and these two."""
+    code = f"import time; from episodes.processes import share_out; list(share_out(time.sleep, [{seconds}] * 4, 2))"
+    parent = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    itself = psutil.Process(parent.pid)
+    workers: list[psutil.Process] = []
+    while len(workers) < 2 or ignores_interrupts(itself):
+        assert parent.poll() is None, parent.stderr
+        workers = [p for p in itself.children() if any("spawn_main" in word for word in p.cmdline())]
+    return parent, workers
+
+
+def test_every_item_is_worked_on() -> None:
+    assert sorted(share_out(abs, [-1, 2, -3], jobs=2)) == [1, 2, 3]
+    assert list(share_out(abs, [-4, 2], jobs=1)) == [4, 2]
+    with pytest.raises(TypeError):
+        list(share_out(abs, [1, "x"], jobs=2))
+
+
+def test_a_process_that_dies_is_said() -> None:
+    with pytest.raises(InfrastructureError, match="died"):
+        list(share_out(os._exit, [1, 1], jobs=2))
+
+
+def test_workers_end_with_a_parent_that_is_killed() -> None:
+    parent, workers = sleepers(600.0)
+    parent.kill()
+    parent.wait()
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert not alive
+
+
+def test_an_interrupt_is_the_parents_alone() -> None:
+    parent, workers = sleepers(0.5)
+    assert all(ignores_interrupts(worker) for worker in workers)
+    os.killpg(parent.pid, signal.SIGINT)
+    _, errors = parent.communicate(timeout=60)
+    assert errors.count("Traceback") == 1
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert not alive
