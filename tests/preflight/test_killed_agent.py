@@ -39,10 +39,10 @@ def killed_in_flight(url, truth):
         assert agent.stdout.readline() == b"streaming\n"
         began_s = truth.newest().time_s
         truth.until(lambda now: now.time_s > began_s + 2.5 and now.speed > 1.1, 10.0)
+        killed = truth.newest()
     finally:
         agent.kill()  # SIGKILL: it has no last word
         agent.wait()
-    killed = truth.newest()
     truth.until(lambda now: now.time_s > killed.time_s + 6.0, 7.0)
     truth.close()
     return killed, [sample for sample in truth.samples if sample.time_s >= killed.time_s]
