@@ -49,6 +49,7 @@ class Streams:
         self._missing = set(ONCE)
         self._seen: Counter[int] = Counter()
         self._bytes: Counter[int] = Counter()
+        self._lost: set[int] = set()  # what did not come at all before the last check
         self._since_us: int | None = None
 
     def saw(self, message_id: int, size: int) -> None:
@@ -68,8 +69,8 @@ class Streams:
     def check(self, time_us: int) -> list[Interval]:
         """Return what has to be asked for again, at most every three seconds of vehicle time.
 
-        First what does not come at all is asked for anew. What comes too slowly although it is asked for means that
-        the wire is full: then streams that nobody here reads are silenced, and after that the fast ones slowed down.
+        What does not come at all is asked for anew. What then still does not come, or comes too slowly, means that the
+        wire is full: then streams that nobody here reads are silenced, and after that the fast ones slowed down.
         """
         if self._since_us is None or time_us < self._since_us:
             self._since_us = time_us
@@ -78,10 +79,12 @@ class Streams:
         if span_us < CHECK_US:
             return []
         rates = {i: self._seen[i] * interval_us / span_us for i, interval_us in self.wanted.items()}
-        lost = [i for i in rates if span_us >= 2.5 * self.wanted[i] and not self._seen[i]]
-        requests = [Interval(i, self.wanted[i]) for i in lost]
-        if not lost and min(rates[i] for i in FAST) < SHORT:
-            requests = self._relieve() or [Interval(i, self.wanted[i]) for i in FAST]
+        lost = {i for i in rates if span_us >= 2.5 * self.wanted[i] and not self._seen[i]}
+        requests = [Interval(i, self.wanted[i]) for i in sorted(lost)]
+        full = min(rates[i] for i in FAST) < SHORT if not lost else bool(lost & self._lost)
+        if full:
+            requests += self._relieve() or ([] if lost else [Interval(i, self.wanted[i]) for i in FAST])
+        self._lost = lost
         self._seen.clear()
         self._bytes.clear()
         self._since_us = time_us

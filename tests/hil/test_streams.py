@@ -53,3 +53,20 @@ def test_a_clock_that_begins_anew_begins_a_new_count():
     streams = Streams()
     streams.check(100_000_000)
     assert streams.check(1_000_000) == []
+
+
+def test_what_is_crowded_out_for_good_relieves_the_wire():
+    streams = Streams()
+    for begin_us in (0, 3_000_000):
+        streams.check(begin_us)
+        for message_id, interval_us in WATCHED.items():
+            if message_id != dialect.MAVLINK_MSG_ID_SYS_STATUS:
+                for _ in range(3_000_000 // interval_us):
+                    streams.saw(message_id, 40)
+        for _ in range(100):
+            streams.saw(ODOMETRY, 240)
+    asked = streams.check(6_000_000)
+    assert {(r.message_id, r.interval_us) for r in asked} == {
+        (dialect.MAVLINK_MSG_ID_SYS_STATUS, 500_000),
+        (ODOMETRY, -1),
+    }
