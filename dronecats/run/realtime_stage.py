@@ -58,7 +58,7 @@ class RealtimeStage:
         self.links = [Link(connect(f"{direction}://127.0.0.1:{port}"), limits=plan.limits) for port in ports["agent"]]
         camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth, "optics": optics})
         if plan.autopilot == "px4":
-            self._await_px4(say)
+            self._await_px4(ports["px4"], say)
             self._copies = [Copy(link) for link in self.links]
         log = [copy.port for copy in self._copies] or ports["log"]
         self._logger = self._supervisor.start(
@@ -77,12 +77,12 @@ class RealtimeStage:
             copy.begin()
         self.model = self._model(plan, pilot, truth, patience)
 
-    def _await_px4(self, say: Callable[[str], None]) -> None:
+    def _await_px4(self, ports: list[int], say: Callable[[str], None]) -> None:
         """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
 
         Raises InfrastructureError when one that we have started ends.
         """
-        say("waiting for PX4: a simulated one connects to TCP port 4560, those of further drones to 4561 and on …")
+        say(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
         while not self._simulator.do("in step"):
             self._supervisor.check()
             time.sleep(0.1)

@@ -1,5 +1,6 @@
 """The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
 
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import Any
 
 from dronecats.border.errors import InfrastructureError, UsageError
 from dronecats.sitl.pace import PaceReport, RateKeeper
-from dronecats.sitl.px4_process import Px4Process
+from dronecats.sitl.px4_process import INSTANCE, Px4Process
 from dronecats.sitl.px4_vehicle import Px4Vehicle
 from dronecats.sitl.scenario import built_of, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
@@ -23,8 +24,27 @@ AGENT_PORT, LOG_PORT = (
     14540,
     13030,
 )  # + instance: where PX4 sends its offboard link to, and where its gimbal link listens
+INSTANCES = 10  # of which each has an offboard port of its own
+UDP_PORTS = (AGENT_PORT, 14580, 18570)  # what an instance must find free, beside its TCP port
 ROTORS = 4  # of PX4's airframe none_iris
 IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
+
+
+def free_instance(count: int) -> int:
+    """Return the first of `count` neighbouring instances of PX4 whose ports are free, 0 when there are none."""
+    free = [_is_free(instance) for instance in range(INSTANCES)]
+    return next((i for i in range(INSTANCES - count + 1) if all(free[i : i + count])), 0)
+
+
+def _is_free(instance: int) -> bool:
+    try:
+        for kind, ports in ((socket.SOCK_STREAM, (PORT,)), (socket.SOCK_DGRAM, UDP_PORTS)):
+            for port in ports:
+                with socket.socket(type=kind) as trial:
+                    trial.bind(("", port + instance))
+    except OSError:
+        return False
+    return True
 
 
 def _say(line: str) -> None:
@@ -35,7 +55,8 @@ class Px4Simulator:
     """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
 
     def __init__(self, config: dict[str, Any], say: Callable[[str], None] = _say) -> None:
-        """Keys as `simulator_process.create` has them, but instance: added to each of PX4's ports, None for 0.
+        """Keys as `simulator_process.create` has them, but instance: added to each of PX4's ports. None is a free one
+        when the command says where it goes, and otherwise 0.
 
         If wanted px4: the command that starts one; log_dir: for its output; state_dir: where its files stay, without it
         a temporary folder; restart: whether one that ends is started again. `say` gets a line for whoever looks on.
@@ -48,6 +69,8 @@ class Px4Simulator:
         north, east = config.get("wind") or (0.0, 0.0)
         self._say, self._restarts = say, bool(config.get("restart"))
         self.instance = config.get("instance") or 0
+        if config.get("instance") is None and INSTANCE in (command or ""):
+            self.instance = free_instance(config.get("count") or len(world.record.starts))
         self.speed = float(config["speed"])
         self.simulation: Simulation[Px4Vehicle] = built_of(
             self._vehicle,
@@ -67,7 +90,7 @@ class Px4Simulator:
         self._processes: list[Px4Process] = []
         self._passing = TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True)
         try:
-            for vehicle in self.vehicles if command else ():
+            for vehicle in self.vehicles if command is not None else ():
                 self._processes.append(self._px4(command, vehicle.index, config))
         except BaseException:
             self.close()
@@ -95,7 +118,8 @@ class Px4Simulator:
     def ready(self) -> dict[str, Any]:
         self._reset_pace()
         agent = [AGENT_PORT + self.instance + vehicle.index for vehicle in self.vehicles]
-        return {"agent": agent, "log": [], "truth": self._truth.port}
+        px4 = [vehicle.server.port for vehicle in self.vehicles]
+        return {"agent": agent, "log": [], "truth": self._truth.port, "px4": px4}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
