@@ -9,7 +9,9 @@ from typing import Any
 from dronecats.cli import signals
 
 SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4")
-CONNECTED_ONLY = ("camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience")
+CONNECTED_ONLY = (
+    "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
+)  # fmt: skip
 ARM = "ARM"  # what has to be typed
 
 
@@ -26,6 +28,12 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     vehicle.add_argument(
         "--calibration", type=Path, metavar="FILE", help="with --connect: the lens, see docs/cameras.md"
+    )
+    vehicle.add_argument(
+        "--world", metavar="EPISODE", help="with --connect: the vehicle simulates itself, and flies this episode or map"
+    )
+    vehicle.add_argument(
+        "--truth", metavar="URL", help="with --world: its true poses, of a PX4 udpin://127.0.0.1:19410"
     )
     vehicle.add_argument(
         "--arm", action="store_true", help="with --connect: arm and take off after a typed yes; without it, you do"
@@ -78,22 +86,38 @@ def run(args: argparse.Namespace) -> int:
         stray = stray.replace("_", "-")
         raise UsageError(f"--{stray} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
     if args.connect:
-        if not args.camera or not args.instruction:
-            raise UsageError("--connect needs --camera URL and --instruction TEXT")
+        _check_eyes(args)
         if args.no_envelope:
             raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
         if args.arm and args.dry_run:
             raise UsageError("--dry-run moves nothing, so it goes without --arm")
         if args.arm:
             _confirm(args.connect)
-        from dronecats.run.connected import fly_connected
+        if args.world:
+            from dronecats.run.connected_world import fly_world
 
-        result = fly_connected(args, say=_say)
+            result = fly_world(args, say=_say)
+        else:
+            from dronecats.run.connected import fly_connected
+
+            result = fly_connected(args, say=_say)
     else:
         from dronecats.run.simulated import fly_simulated
 
         result = fly_simulated(args, say=_say)
     return _report(result, args.json)
+
+
+def _check_eyes(args: argparse.Namespace) -> None:
+    """Raise UsageError unless it is clear through what a connected vehicle looks, and what at."""
+    from dronecats.border.errors import UsageError
+
+    if bool(args.world) != bool(args.truth):
+        raise UsageError("--world and --truth go together: the world is drawn where the truth says that the vehicle is")
+    if args.world and (args.camera or args.calibration):
+        raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
+    if not args.world and not (args.camera and args.instruction):
+        raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
 
 
 def _confirm(url: str) -> None:

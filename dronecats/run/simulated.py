@@ -50,7 +50,7 @@ def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
     def afterwards(flown: Flown) -> None:
         folders.write_run(folder.parent, {**settings, "served_rate_hz": served_rate_hz(folder)})
         if flown.steps:
-            draw(plan, folder)
+            draw(plan.episode, folder)
 
     return fly_plan(plan, prompt, folder, say, settings, afterwards)
 
@@ -129,14 +129,14 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say, settings: dict[str,
             stage.close()
 
 
-def draw(plan: Plan, folder: Path) -> None:
+def draw(episode: str, folder: Path) -> None:
     """Draw flight.png; a picture that fails must not cost the flight."""
     from dronecats.report.flight_picture import draw as draw_flight
     from dronecats.report.map_picture import aerial
     from dronecats.sitl.scenario import load_world
 
     try:
-        picture, extent = aerial(load_world(plan.episode), folder)
+        picture, extent = aerial(load_world(episode), folder)
         draw_flight(folder, picture, extent)
     except (DronecatsError, OSError, ValueError) as error:
         (folder / "flight.png.error").write_text(f"{error}\n", encoding="utf-8")

@@ -12,11 +12,13 @@ from dronecats.pilots.oracle_model import OracleModel
 from dronecats.run.listening import Listener
 from dronecats.run.realtime_stage import Copy, Patience
 from dronecats.run.supervisor import ChildProcess, Supervisor
+from dronecats.run.terms import Terms
 from dronecats.sitl.scenario import origin
 from episodes.world import World
 from hil.cameras.patient import PatientCamera
 from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
+from hil.transport import connect
 
 FRAMES_S = 10.0  # wall seconds without a fresh frame after which the flight ends
 
@@ -30,12 +32,16 @@ class WorldStage:
         episode: str,
         world: World,
         truth: str,
-        pilot: str | None,
-        model: str | None,
-        base_url: str | None,
+        agreed: Terms,
         folder: Path,
         say: Callable[[str], None],
+        *,
+        judged: bool,
     ) -> None:
+        """`truth` is the URL of the vehicle's true poses; the first of them is where the episode's start stands.
+
+        Not `judged`: the logger keeps what the autopilot says, as of any connected vehicle.
+        """
         self._supervisor = Supervisor(folder)
         self._oracle: OracleModel | None = None
         self._oracle_bus: Listener | None = None
@@ -43,7 +49,7 @@ class WorldStage:
         self.links = [link]
         self.camera_model = CameraModel()
         try:
-            self._start(episode, world, truth, pilot, model, base_url, folder, say)
+            self._start(episode, world, truth, agreed, folder, say, judged)
         except BaseException:
             self.close()
             raise
@@ -53,46 +59,46 @@ class WorldStage:
         episode: str,
         world: World,
         truth: str,
-        pilot: str | None,
-        model: str | None,
-        base_url: str | None,
+        agreed: Terms,
         folder: Path,
         say: Callable[[str], None],
+        judged: bool,
     ) -> None:
-        patience, link = Patience(say), self.links[0]
+        patience, link, pilot = Patience(say), self.links[0], agreed.pilot
         served = self._supervisor.start("pilot", {"pilot": pilot}) if pilot not in (None, "oracle") else None
         bridge = self._supervisor.start("truth-bridge", {"episode": episode, "truth": truth}).ready(patience)
         self.yaw: float = bridge["yaw"]  # rad, of the vehicle as it stands, which is the episode's first heading
         bus = f"udpout://127.0.0.1:{bridge['truth']}"
         self._camera_process = self._supervisor.start("camera", {"episode": episode, "truth": bus, "optics": None})
-        self._copy = Copy(link)
-        telemetry = [f"udpout://127.0.0.1:{self._copy.port}"]
-        self._logger = self._supervisor.start(
-            "logger", {"episode": episode, "folder": str(folder), "truth": bus, "telemetry": telemetry}
-        )
-        camera = HttpCamera(self._camera_process.ready(patience)["url"], lambda: link.time_us, max_age_s=1.0)
+        if judged:
+            self._copy = Copy(link)
+            telemetry = [f"udpout://127.0.0.1:{self._copy.port}"]
+            self._logger = self._supervisor.start(
+                "logger", {"episode": episode, "folder": str(folder), "truth": bus, "telemetry": telemetry}
+            )
+        else:
+            self._logger = self._supervisor.start("estimate-logger", {"folder": str(folder)})
+        url = self._camera_process.ready(patience)["url"]
+        camera = HttpCamera(url, lambda: link.time_us, max_age_s=agreed.limits.frame_s)
         self.camera = PatientCamera(camera, FRAMES_S, lambda fault: say(f"      holding: {fault}"))
-        self._logger.ready(patience)
-        self._copy.begin()
-        self.model = self._model(pilot, model, base_url, served, world, bus, patience)
+        heard = self._logger.ready(patience)
+        if judged:
+            self._copy.begin()
+        else:
+            self._wire = connect(f"udpout://127.0.0.1:{heard['port']}")
+            link.listeners.append(lambda message: self._wire.send(bytes(message.get_msgbuf())))
+        self.model = self._model(agreed, served, world, bus, patience)
 
     def _model(
-        self,
-        pilot: str | None,
-        model: str | None,
-        base_url: str | None,
-        served: ChildProcess | None,
-        world: World,
-        bus: str,
-        patience: Callable[[], None],
+        self, agreed: Terms, served: ChildProcess | None, world: World, bus: str, patience: Callable[[], None]
     ) -> Model:
-        if pilot == "oracle":
+        if agreed.pilot == "oracle":
             self._oracle = OracleModel(world, self.camera_model, origin(world), self._listen)
             self._oracle_bus = Listener(bus, self._oracle.feed)
             return self._oracle
         if served is not None:
-            return ChatModel(PROVIDERS["local"], pilot or "", served.ready(patience)["base_url"])
-        return ChatModel(*split(model or ""), base_url)
+            return ChatModel(PROVIDERS["local"], agreed.pilot or "", served.ready(patience)["base_url"])
+        return ChatModel(*split(agreed.model or ""), agreed.base_url)
 
     def _listen(self) -> None:
         while self._oracle_bus and self._oracle_bus.read(0.0):
@@ -111,7 +117,7 @@ class WorldStage:
         self._supervisor.check()
 
     def close(self) -> None:
-        for part in ("model", "camera", "_copy", "_oracle_bus"):
+        for part in ("model", "camera", "_copy", "_wire", "_oracle_bus"):
             if getattr(self, part, None) is not None:
                 getattr(self, part).close()
         self.links[0].close()
