@@ -14,6 +14,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("b", type=Path, help="the other")
     parser.add_argument("--within", type=float, default=1.0, metavar="M", help="metres that count as agreeing (1.0)")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of the episode's beginning (60)")
+    parser.add_argument(
+        "--align", choices=("step", "time"), help="what belongs together (step, where both decided the same)"
+    )
     parser.add_argument("--keep-north", action="store_true", help="do not turn the paths to begin with the nose ahead")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths: .png, .svg or .pdf")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -30,12 +33,14 @@ def run(args: argparse.Namespace) -> int:
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"--{name} wants a number above 0, got {value:g}")
     a, b = logs_of(args.a), logs_of(args.b)
-    comparisons = compare(a, b, args.seconds, keep_north=args.keep_north)
     same, steps = same_replies(a, b, args.seconds)
+    align = args.align or ("step" if same == steps > 0 else "time")
+    comparisons = compare(a, b, args.seconds, by_step=align == "step", keep_north=args.keep_north)
     result = {
         **figures(comparisons, args.within, args.seconds),
         "same_replies": same,
         "steps": steps,
+        "aligned_by": align,
         "sources": [(logs.begin or {}).get("source", "truth") for logs in (a, b)],
     }
     if args.plot:
@@ -52,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _print(result: dict[str, Any]) -> None:
     a, b = result["sources"]
-    print(f"{result['same_replies']} of {result['steps']} replies are the same; poses: {a} and {b}")
+    replies = f"{result['same_replies']} of {result['steps']} replies are the same"
+    print(f"{replies}, aligned by {result['aligned_by']}; poses: {a} and {b}")
     for drone in result["drones"]:
         print(f"drone {drone['drone']}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m of path")
         for span in drone["minutes"]:

@@ -2,7 +2,8 @@
 
 Two flights of the same decisions, on two autopilots or in two places, are laid over one another: position relative to
 the first pose and, unless north is to stay north, turned so that both begin with the nose ahead. Then, at the same
-second of the episode, one is so many metres from the other.
+second, one is so many metres from the other: the same second of the same step where both decided the same, since how
+long a reply or a frame took is no matter of the autopilot's, and else the same second of the episode.
 """
 
 import math
@@ -51,8 +52,10 @@ class Comparison:
     drone: int
     a: Trace
     b: Trace
-    t: Array  # (n,) s
-    distance_m: Array  # (n,) m, between the two at that second
+    t: Array  # (n,) s that have been compared
+    here: Array  # (n, 3) m, path a at those instants
+    there: Array  # (n, 3) m, path b
+    distance_m: Array  # (n,) m, between the two
     spans: tuple[Span, ...]  # minute by minute
     first: Span  # over the stretch that was asked for, as much of it as both flew
     beside_m: (
@@ -65,7 +68,7 @@ class Comparison:
         return float(self.distance_m[-1])
 
 
-def compare(a: Logs, b: Logs, seconds: float, *, keep_north: bool = False) -> tuple[Comparison, ...]:
+def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[Comparison, ...]:
     """Return the comparison of every drone that both flights have, judged over the first `seconds`.
 
     Raises UsageError when they have none in common or share no stretch of time.
@@ -73,7 +76,17 @@ def compare(a: Logs, b: Logs, seconds: float, *, keep_north: bool = False) -> tu
     drones = sorted({p["drone"] for p in a.poses} & {p["drone"] for p in b.poses})
     if not drones:
         raise UsageError("the two flights have no drone in common whose poses were logged")
-    return tuple(_compare(drone, trace(a, drone, keep_north), trace(b, drone, keep_north), seconds) for drone in drones)
+    comparisons = []
+    for drone in drones:
+        paths = trace(a, drone, keep_north), trace(b, drone, keep_north)
+        steps = (_steps(a, drone), _steps(b, drone)) if by_step else ([], [])
+        comparisons.append(_compare(drone, paths, steps, seconds))
+    return tuple(comparisons)
+
+
+def _steps(logs: Logs, drone: int) -> list[float]:
+    """Return when each step of a drone was decided, s."""
+    return [d["t_decided"] for d in sorted(logs.decisions, key=lambda d: d["step"]) if d["drone"] == drone]
 
 
 def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
@@ -101,12 +114,15 @@ def _into_nose(yaw: float) -> Array:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _compare(drone: int, a: Trace, b: Trace, seconds: float) -> Comparison:
-    start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
-    if end - start < GRID_S:
+def _compare(
+    drone: int, paths: tuple[Trace, Trace], steps: tuple[list[float], list[float]], seconds: float
+) -> Comparison:
+    a, b = paths
+    at_a, at_b = _instants(a, b, *steps)
+    if len(at_a) < 2:
         raise UsageError(f"the two flights of drone {drone} share no stretch of time")
-    t = np.arange(start, end + 1e-9, GRID_S)
-    here, there = a.at(t), b.at(t)
+    t = np.arange(len(at_a)) * GRID_S
+    here, there = a.at(at_a), b.at(at_b)
     distance_m = np.linalg.norm(here - there, axis=1)
     spans = tuple(
         _span(t, distance_m, from_s, min(from_s + MINUTE_S, float(t[-1])))
@@ -114,9 +130,36 @@ def _compare(drone: int, a: Trace, b: Trace, seconds: float) -> Comparison:
     )
     first = t <= seconds + 1e-9
     beside_m = max(_farthest(here[first], there), _farthest(there[first], here))
-    return Comparison(
-        drone, a, b, t, distance_m, spans, _span(t, distance_m, 0.0, min(seconds, float(t[-1]))), beside_m
-    )
+    whole = _span(t, distance_m, 0.0, min(seconds, float(t[-1])))
+    return Comparison(drone, a, b, t, here, there, distance_m, spans, whole, beside_m)
+
+
+def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
+    """Return the instants of either flight that belong together, s, GRID_S apart.
+
+    Step by step, as long as the shorter of the two lasted; without steps from the common beginning to the common end.
+    """
+    start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
+    if not steps_a or not steps_b:
+        t = np.arange(start, end + 1e-9, GRID_S)
+        return t, t
+    common = min(len(steps_a), len(steps_b))
+    marks_a, marks_b = ([trace.t[0], *steps[:common]] for trace, steps in ((a, steps_a), (b, steps_b)))
+    ends = [
+        [*marks[1:], last]
+        for marks, last in ((marks_a, _after(steps_a, common, a)), (marks_b, _after(steps_b, common, b)))
+    ]
+    at_a, at_b = [], []
+    for from_a, from_b, to_a, to_b in zip(marks_a, marks_b, *ends, strict=True):
+        into = np.arange(0.0, min(to_a - from_a, to_b - from_b) - 1e-9, GRID_S)
+        at_a.append(from_a + into)
+        at_b.append(from_b + into)
+    return np.concatenate(at_a), np.concatenate(at_b)
+
+
+def _after(steps: list[float], count: int, path: Trace) -> float:
+    """Return when the last of `count` steps was over."""
+    return steps[count] if len(steps) > count else float(path.t[-1])
 
 
 def _span(t: Array, distance_m: Array, from_s: float, to_s: float) -> Span:

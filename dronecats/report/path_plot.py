@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from dronecats.border.errors import UsageError
 from dronecats.report.path_comparison import Comparison
 
@@ -23,10 +21,10 @@ def draw(comparisons: tuple[Comparison, ...], names: tuple[str, str], within_m: 
         ):
             label = name if comparison.drone == comparisons[0].drone else None
             plan.plot(path.position[:, 1], path.position[:, 0], style, color=colour, label=label)
-            height.plot(path.t, -path.position[:, 2], style, color=colour)
-        for t in np.arange(0.0, comparison.t[-1], 10.0):  # where both were at the same second
-            here, there = comparison.a.at(np.array([t]))[0], comparison.b.at(np.array([t]))[0]
+        for here, there in zip(comparison.here[::100], comparison.there[::100], strict=True):  # every ten seconds
             plan.plot([here[1], there[1]], [here[0], there[0]], "-", color="0.4", linewidth=1)
+        height.plot(comparison.t, -comparison.here[:, 2], "-", color="tab:blue")
+        height.plot(comparison.t, -comparison.there[:, 2], "--", color="tab:orange")
         apart.plot(comparison.t, comparison.distance_m, color="tab:red")
     apart.axhline(within_m, color="0.5", linewidth=1)
     plan.plot(0, 0, "k^")
@@ -34,7 +32,7 @@ def draw(comparisons: tuple[Comparison, ...], names: tuple[str, str], within_m: 
     ahead, right = axes.split(",")
     plan.set(xlabel=f"{right} [m]", ylabel=f"{ahead} [m]", title="from above, each from its own start")
     height.set(ylabel="height over the start [m]")
-    apart.set(xlabel="episode time [s]", ylabel="apart [m]")
+    apart.set(xlabel="time compared [s]", ylabel="apart [m]")
     plan.legend()
     for axis in (plan, height, apart):
         axis.grid(alpha=0.3)

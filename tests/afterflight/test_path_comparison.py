@@ -12,7 +12,9 @@ from dronecats.judge.files import episode_folder
 from dronecats.report.path_comparison import compare, figures, logs_of
 
 
-def flight(folder: Path, place, *, seconds=120.0, yaw_deg=0.0, start=(0.0, 0.0, 0.0), drones=1, replies=("x",)) -> Path:
+def flight(
+    folder: Path, place, *, seconds=120.0, yaw_deg=0.0, start=(0.0, 0.0, 0.0), drones=1, replies=("x",), decided=float
+):
     """Write the logs of a flight that is `place(t)` ahead, right, down of its start; return its folder."""
     folder.mkdir(parents=True)
     c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
@@ -27,7 +29,15 @@ def flight(folder: Path, place, *, seconds=120.0, yaw_deg=0.0, start=(0.0, 0.0, 
         ]  # fmt: skip
     (folder / "truth.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     decisions = [
-        {"step": n, "drone": 0, "frame_id": n, "t_frame": n, "t_decided": n, "reply": said, "action": None}
+        {
+            "step": n,
+            "drone": 0,
+            "frame_id": n,
+            "t_frame": decided(n),
+            "t_decided": decided(n),
+            "reply": said,
+            "action": None,
+        }
         for n, said in enumerate(replies)
     ]
     (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
@@ -38,8 +48,8 @@ def straight(t: float) -> tuple[float, float, float]:
     return (1.0 * t, 0.0, 0.0)
 
 
-def compared(a: Path, b: Path, seconds: float = 60.0, **options):
-    return compare(logs_of(a), logs_of(b), seconds, **options)
+def compared(a: Path, b: Path, seconds: float = 60.0, *, by_step: bool = False, **options):
+    return compare(logs_of(a), logs_of(b), seconds, by_step=by_step, **options)
 
 
 def test_the_same_path_from_another_place_and_heading_is_the_same(tmp_path: Path) -> None:
@@ -67,6 +77,24 @@ def test_one_that_comes_later_is_apart_but_not_beside(tmp_path: Path) -> None:
     (only,) = compared(a, b)
     assert only.first.max_m == pytest.approx(0.5, abs=1e-3)
     assert only.beside_m < 0.06
+
+
+def test_slower_replies_are_no_other_path_step_by_step(tmp_path: Path) -> None:
+    """Both fly a metre in the first second of each step, and then hold until the next reply: 1 s later, and 1.7 s."""
+
+    def stepped(length_s: float):
+        return lambda t: (t // length_s + min(1.0, t % length_s), 0.0, 0.0)
+
+    a, b = (
+        flight(tmp_path / name, stepped(length_s), replies=["go"] * 40, decided=lambda n, s=length_s: n * s)
+        for name, length_s in (("a", 2.0), ("b", 2.5))
+    )
+    assert compared(a, b)[0].first.max_m > 5.0
+    (only,) = compared(a, b, by_step=True)
+    assert only.first.max_m < 0.01
+    assert only.first.to_s == pytest.approx(60.0)
+    assert main(["compare", str(a), str(b)]) == 0
+    assert main(["compare", str(a), str(b), "--align", "time"]) == 1
 
 
 def test_every_drone_of_a_fleet_is_compared(tmp_path: Path) -> None:
