@@ -25,6 +25,7 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
     if jobs <= 1:
         yield from map(work, items)
         return
+    others, whole = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the processes, started below, inherit
         try:
@@ -34,10 +35,13 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
         try:
             for done in as_completed(futures):
                 yield done.result()
+            whole = True
         except BrokenProcessPool:
             raise InfrastructureError("one of the processes died, perhaps for want of memory.") from None
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            if not whole:  # nobody wants what is being worked on
+                for process in set(multiprocessing.active_children()) - others:
+                    process.kill()
 
 
 def _end_with_the_parent() -> None:
