@@ -168,7 +168,9 @@ class Px4Simulator:
             if status is None:
                 continue
             if not self._restarts or self.vehicles[k].answers == self._started_at[k]:
-                raise InfrastructureError(f"PX4 ended with exit status {status}; what it said is in {process.log}")
+                what = f"PX4 ended with exit status {status}; what it said is in {process.log}"
+                self._say(what)
+                raise InfrastructureError(what)
             self._say(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
             self._started_at[k] = self.vehicles[k].answers
             process.restart()

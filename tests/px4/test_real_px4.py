@@ -1,0 +1,80 @@
+"""A real PX4, when DRONECATS_PX4 names the command that starts one: with -d, and {instance} where its number goes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import psutil
+import pytest
+from pymavlink import mavutil
+
+from dronecats.border.frames import geodetic_to_ned
+
+COMMAND = os.environ.get("DRONECATS_PX4")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not COMMAND, reason="DRONECATS_PX4 does not name the command that starts a PX4"),
+]
+
+
+def dronecats(*words):
+    return [sys.executable, "-m", "dronecats.cli.main", *words, "--px4", COMMAND]
+
+
+def estimate_errors(tlog):
+    """Return LOCAL_POSITION_NED less the truth, (n, 3) m, both from where the vehicle stood at boot."""
+    truth, estimate = [], []
+    log = mavutil.mavlink_connection(str(tlog), dialect="development")
+    while (message := log.recv_match(type=["HIL_STATE_QUATERNION", "LOCAL_POSITION_NED"])) is not None:
+        if message.get_type() == "LOCAL_POSITION_NED":
+            estimate.append((message.time_boot_ms / 1e3, message.x, message.y, message.z))
+        else:
+            truth.append((message.time_usec / 1e6, message.lat / 1e7, message.lon / 1e7, message.alt / 1e3))
+    origin = truth[0][1:]
+    places = np.array([geodetic_to_ned(*origin, *place) for _, *place in truth])
+    times, estimate = [t for t, *_ in truth], np.array(estimate)
+    return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
+
+
+def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path):
+    out = tmp_path / "run"
+    words = dronecats("fly", "--sitl", "--autopilot", "px4", "--pilot", "oracle", "--out", str(out), "--json")
+    flown = subprocess.run(words, capture_output=True, text=True, timeout=600)
+    assert flown.returncode == 0, flown.stderr + flown.stdout
+    result = json.loads(flown.stdout.splitlines()[-1])
+    assert result["success"]
+    errors = estimate_errors(out / result["episode"] / "flight.tlog")
+    wandered = errors - errors[: len(errors) // 10].mean(axis=0)
+    assert np.abs(wandered[:, :2]).max() < 1.0
+    assert np.abs(wandered[:, 2]).max() < 1.5
+
+
+def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
+    state = tmp_path / "state"
+    words = ["--autopilot", "px4", "--instance", "8", "--speed", "4", "--state", str(state)]
+    simulator = subprocess.Popen(dronecats("sitl", *words), stdout=subprocess.PIPE, text=True)
+
+    def until(text):
+        for line in simulator.stdout:
+            if text in line:
+                return float(line.rpartition("at ")[2].split()[0]) if " s\n" in line else None
+        raise AssertionError(f"'{text}' never came")
+
+    try:
+        first_s = until("is in step")
+        running = psutil.Process(simulator.pid).children(recursive=True)
+        for process in running[1:]:  # the first is the leash
+            process.kill()
+        gone_s = until("has gone")
+        until("is started again")
+        assert first_s <= gone_s < until("is in step")
+        running = psutil.Process(simulator.pid).children(recursive=True)
+        simulator.send_signal(signal.SIGINT)
+        assert simulator.wait(30) == 0
+        assert not [p for p in running if p.is_running()]
+    finally:
+        simulator.kill()
+        simulator.wait()
