@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import io
 import sys
 from typing import Any
 
@@ -50,6 +51,8 @@ def main(argv: list[str] | None = None) -> int:
         else:
             verbs.add_parser(verb)
     args = parser.parse_args(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal without ° or ≤ shows a question mark
     try:
         return int(args.run(args))
     except DronecatsError as error:

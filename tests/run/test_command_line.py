@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -108,3 +109,10 @@ def test_episodes_list_and_help_are_quick_and_complete(capsys):
     heavy += "print([n for n in ('numpy','numba','cv2','scipy','pymavlink','httpx') if n in sys.modules])"
     out = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True).stdout
     assert out.strip().endswith("[]")
+
+
+def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
+    command = [sys.executable, "-m", "dronecats.cli.main", "episodes", "show", "blocks-commanding-01"]
+    shown = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert shown.returncode == 0, shown.stderr
+    assert b"bearing 107.5?" in shown.stdout
