@@ -93,6 +93,7 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
         "speed": plan.speed,
         "latency": plan.latency.name,
         "airframe": plan.airframe,
+        "autopilot": plan.autopilot,
         "camera": plan.camera,
         "envelope": asdict(plan.limits) if plan.limits else None,
     }
