@@ -124,6 +124,8 @@ def run(args: argparse.Namespace) -> int:
                 if lag := simulator.pace.line():
                     _say(lag)
         except KeyboardInterrupt:
+            if isinstance(simulator, Px4Simulator):
+                _say(simulator.summary())
             return 0
         finally:
             with contextlib.suppress(KeyboardInterrupt):

@@ -109,6 +109,12 @@ class Px4Simulator:
     def _reset_pace(self) -> None:
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
         self.pace = PaceReport(self._keeper)
+        self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
+
+    def summary(self) -> str:
+        """Return how much vehicle time has passed since PX4 came, and how fast."""
+        seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
+        return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
 
     @property
     def all_there(self) -> bool:
