@@ -1,6 +1,7 @@
 """The editor: a session, the browser that shows it, and the two threads that look at what it has become."""
 
 import contextlib
+import difflib
 import io
 import logging
 import threading
@@ -184,6 +185,11 @@ def opened(what: str, folder: Path) -> tuple[Session, str]:
     if what in maps.names():
         drafting = Drafting(maps.build(what))
         return Session(drafting, drafting.new(what), folder), what
+    try:
+        catalogue.must_exist(what)
+    except UsageError:
+        near = ", ".join(difflib.get_close_matches(what[:100], [*maps.names(), *catalogue.ids()], 3) or maps.names())
+        raise UsageError(f"{what[:80]!r} is no map, no episode and no record file: did you mean {near}?") from None
     record = catalogue.load(what)
     drafting = Drafting(maps.build(record.map, record.map_seed))
     return Session(drafting, drafting.opened(record), folder), record.id

@@ -38,7 +38,8 @@ def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["no-such-map"], "neither an id nor a record file"),
+        (["campsu"], "no map, no episode and no record file: did you mean campus?"),
+        (["xyz"], "did you mean blocks, campus, residential"),
         (["absent.json"], "does not exist"),
         (["residential", "--port", "70000"], "no port"),
     ],
