@@ -13,7 +13,7 @@ from dronecats.run.episode import Flown, Start, fly, start_of
 from dronecats.run.free_flight import free_flight
 from dronecats.run.plan import CAMERA
 from dronecats.run.simulated import draw
-from dronecats.run.terms import terms
+from dronecats.run.terms import SILENCE_S, terms
 from dronecats.run.world_stage import WorldStage
 from dronecats.sitl.truth_bridge import TruthSource
 from episodes import catalogue, maps
@@ -21,8 +21,6 @@ from episodes.world import World
 from hil.link import Link
 from hil.reopening import Reopening
 from hil.transport import connect
-
-SILENCE_S = 30.0  # wall seconds that a cable may be out
 
 
 def fly_world(args: argparse.Namespace, say: Say) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from dronecats.run.plan import SAMPLING, latency_for
 from hil.envelope import Limits
 from hil.envelope_file import load as load_envelope
 
+SILENCE_S = 30.0  # wall seconds that a cable may be out; what the vehicle does meanwhile is its own failsafe's matter
+FRAMES_S = 10.0  # wall seconds without a fresh frame after which the flight ends
 PATIENCE_S = 60.0  # s without a reply of the model after which the vehicle is brought to an end of its flight
 
 

@@ -12,15 +12,13 @@ from dronecats.pilots.oracle_model import OracleModel
 from dronecats.run.listening import Listener
 from dronecats.run.realtime_stage import Copy, Patience
 from dronecats.run.supervisor import ChildProcess, Supervisor
-from dronecats.run.terms import Terms
+from dronecats.run.terms import FRAMES_S, Terms
 from dronecats.sitl.scenario import origin
 from episodes.world import World
 from hil.cameras.patient import PatientCamera
 from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
 from hil.transport import connect
-
-FRAMES_S = 10.0  # wall seconds without a fresh frame after which the flight ends
 
 
 class WorldStage:
