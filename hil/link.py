@@ -15,7 +15,9 @@ from hil.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us before the autopilot is asked to hold
 LAST_MODES = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
+LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes into which an autopilot goes on by itself
 SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
+GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
 
@@ -44,12 +46,15 @@ class Link(Conversation):
         self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: None  # hears what limits act, at each change
         self._stream = OffboardStream()
         self._offboard = False  # whether offboard is ours
+        self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
+        self._leaving: str | None = None  # the mode before that order, until it is seen to be obeyed
         self._taken_by: str | None = None
         self._offboard_us = 0  # since when
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
         self._home_ned: Vec3 | None = None
         self._tried_to_arm = False
+        self._flew_armed = False  # whether it was armed when last seen in our offboard
 
     # -- modes ---------------------------------------------------------------------------------------------------
 
@@ -60,6 +65,7 @@ class Link(Conversation):
         if name != "OFFBOARD":
             self._offboard = False
         mode = MODES[name]
+        self._expect(name, *LEADS_TO.get(name, ()))
         self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub)
 
     def arm(self) -> None:
@@ -67,6 +73,7 @@ class Link(Conversation):
         if self.mute:
             return
         self._tried_to_arm = True
+        self._expect(self.state.mode, "TAKEOFF", "HOLD")
         asked_us = self.time_us
         while (result := self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)) != dialect.MAV_RESULT_ACCEPTED:
             if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= asked_us + 10_000_000:
@@ -88,12 +95,14 @@ class Link(Conversation):
         """Wait until a person has armed, taken off and handed over by switching to Hold, or to Offboard themselves.
 
         On the ground nothing is streamed: Offboard must not be there to be armed in. In the air it is a hold of the
-        place where the vehicle is at every moment. Raises LinkError after ten minutes of vehicle time.
+        place where the vehicle is at every moment. A switch that only passes through Hold hands nothing over.
+        Raises LinkError after ten minutes of vehicle time.
         """
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
         say("armed: take off, and hand over by switching to Hold (or Offboard) …")
-        end_us = self.time_us + round(FOREIGN_S * 1e6)
-        while not (self.state.landed is False and self.state.mode in ("HOLD", "OFFBOARD")):
+        end_us, given_us = self.time_us + round(FOREIGN_S * 1e6), None
+        while given_us is None or self.time_us < given_us + round(GIVEN_S * 1e6):
+            given_us = (given_us or self.time_us) if self._is_given(self.state) else None
             if self.time_us >= end_us:
                 raise LinkError(f"nobody took off and handed over within {FOREIGN_S:g} s")
             self._stream.stop()
@@ -101,6 +110,12 @@ class Link(Conversation):
                 self._stream.fly(Hold())
             self.tick()
         self._stream.stop()
+        self._expect(self.state.mode)
+
+    def _is_given(self, state: VehicleState) -> bool:
+        """Return whether the vehicle stands ready to be flown: a hold that a failsafe has ordered is no hand-over."""
+        calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
+        return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
 
     # -- who flies -----------------------------------------------------------------------------------------------
 
@@ -109,9 +124,20 @@ class Link(Conversation):
         """The mode into which somebody else has switched the vehicle, None while nobody has."""
         return self._taken_by
 
+    def _expect(self, *modes: str) -> None:
+        """From now on any mode but these, and the present one until one of them is seen, is somebody else's hand."""
+        if self._taken_by is None:
+            self._expected, self._leaving = modes, self.state.mode
+
     def _noticed(self) -> None:
-        if self._offboard and self.state.mode != "OFFBOARD":
-            self._taken_by, self._offboard = self.state.mode, False
+        mode, armed = self.state.mode, self.state.armed
+        if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
+            return  # nothing told yet, lost already, or a rehearsal on the ground
+        disarmed, self._flew_armed = self._offboard and self._flew_armed and not armed, self._offboard and armed
+        if mode in self._expected and self._leaving != "OFFBOARD":  # a late word of an offboard that we left is no hand
+            self._leaving = None
+        if disarmed or (self._expected and mode not in (*self._expected, self._leaving)):
+            self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
             self._stream.stop()
 
     def tick(self) -> None:
@@ -121,14 +147,15 @@ class Link(Conversation):
         """
         super().tick()
         if self._taken_by is not None and not self.mute:
-            taken, self._tried_to_arm = self._taken_by, False
-            said = self.state.status_text
-            raise TakeoverError(
-                f"the vehicle was switched to {taken} by another hand, which has it now"
-                + (f"; the autopilot said: {said}" if said else "")
-            )
+            raise self._takeover()
         if self._offboard and self.limits is not None:
             self._watch(self.limits)
+
+    def _takeover(self) -> TakeoverError:
+        self._tried_to_arm = False
+        said = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
+        what = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
+        return TakeoverError(f"the vehicle was {what} by another hand, which has it now{said}")
 
     def _watch(self, limits: Limits) -> None:
         """Raise EnvelopeError, once, when the flight has to end."""
@@ -146,14 +173,20 @@ class Link(Conversation):
     def start_offboard(self) -> None:
         """Enter offboard with the setpoint given to `fly`, which is streamed before. Raises LinkError when refused."""
         if self._taken_by is not None:
-            raise TakeoverError(f"the vehicle was switched to {self._taken_by} by another hand, which has it now")
+            raise self._takeover()
         self.tick()
         if self.mute:
             return
-        if self.state.mode != "OFFBOARD":
+        self._offboard, self._offboard_us = True, self.time_us  # from the order on: whatever breaks off ends it
+        if self.state.mode == "OFFBOARD":
+            self._expect("OFFBOARD")
+            return
+        try:
             self.set_mode("OFFBOARD")
-            self.wait_for(lambda state: state.mode == "OFFBOARD", 3.0, "offboard mode")
-        self._offboard, self._offboard_us = True, self.time_us
+        except LinkError:
+            self._offboard = self.state.mode == "OFFBOARD"
+            raise
+        self.wait_for(lambda state: state.mode == "OFFBOARD", 3.0, "offboard mode")
 
     def stop_stream(self) -> None:
         """Send no setpoint from now on; the autopilot's own failsafe is what follows unless a mode is set."""
@@ -184,10 +217,13 @@ class Link(Conversation):
         except LinkError as error:  # a vehicle that cannot hold may still be able to land
             refused = error
         self.stop_stream()
+        if self._taken_by is not None:
+            raise self._takeover()
         if then != "hold":
             self.set_mode(LAST_MODES[then])
         elif refused:
             raise refused
+        self._expected = ()  # it is the autopilot's now, and whoever stands by
 
     def go_to(self, position_ned: Vec3, yaw: float, *, tolerance_m: float = 0.25, seconds: float = 60.0) -> None:
         """Fly to a place of the local frame in offboard and settle there. Raises LinkError after `seconds`.
@@ -219,7 +255,7 @@ class Link(Conversation):
 
     def _speak(self) -> None:
         super()._speak()
-        target = self._target(self.state)
+        target = self._target(self.state) if self._taken_by is None else None
         if target is None or not self.mode_is_known():
             return
         self.on_target(target)

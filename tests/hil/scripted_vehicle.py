@@ -15,7 +15,7 @@ class ScriptedVehicle:
         self.time_ms = 1000
         self.position, self.velocity, self.yaw = [0.0, 0.0, -2.5], (0.0, 0.0, 0.0), 0.0
         self.mode, self.armed, self.landed = "HOLD", True, False
-        self.battery = 90
+        self.battery, self.system_status = 90, 4
         self.obeys = True
         self.silent = set()  # message ids that are not sent
         self.refuses = {}  # command -> (result, text)
@@ -53,7 +53,8 @@ class ScriptedVehicle:
 
     def heartbeat(self):
         base = 1 | (128 if self.armed else 0)
-        return dialect.MAVLink_heartbeat_message(2, self.autopilot, base, MODES[self.mode].custom_mode, 4, 3)
+        mode = MODES[self.mode].custom_mode
+        return dialect.MAVLink_heartbeat_message(2, self.autopilot, base, mode, self.system_status, 3)
 
     def step(self):
         self.time_ms += STEP_MS

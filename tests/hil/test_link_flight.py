@@ -236,3 +236,104 @@ def test_a_vehicle_that_a_person_has_in_hand_is_none_of_ours_to_land(vehicle):
     link.wait(1.0)
     assert link.state.armed
     assert not link.may_fly()
+
+
+def test_nothing_is_sent_after_a_takeover_that_was_read_between_two_ticks(vehicle):
+    link = flying(vehicle)
+    vehicle.mode = "POSCTL"
+    vehicle.say(vehicle.heartbeat())
+    link.listen()
+    sent = len(vehicle.setpoints)
+    link.fly(Velocity(1.2, None), 2.5)  # the agent's next action, decided before anybody asked
+    with pytest.raises(TakeoverError):
+        link.tick()
+    assert len(vehicle.setpoints) == sent
+
+
+def test_a_takeover_between_two_offboards_stays_one(vehicle):
+    link = flying(vehicle)
+    link.stop_offboard()
+    vehicle.mode = "POSCTL"
+    vehicle.say(vehicle.heartbeat())
+    link.fly(Hold())
+    with pytest.raises(TakeoverError, match="POSCTL"):
+        link.start_offboard()
+    assert vehicle.mode == "POSCTL"
+
+
+def test_a_takeover_during_the_take_off_is_not_landed_by_us(vehicle):
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.arm()
+    vehicle.mode, vehicle.landed = "TAKEOFF", True
+    link.wait(2.0)  # which is no other hand
+    vehicle.mode = "ALTCTL"
+    with pytest.raises(TakeoverError, match="ALTCTL"):
+        link.wait_for(lambda state: False, 5.0, "reaching take-off height")
+    assert not link.may_fly()
+    link.give_up("land")
+    assert vehicle.mode == "ALTCTL"
+
+
+def test_an_order_whose_answer_is_lost_is_not_repeated_against_a_pilot(vehicle):
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.fly(Hold())
+    vehicle.silent = {dialect.MAVLINK_MSG_ID_COMMAND_ACK}
+    asked_ms = vehicle.time_ms
+
+    def pilot():
+        if vehicle.mode == "OFFBOARD" and vehicle.time_ms > asked_ms + 300:
+            vehicle.mode = "POSCTL"
+            vehicle.say(vehicle.heartbeat())
+
+    link.on_wait = pilot
+    with pytest.raises(TakeoverError, match="POSCTL"):
+        link.start_offboard()
+    assert vehicle.mode == "POSCTL"
+
+
+def test_a_takeover_between_the_hold_and_the_landing_is_not_landed(vehicle):
+    link = flying(vehicle)
+    given = []
+
+    def pilot():
+        if vehicle.mode == "HOLD" and not given:
+            given.append(vehicle.mode)
+            vehicle.mode = "POSCTL"
+            vehicle.say(vehicle.heartbeat())
+
+    link.on_wait = pilot
+    with pytest.raises(TakeoverError):
+        link.give_up("land")
+    assert vehicle.mode == "POSCTL"
+
+
+def test_a_vehicle_that_is_disarmed_in_flight_is_not_flown_when_somebody_arms_it_again(vehicle):
+    link = flying(vehicle)
+    vehicle.armed = False
+    with pytest.raises(TakeoverError, match="disarmed"):
+        link.wait(3.0)
+    vehicle.armed, sent = True, len(vehicle.setpoints)
+    for _ in range(40):
+        with pytest.raises(TakeoverError):
+            link.tick()
+    assert len(vehicle.setpoints) == sent
+    assert not link.may_fly()
+
+
+def test_neither_a_failsafes_hold_nor_a_passing_switch_hands_over(vehicle):
+    vehicle.mode, vehicle.system_status = "POSCTL", 4
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    # a failsafe's hold of five seconds; a switch that passes through Hold; and then a hand-over
+    steps = {4000: ("HOLD", 5), 9000: ("POSCTL", 4), 12000: ("HOLD", 4), 12500: ("POSCTL", 4), 15000: ("HOLD", 4)}
+
+    def person():
+        if vehicle.time_ms in steps:
+            vehicle.mode, vehicle.system_status = steps.pop(vehicle.time_ms)
+            vehicle.say(vehicle.heartbeat())
+
+    link.on_wait = person
+    link.await_handover()
+    assert 16_000 <= vehicle.time_ms < 18_000
