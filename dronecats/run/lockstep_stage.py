@@ -9,14 +9,17 @@ from dronecats.agent.latency import InlineExecutor
 from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
+from dronecats.border.mavlink import dialect
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.pilots import roster
 from dronecats.pilots.oracle_model import OracleModel
 from dronecats.pilots.server import PilotServer
-from dronecats.run.plan import Plan
+from dronecats.run.plan import PX4_SILENCE_S, Plan
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.lockstep import Lockstep
+from dronecats.sitl.px4_lockstep import Px4Lockstep
+from dronecats.sitl.px4_simulator import Px4Simulator
 from dronecats.sitl.scenario import build, origin
 from dronecats.sitl.vehicle_port import VehiclePort
 from episodes.world import World
@@ -28,14 +31,18 @@ class LockstepStage:
 
     def __init__(self, plan: Plan, folder: Path, world: World) -> None:
         camera = self.camera_model = CameraModel()
-        simulation = build(world, airframe=plan.airframe, seed=plan.seed)
-        self._simulation = simulation
-        clock = Lockstep(simulation)
+        self._px4: Px4Simulator | None = None
+        if plan.autopilot == "px4":
+            self._px4 = px4_simulator(plan, folder, world)
+            clock: Lockstep = Px4Lockstep(self._px4)
+        else:
+            clock = Lockstep(build(world, airframe=plan.airframe, seed=plan.seed))
+        self._simulation = clock.simulation
         self._recorder = Recorder(
             folder, origin(world), lambda t, s, c: world.measure(t, s.position_ned, s.attitude, c), camera
         )
         clock.follow(self._recorder.truth)
-        for vehicle in simulation.vehicles:
+        for vehicle in () if self._px4 else self._simulation.vehicles:
             port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
@@ -47,11 +54,18 @@ class LockstepStage:
         self._server: PilotServer | None = None
         self._oracle: OracleModel | None = None
         self.model = self._model(plan, world, camera, clock)
-        self.links = [Link(clock.transport(index), limits=plan.limits) for index in range(len(simulation.vehicles))]
+        drones = range(len(self._simulation.vehicles))
+        self.links = [Link(clock.transport(index), limits=plan.limits) for index in drones]
+        if self._px4:
+            for link in self.links:
+                link.listeners.append(self._keep)
         self.executor: Executor = InlineExecutor()
 
     def _log(self, port: VehiclePort) -> None:
         self._recorder.telemetry(port.take())
+
+    def _keep(self, message: dialect.MAVLink_message) -> None:
+        self._recorder.telemetry(bytes(message.get_msgbuf()))
 
     def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep) -> Model:
         if plan.pilot == "oracle":
@@ -81,3 +95,21 @@ class LockstepStage:
         if self._server:
             self._server.close()
         self._recorder.close()
+        if self._px4:
+            for link in self.links:
+                link.close()
+            self._px4.close()
+
+
+def px4_simulator(plan: Plan, folder: Path, world: World) -> Px4Simulator:
+    """Return the simulator of a plan's vehicles under PX4, which nobody paces. Raises UsageError."""
+    config = {
+        "episode": plan.episode,
+        "airframe": plan.airframe,
+        "seed": plan.seed,
+        "speed": None,
+        "px4": plan.px4,
+        "silence_s": PX4_SILENCE_S,
+        "log_dir": str(folder),
+    }
+    return Px4Simulator(config, world=world)

@@ -18,6 +18,7 @@ from hil.envelope_file import load as load_envelope
 from vehicles import airframe as airframes
 
 SEED_MAX = 2**31 - 1
+PX4_SILENCE_S = 20.0  # wall seconds after which a PX4 in flight that does not answer is given up
 _DEFAULT, _CAMERA = Request("", (), False), CameraModel()
 SAMPLING = {"temperature": _DEFAULT.temperature, "max_tokens": _DEFAULT.max_tokens}
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
@@ -87,8 +88,6 @@ def resolve(
         raise UsageError("only the oracle can fly without rendering; every other pilot looks at the frames")
     if px4 and autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
-    if autopilot == "px4" and multiple is None:
-        raise UsageError("--autopilot px4 flies in real time: PX4's MAVLink threads do not wait; give --speed a factor")
     return Plan(
         episode=episode or catalogue.DEFAULT,
         record=catalogue.load(episode or catalogue.DEFAULT),

@@ -6,7 +6,7 @@ Every message is still encoded to MAVLink bytes and decoded again; only the sock
 from collections.abc import Callable
 
 from dronecats.sitl.simulation import SimulatedVehicle, Simulation
-from hil.transport import MemoryTransport
+from hil.transport import MemoryTransport, Transport
 
 
 class Lockstep:
@@ -22,7 +22,7 @@ class Lockstep:
         for follower in self.followers:
             follower()
 
-    def transport(self, vehicle: int, profile: str = "minimal") -> MemoryTransport:
+    def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
         """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
         port = self.simulation.vehicles[vehicle].open_port(profile)
         return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)

@@ -1,5 +1,6 @@
 """The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
 
+import math
 import socket
 import sys
 import time
@@ -15,15 +16,13 @@ from dronecats.sitl.px4_vehicle import Px4Vehicle
 from dronecats.sitl.scenario import built_of, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.simulator_process import truth_port
+from episodes.world import World
 from hil.simulator_server import PORT
 from vehicles import airframe as airframes
 from vehicles import fault_script
 from vehicles.wind import Wind
 
-AGENT_PORT, LOG_PORT = (
-    14540,
-    13030,
-)  # + instance: where PX4 sends its offboard link to, and where its gimbal link listens
+AGENT_PORT = 14540  # + instance: where PX4 sends its offboard link to
 INSTANCES = 10  # of which each has an offboard port of its own
 UDP_PORTS = (AGENT_PORT, 14580, 18570)  # what an instance must find free, beside its TCP port
 ROTORS = 4  # of PX4's airframe none_iris
@@ -54,24 +53,27 @@ def _say(line: str) -> None:
 class Px4Simulator:
     """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
 
-    def __init__(self, config: dict[str, Any], say: Callable[[str], None] = _say) -> None:
+    def __init__(self, config: dict[str, Any], say: Callable[[str], None] = _say, world: World | None = None) -> None:
         """Keys as `simulator_process.create` has them, but instance: added to each of PX4's ports. None is a free one
-        when the command says where it goes, and otherwise 0.
+        when the command says where it goes, and otherwise 0. A speed of None does not wait for the wall.
 
         If wanted px4: the command that starts one; log_dir: for its output; state_dir: where its files stay, without it
-        a temporary folder; restart: whether one that ends is started again. `say` gets a line for whoever looks on.
+        a temporary folder; restart: whether one that ends is started again; silence_s: wall seconds after which one
+        that does not answer is given up, without it never. `say` gets a line for whoever looks on; `world` saves
+        loading the episode's.
         """
-        world = load_world(config["episode"])
+        world = world or load_world(config["episode"])
         script, command = config.get("faults"), config.get("px4")
         rotors = len(airframes.load(config["airframe"]).rotors)
         if rotors != ROTORS:
             raise UsageError(f"PX4 flies quadrotors here, and {config['airframe']} has {rotors} rotors; choose another")
         north, east = config.get("wind") or (0.0, 0.0)
         self._say, self._restarts = say, bool(config.get("restart"))
+        self._silence_s = config.get("silence_s") or math.inf
         self.instance = config.get("instance") or 0
         if config.get("instance") is None and INSTANCE in (command or ""):
             self.instance = free_instance(config.get("count") or len(world.record.starts))
-        self.speed = float(config["speed"])
+        self.speed: float | None = config["speed"]
         self.simulation: Simulation[Px4Vehicle] = built_of(
             self._vehicle,
             world,
@@ -98,16 +100,17 @@ class Px4Simulator:
         self._reset_pace()
 
     def _vehicle(self, index: int, *arguments: Any, **physics: Any) -> Px4Vehicle:
-        return Px4Vehicle(index, *arguments, port=PORT + self.instance + index, **physics)
+        port = PORT + self.instance + index
+        return Px4Vehicle(index, *arguments, port=port, silence_s=self._silence_s, **physics)
 
     def _px4(self, command: str, index: int, config: dict[str, Any]) -> Px4Process:
         name = f"vehicle-{index + 1}"
         folder = Path(config.get("state_dir") or self._passing.name).absolute() / name
         log = Path(config["log_dir"]).absolute() / f"px4-{name}.log" if config.get("log_dir") else folder / "px4.log"
-        return Px4Process(command, self.instance + index, folder, log, self.speed)
+        return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
 
     def _reset_pace(self) -> None:
-        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+        self._keeper = RateKeeper(TICK_US / 1e6 / (self.speed or 1.0))
         self.pace = PaceReport(self._keeper)
         self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
 
@@ -147,7 +150,8 @@ class Px4Simulator:
         self._truth.exchange()
         self.simulation.advance()
         self._truth.exchange()
-        self._keeper.wait()
+        if self.speed is not None:
+            self._keeper.wait()
 
     def orphaned(self) -> None:
         """Give up every wait: nobody needs this any more."""

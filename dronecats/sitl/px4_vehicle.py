@@ -5,8 +5,11 @@ that very one. A PX4 that has just connected has nothing to answer yet: until it
 the sensors flow, and the rotors stand.
 """
 
+import math
+import time
 from typing import Any
 
+from dronecats.border.errors import LinkError
 from dronecats.border.mavlink import Packer, dialect
 from dronecats.border.truth import TRUTH_COMPONENT
 from dronecats.sitl.vehicle import STEP_US, TICK_US, Vehicle
@@ -25,8 +28,13 @@ ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
 class Px4Vehicle(Vehicle):
     """One vehicle and the PX4 that flies it."""
 
-    def __init__(self, *arguments: Any, port: int, suite: Suite = SUITE, **physics: Any) -> None:
-        """`port`: TCP port to listen on, 0 for any; the rest as `Vehicle` has it. Raises UsageError."""
+    def __init__(
+        self, *arguments: Any, port: int, suite: Suite = SUITE, silence_s: float = math.inf, **physics: Any
+    ) -> None:
+        """`port`: TCP port to listen on, 0 for any; `silence_s`: wall seconds that an answer may take.
+
+        The rest as `Vehicle` has it. Raises UsageError.
+        """
         super().__init__(*arguments, suite=suite, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
@@ -35,11 +43,12 @@ class Px4Vehicle(Vehicle):
         self.released = False  # set by another thread to end a wait for good
         self.in_step = False  # whether PX4 answers each sensor message, and is waited for
         self.answers = 0
+        self._silence_s = silence_s
         self._told = Told()
         self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
 
     def advance(self) -> None:
-        """Advance by one tick, for as long as PX4 takes to answer."""
+        """Advance by one tick, for as long as PX4 takes to answer. Raises LinkError for one that takes too long."""
         end_us = self.time_us + TICK_US
         while (now_us := self.time_us) < end_us:
             exchange_us = now_us - now_us % EXCHANGE_US + EXCHANGE_US
@@ -61,13 +70,15 @@ class Px4Vehicle(Vehicle):
             for message in self.server.receive(0.0):
                 self._take(message)
             return
-        sent_us = self.time_us
+        sent_us, sent_s = self.time_us, time.monotonic()
         while self.server.connected and not self.released and int(self.plant.actuators["time_us"]) < sent_us:
             for message in self.server.receive(PATIENCE_S):
                 self._take(message)
             if self.server.accept():
                 self.in_step = False
                 return
+            if time.monotonic() - sent_s > self._silence_s:
+                raise LinkError(f"PX4 on TCP port {self.server.port} does not answer for {self._silence_s:g} s")
 
     def _sensors(self) -> bytes:
         """Return what is new for PX4 as bytes. HIL_SENSOR last: it starts PX4's next cycle."""

@@ -17,7 +17,6 @@ from hil.simulator_server import PORT, SimulatorServer
     [
         (["fly", "--sitl", "--px4", "px4"], "--px4 goes with --autopilot px4"),
         (["sitl", "--px4", "px4"], "--px4 goes with --autopilot px4"),
-        (["fly", "--sitl", "--autopilot", "px4", "--speed", "max"], "PX4's MAVLink threads do not wait"),
         (["sitl", "--autopilot", "px4", "--airframe", "hexa"], "hexa has 6 rotors"),
         (["sitl", "--autopilot", "px4", "--instance", "7", "--px4", "no-such-px4"], "names no program"),
         (["sitl", "--autopilot", "px4", "--instance", "7", "--px4", ""], "names no program"),

@@ -39,10 +39,13 @@ def estimate_errors(tlog):
     return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
 
 
-def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path):
+@pytest.mark.parametrize("speed", ["1", "max"])
+def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
     out = tmp_path / "run"
-    words = dronecats("fly", "--sitl", "--autopilot", "px4", "--pilot", "oracle", "--out", str(out), "--json")
-    flown = subprocess.run(words, capture_output=True, text=True, timeout=600)
+    words = ["--pilot", "oracle", "--speed", speed, "--out", str(out), "--json"]
+    flown = subprocess.run(
+        dronecats("fly", "--sitl", "--autopilot", "px4", *words), capture_output=True, text=True, timeout=600
+    )
     assert flown.returncode == 0, flown.stderr + flown.stdout
     result = json.loads(flown.stdout.splitlines()[-1])
     assert result["success"]
