@@ -67,7 +67,7 @@ def test_the_height_survives_level_moves_and_is_taken_anew_after_a_climb():
     assert message(stream, (2, 0, -3.4)).z == pytest.approx(-3.4)
 
 
-def test_turn_holds_the_place_of_the_hold_before_it_and_leaves_the_new_heading():
+def test_turn_holds_the_place_of_the_hold_before_it():
     stream = OffboardStream()
     stream.fly(Hold())
     message(stream, (1.0, 1.0, -2.0), yaw=0.0)
@@ -75,9 +75,32 @@ def test_turn_holds_the_place_of_the_hold_before_it_and_leaves_the_new_heading()
     turning = message(stream, (0.5, 1.0, -2.0), yaw=math.pi / 2)
     assert turning.yaw_rate == pytest.approx(math.radians(60))
     assert (turning.vx, turning.vy) == pytest.approx((0.0, -0.45), abs=1e-6)  # half a metre north is to the left now
+
+
+@pytest.mark.parametrize("after", [Hold(), Velocity(1.2, None)])
+def test_a_turn_leaves_the_heading_that_it_asked_for_and_not_the_one_that_was_reached(after):
+    stream = OffboardStream()
     stream.fly(Hold())
-    held = message(stream, (0.9, 1.0, -2.0), yaw=1.5)
-    assert held.yaw == pytest.approx(1.5)
+    message(stream, (0, 0, -2.0), yaw=3.0, time_us=1_000_000)
+    stream.fly(Turn(math.radians(60)), ends_us=2_050_000)
+    for tick in range(20):  # the vehicle lags behind
+        message(stream, (0, 0, -2.0), yaw=3.0 + tick * 0.03, time_us=1_050_000 + tick * 50_000)
+    stream.fly(after)
+    said = message(stream, (0, 0, -2.0), yaw=3.9, time_us=2_050_000)
+    asked = 3.0 + math.radians(60)
+    if isinstance(after, Hold):
+        assert said.yaw == pytest.approx(asked - 2 * math.pi)
+    else:
+        assert said.yaw_rate == pytest.approx(1.5 * (asked - 3.9))
+        assert message(stream, (0, 0, -2.0), yaw=0.5, time_us=2_100_000).yaw_rate == pytest.approx(-0.5)
+
+
+def test_a_stream_that_was_interrupted_in_a_turn_does_not_turn_on_in_its_mind():
+    stream = OffboardStream()
+    stream.fly(Turn(1.0), ends_us=2_000_000)
+    message(stream, (0, 0, -2.0), yaw=0.0, time_us=1_000_000)
+    held = message(stream, (0, 0, -2.0), yaw=0.1, time_us=11_000_000)
+    assert held.yaw == pytest.approx(0.2)
 
 
 def test_braking_turn_stops_where_it_can():
