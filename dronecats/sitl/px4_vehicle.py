@@ -43,7 +43,7 @@ class Px4Vehicle(Vehicle):
         self.released = False  # set by another thread to end a wait for good
         self.in_step = False  # whether PX4 answers each sensor message, and is waited for
         self.answers = 0
-        self._silence_s = silence_s
+        self.silence_s = silence_s
         self._told = Told()
         self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
 
@@ -77,8 +77,8 @@ class Px4Vehicle(Vehicle):
             if self.server.accept():
                 self.in_step = False
                 return
-            if time.monotonic() - sent_s > self._silence_s:
-                raise LinkError(f"PX4 on TCP port {self.server.port} does not answer for {self._silence_s:g} s")
+            if time.monotonic() - sent_s > self.silence_s:
+                raise LinkError(f"PX4 on TCP port {self.server.port} does not answer for {self.silence_s:g} s")
 
     def _sensors(self) -> bytes:
         """Return what is new for PX4 as bytes. HIL_SENSOR last: it starts PX4's next cycle."""

@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 
+from dronecats.border.errors import LinkError
 from dronecats.sitl.px4_vehicle import EXCHANGE_US, Px4Vehicle
 from dronecats.sitl.vehicle import TICK_US, Place
 from hil.simulator_interface import ACCEL, BARO, GYRO, MAG
@@ -163,6 +164,15 @@ def test_a_wait_is_given_up_when_nobody_needs_it_any_more(vehicle, connect):
     vehicle.released = True
     worker.join(10.0)
     assert not worker.is_alive()
+
+
+def test_a_px4_that_hangs_is_given_up_where_that_is_asked_for(connect, vehicle):
+    vehicle.silence_s = 0.5
+    connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec < 100_000 else b"")
+    come_into_step(vehicle)
+    with pytest.raises(LinkError, match=f"PX4 on TCP port {vehicle.server.port} does not answer for 0.5 s"):
+        fly(vehicle, 0.2)
+    assert vehicle.time_us % EXCHANGE_US == 0  # where it was asked; no time has passed without an answer
 
 
 def test_a_recorded_boot_of_a_real_px4_brings_it_into_step(vehicle, connect):
