@@ -58,7 +58,7 @@ class UdpTransport:
             return b""
         parts: list[bytes] = []
         # an ICMP refusal of something we sent surfaces here: the peer is not up yet, which silence will tell in time
-        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+        with contextlib.suppress(OSError):
             while len(parts) < 256:
                 data, peer = self._socket.recvfrom(65536)
                 self._peer = peer
@@ -67,7 +67,7 @@ class UdpTransport:
 
     def send(self, data: bytes) -> None:
         if self._peer is not None:
-            with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+            with contextlib.suppress(OSError):  # no network for the moment: lost, as any datagram may be
                 self._socket.sendto(data, self._peer)
 
     def close(self) -> None:

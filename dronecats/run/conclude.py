@@ -15,7 +15,8 @@ from dronecats.border.errors import DronecatsError, UsageError
 from dronecats.judge.episode import write_verdict
 from dronecats.judge.files import lines
 from dronecats.run import folder as folders
-from dronecats.run.episode import Flown, unexpected
+from dronecats.run.episode import Flown
+from dronecats.run.landing import unexpected
 
 Say = Callable[[str], None]
 DECLARED = CameraModel()

@@ -2,7 +2,6 @@
 
 import math
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +9,16 @@ from typing import Any
 
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot
-from dronecats.border.errors import DronecatsError, InfrastructureError, LinkError
+from dronecats.border.errors import DronecatsError, LinkError
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import dialect
 from dronecats.border.setpoints import Hold
 from dronecats.judge.episode import outcome
 from dronecats.judge.files import read
+from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.run.stage import Stage
-from hil.envelope import placed
+from hil.envelope import broken_off, placed
 from hil.link import Link, TakeoverError
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
@@ -99,38 +99,10 @@ def fly(
         reason, error = "error", unexpected(bug, folder)
     flown_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
-    error = _finish(stage, reason, error, authority.then, say) or error
+    error = finish(stage, reason, error, authority.then, say) or error
     log.close()
     ended = "error" if error and reason != "takeover" else reason
     return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
-
-
-def unexpected(bug: Exception, folder: Path) -> DronecatsError:
-    """Return a mistake of ours as an infrastructure error; the traceback goes into the run folder."""
-    log = folder / "traceback.log"
-    with log.open("a", encoding="utf-8", errors="backslashreplace") as file:
-        traceback.print_exception(bug, file=file)
-    return InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program; see {log}")
-
-
-def _finish(
-    stage: Stage, reason: str, error: DronecatsError | None, then: str, say: Callable[[str], None]
-) -> DronecatsError | None:
-    """Order the landing, tell the logger, wait for the landing. Return the logger's fault, if it is the first one.
-
-    In this order: a logger that hangs, or a second Ctrl-C, must not keep a vehicle from being told to land.
-    """
-    fault: DronecatsError | None = None
-    try:
-        flying = order_landing(stage, then, say)
-        try:
-            stage.end(reason, str(error) if error else None)
-        except DronecatsError as broken:
-            fault = broken if error is None else None
-        await_landing(flying, say)
-    except KeyboardInterrupt:
-        say("asked twice to stop: not waiting any longer")
-    return fault
 
 
 def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
@@ -149,7 +121,8 @@ def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], 
     """Connect, arm, take off, fly to the start poses and hold there, all drones at a time. Raises LinkError."""
     for link in links:
         link.connect()
-        if not link.state.armed and link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
+        _on_the_ground(link)
+        if link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
             link.set_mode("HOLD")
     say("waiting until the autopilot is ready to arm …")
     for link in links:
@@ -157,6 +130,7 @@ def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], 
     grounds = [_average_position(link) for link in links]
     say("arming and taking off …")
     for link in links:
+        _on_the_ground(link)
         link.arm()
         link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
     for link in links:
@@ -167,6 +141,16 @@ def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], 
         euler = link.state.euler
         link.go_to((north, east, down), start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
         link.stop_offboard()
+
+
+def _on_the_ground(link: Link) -> None:
+    """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is in somebody's hand."""
+    if link.state.armed or link.state.landed is False:
+        what = "is armed already" if link.state.armed else "is in the air"
+        raise LinkError(f"the vehicle {what}, so it is not ours to arm; leave --arm out and hand it over in Hold")
+    reason = broken_off(link.state, link.limits, 0.0) if link.limits else None
+    if reason:
+        raise LinkError(f"not armed: {reason}")
 
 
 def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:
@@ -212,38 +196,6 @@ def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: 
         on_step=on_step,
         on_tick=stage.check,
     )
-
-
-def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] = lambda line: None) -> list[Link]:
-    """End the flight of every armed drone: stand still, hold, and then land or return.
-
-    Returns those that will come down. One that does not answer stops no other, and one that somebody else has taken
-    is left to them.
-    """
-    told = []
-    for link in stage.links:
-        link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
-        try:
-            if link.taken_by is not None or link.mute:
-                link.stop_stream()
-            elif link.may_fly():
-                say({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
-                link.give_up(then)
-                if then != "hold":
-                    told.append(link)
-        except DronecatsError as fault:  # after the episode, so it changes no verdict
-            link.stop_stream()
-            say(f"the vehicle could not be told to {then}: {fault}")
-    return told
-
-
-def await_landing(links: Sequence[Link], say: Callable[[str], None] = lambda line: None) -> None:
-    """Wait until every one of the drones has disarmed."""
-    for link in links:
-        try:
-            link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
-        except DronecatsError as fault:
-            say(f"the landing was not seen to end: {fault}")
 
 
 class Watch:

@@ -1,5 +1,6 @@
 """safety.jsonl: when the safety envelope limited what, one line at each change."""
 
+import contextlib
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,9 +19,10 @@ class SafetyLog:
     def _hearing(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
         def hear(names: tuple[str, ...]) -> None:
             line = {"time_us": link.time_us, "drone": drone, "limits": list(names)}
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
             what = f"limited by {', '.join(names)}" if names else "within its limits again"
-            self._say(f"      envelope: drone {drone} {what}")
+            with contextlib.suppress(OSError):  # a full disk or a closed terminal stops no setpoint and no landing
+                with self._path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(line) + "\n")
+                self._say(f"      envelope: drone {drone} {what}")
 
         return hear

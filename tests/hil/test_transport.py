@@ -125,3 +125,10 @@ def test_a_serial_device_that_goes_away_is_noticed():
     with pytest.raises(LinkError, match="broke"):
         port.receive(2.0)
     port.close()
+
+
+def test_a_network_that_is_down_loses_datagrams_and_raises_nothing():
+    wire = connect("udpout://255.255.255.255:9")  # the kernel refuses to send there, as it does without a network
+    wire.send(b"lost")
+    assert wire.receive(0.0) == b""
+    wire.close()

@@ -1,0 +1,108 @@
+"""How every flight ends, whatever came of it: the vehicles are told to come down before anything else is done."""
+
+import contextlib
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from dronecats.border.errors import DronecatsError, InfrastructureError
+from dronecats.run.stage import Stage
+from hil.link import Link
+
+
+def finish(
+    stage: Stage, reason: str, error: DronecatsError | None, then: str, say: Callable[[str], None]
+) -> DronecatsError | None:
+    """Order the landing, tell the logger, wait for the landing. Return the logger's fault, if it is the first one.
+
+    In this order: a logger that hangs, a terminal that is closed or a second Ctrl-C must not keep a vehicle from being
+    told to land.
+    """
+    fault: DronecatsError | None = None
+
+    def tell(line: str) -> None:
+        with contextlib.suppress(OSError, ValueError):  # whoever listened may be gone
+            say(line)
+
+    try:
+        with orders_first(tell) as hurried:
+            flying = order_landing(stage, then, tell)
+        try:
+            stage.end(reason, str(error) if error else None)
+        except DronecatsError as broken:
+            fault = broken if error is None else None
+        except OSError as broken:
+            fault = InfrastructureError(f"the logger cannot be told of the end: {broken}") if error is None else None
+        if hurried:
+            raise KeyboardInterrupt
+        await_landing(flying, tell)
+    except KeyboardInterrupt:
+        tell("asked twice to stop: not waiting any longer")
+    return fault
+
+
+@contextlib.contextmanager
+def orders_first(say: Callable[[str], None]) -> Iterator[list[int]]:
+    """Keep a Ctrl-C that comes while a landing is being ordered (seconds) in the list; a second one leaves at once."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    hurried: list[int] = []
+
+    def note(number: int, frame: object) -> None:
+        if hurried:
+            raise KeyboardInterrupt
+        hurried.append(number)
+        say("ordering the landing first; once more leaves the vehicle as it is")
+
+    if threading.current_thread() is not threading.main_thread():  # no other hears signals
+        yield hurried
+        return
+    before = [signal.signal(number, note) for number in numbers]
+    try:
+        yield hurried
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] = lambda line: None) -> list[Link]:
+    """End the flight of every armed drone: stand still, hold, and then land or return.
+
+    Returns those that will come down. One that does not answer stops no other, and one that somebody else has taken
+    is left to them.
+    """
+    told = []
+    for link in stage.links:
+        link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
+        try:
+            if link.taken_by is not None or link.mute:
+                link.stop_stream()
+            elif link.may_fly():
+                say({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
+                link.give_up(then)
+                if then != "hold":
+                    told.append(link)
+        except Exception as fault:  # after the episode, so it changes no verdict; and the next vehicle is told too
+            link.stop_stream()
+            say(f"the vehicle could not be told to {then}: {fault}")
+    return told
+
+
+def await_landing(links: Sequence[Link], say: Callable[[str], None] = lambda line: None) -> None:
+    """Wait until every one of the drones has disarmed."""
+    for link in links:
+        try:
+            link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
+        except DronecatsError as fault:
+            say(f"the landing was not seen to end: {fault}")
+
+
+def unexpected(bug: Exception, folder: Path) -> DronecatsError:
+    """Return a mistake of ours as an infrastructure error; the traceback goes into the run folder."""
+    if isinstance(bug, OSError):  # a full disk, a closed terminal: nobody's mistake, and a traceback has no place to go
+        return InfrastructureError(f"the flight's files or its output cannot be written: {bug.strerror or bug}")
+    log = folder / "traceback.log"
+    with contextlib.suppress(OSError), log.open("a", encoding="utf-8", errors="backslashreplace") as file:
+        traceback.print_exception(bug, file=file)
+    return InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program; see {log}")

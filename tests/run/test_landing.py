@@ -1,0 +1,116 @@
+"""Whatever else breaks at the end of a flight, the vehicle has been told to land."""
+
+import signal
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from dronecats.border.errors import LinkError
+from dronecats.border.mavlink import dialect
+from dronecats.border.setpoints import Velocity
+from dronecats.run.episode import Start, ascend
+from dronecats.run.landing import finish, unexpected
+from dronecats.run.safety_log import SafetyLog
+from hil.envelope import Limits
+from hil.link import Link
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "hil"))
+from scripted_vehicle import ScriptedVehicle
+
+
+class Landing(ScriptedVehicle):
+    """Once told to land it is down, so that nobody waits."""
+
+    def step(self):
+        self.armed = self.armed and self.mode != "LAND"
+        super().step()
+
+
+@pytest.fixture
+def vehicle():
+    return Landing()
+
+
+def flying(vehicle, **options):
+    link = Link(vehicle.transport(), **options)
+    link.connect(10.0)
+    link.fly(Velocity(1.2, None), 60.0)
+    link.start_offboard()
+    link.wait(1.0)
+    return link
+
+
+def stage(link):
+    return SimpleNamespace(links=[link], end=lambda reason, error: None)
+
+
+def test_a_closed_terminal_keeps_no_vehicle_from_being_landed(vehicle):
+    link = flying(vehicle)
+
+    def say(line):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    finish(stage(link), "error", None, "land", say)
+    assert vehicle.mode == "LAND"
+
+
+def test_a_full_disk_keeps_no_vehicle_from_being_landed(vehicle, tmp_path):
+    link = flying(vehicle, limits=Limits(ceiling_m=3.0, margin_m=0.5))
+    SafetyLog(tmp_path / "no such folder" / "safety.jsonl", [link], lambda line: None)
+    vehicle.position[2] = -4.0  # now the envelope acts, in the very moment of standing still
+    finish(stage(link), "error", None, "land", lambda line: None)
+    assert vehicle.mode == "LAND"
+
+
+def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):
+    told = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
+    assert "No space left" in str(told)
+    assert "ZeroDivisionError" in str(unexpected(ZeroDivisionError("division"), tmp_path / "no such folder"))
+
+
+def test_a_wire_that_raises_what_nobody_expects_leaves_the_next_vehicle_landed(vehicle):
+    other = flying(ScriptedVehicle())
+
+    def broken(message):
+        raise RuntimeError("what nobody expects")
+
+    other.send = broken
+    two = SimpleNamespace(links=[other, flying(vehicle)], end=lambda reason, error: None)
+    finish(two, "error", None, "land", lambda line: None)
+    assert vehicle.mode == "LAND"
+
+
+@pytest.mark.parametrize("after_ms", [0, 200, 480])
+def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms):
+    link, said = flying(vehicle), []
+    due_ms, go_on, pressed = vehicle.time_ms + after_ms, vehicle.take, []
+
+    def take():
+        if vehicle.time_ms >= due_ms and not pressed:
+            pressed.append(True)
+            signal.raise_signal(signal.SIGINT)
+        return go_on()
+
+    vehicle.take = take
+    link.transport = vehicle.transport()
+    finish(stage(link), "interrupted", None, "land", said.append)
+    assert vehicle.mode == "LAND"
+    assert any("not waiting" in line for line in said)
+
+
+@pytest.mark.parametrize(("armed", "landed"), [(True, True), (True, False), (False, False)])
+def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
+    vehicle.armed, vehicle.landed, vehicle.mode = armed, landed, "POSCTL"
+    with pytest.raises(LinkError, match="not ours to arm"):
+        ascend([Link(vehicle.transport())], [Start((0.0, 0.0, -2.5), None)], lambda line: None)
+    assert {c[0] for c in vehicle.commands} <= {511, 512}
+    assert vehicle.mode == "POSCTL"
+
+
+def test_an_empty_battery_takes_nothing_off(vehicle):
+    vehicle.armed, vehicle.landed, vehicle.battery = False, True, 10
+    with pytest.raises(LinkError, match="battery is at 10%"):
+        ascend([Link(vehicle.transport(), limits=Limits())], [Start((0.0, 0.0, -2.5), None)], lambda line: None)
+    assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in {c[0] for c in vehicle.commands}
