@@ -14,9 +14,11 @@ from dronecats.border.frames import Vec3, geodetic_to_ned, wrap_pi
 from hil.offboard import PositionTarget, Target, VelocityTarget
 from hil.telemetry import VehicleState
 
+PLACE_GAIN = 1.0  # 1/s; how fast a PX4 flies to a place, per metre: MPC_XY_P 0.95, MPC_Z_P 1
 GAIN = 0.5  # 1/s; a real PX4 follows a step of velocity to nine tenths within a second
 STANDING = VelocityTarget((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, at which a vehicle that is beyond a limit is brought back
+TOUCHING_M = 1e-3  # m
 STALE_US = 500_000  # µs without a position after which none is believed
 
 Corner = tuple[float, float]  # m, north and east of home
@@ -42,7 +44,7 @@ class Limits:
 
 
 SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches them
-    ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=20.0, climb=5.0, yaw_rate=3.5,
+    ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=40.0, climb=40.0, yaw_rate=3.5,
     battery_min=None, flight_time_max_s=None,
 )  # fmt: skip
 
@@ -87,6 +89,8 @@ def admit(target: Target, state: VehicleState, home_ned: Vec3, limits: Limits, t
     """Return the target as the envelope lets it pass. `state` needs position, velocity and attitude."""
     assert state.position_ned is not None
     assert state.euler is not None
+    if not _is_a_number(target):
+        return Admitted(STANDING, ("not a number",))
     if time_us - state.position_us > STALE_US:
         return Admitted(STANDING, ("stale position",))
     if time_us - state.heartbeat_us > limits.heartbeat_s * 1e6:
@@ -95,6 +99,12 @@ def admit(target: Target, state: VehicleState, home_ned: Vec3, limits: Limits, t
     if isinstance(target, PositionTarget):
         return _position(target, (north, east, down), home_ned, state.euler[2], limits)
     return _velocity(target, (north, east, down), state.euler[2], limits)
+
+
+def _is_a_number(target: Target) -> bool:
+    if isinstance(target, PositionTarget):
+        return all(map(math.isfinite, (*target.position_ned, target.yaw)))
+    return all(map(math.isfinite, (*target.velocity_body, target.yaw_rate)))
 
 
 def _velocity(target: VelocityTarget, at: Vec3, yaw: float, limits: Limits) -> Admitted:
@@ -149,13 +159,16 @@ def _position(target: PositionTarget, at: Vec3, home: Vec3, yaw: float, limits: 
         north, east = at[0], at[1]
         limited.append("exclusion")
     away = (north - at[0], east - at[1], -height - at[2])
-    if math.hypot(*away) * GAIN > limits.speed:
-        share = limits.speed / math.hypot(*away)
+    fast, steep = math.hypot(*away[:2]) * PLACE_GAIN > limits.speed, abs(away[2]) * PLACE_GAIN > limits.climb
+    if fast or steep:
+        share = limits.speed / math.hypot(*away[:2]) if fast else PLACE_GAIN
+        down = max(-limits.climb, min(limits.climb, away[2] * PLACE_GAIN))
         c, s = math.cos(yaw), math.sin(yaw)
-        body = (c * away[0] + s * away[1], -s * away[0] + c * away[1], away[2])
+        body = ((c * away[0] + s * away[1]) * share, (-s * away[0] + c * away[1]) * share, down)
         turn = max(-limits.yaw_rate, min(limits.yaw_rate, wrap_pi(target.yaw - yaw)))
-        flown = _velocity(VelocityTarget((body[0] * share, body[1] * share, body[2] * share), turn), at, yaw, limits)
-        return Admitted(flown.target, _once([*limited, "speed", *flown.limited]))
+        flown = _velocity(VelocityTarget(body, turn), at, yaw, limits)
+        names = ["speed"] * fast + ["climb"] * steep
+        return Admitted(flown.target, _once([*limited, *names, *flown.limited]))
     if not limited:
         return Admitted(target, ())
     return Admitted(replace(target, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
@@ -204,12 +217,12 @@ def inside(at: Corner, polygon: Sequence[Corner]) -> bool:
 
 
 def crosses(a: Corner, b: Corner, polygon: Sequence[Corner]) -> bool:
-    """Return whether the way from a to b crosses an edge of a polygon."""
+    """Return whether the way from a to b crosses an edge of a polygon, or touches a corner of it."""
 
     def side(p: Corner, q: Corner, r: Corner) -> float:
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
-    return any(
+    return any(_edge(corner, a, b)[1] < TOUCHING_M for corner in polygon) or any(
         side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
         for c, d in zip(polygon, (*polygon[1:], polygon[0]), strict=True)
     )

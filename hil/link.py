@@ -8,7 +8,7 @@ from dronecats.border.frames import Vec3, wrap_pi
 from dronecats.border.mavlink import MODES, dialect
 from dronecats.border.setpoints import Hold, Setpoint
 from hil.conversation import SILENCE_S, Conversation
-from hil.envelope import Limits, admit, broken_off
+from hil.envelope import Limits, admit, broken_off, placed
 from hil.offboard import OffboardStream, Place, Target, message
 from hil.telemetry import VehicleState
 from hil.transport import Transport
@@ -52,7 +52,8 @@ class Link(Conversation):
         self._offboard_us = 0  # since when
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
-        self._home_ned: Vec3 | None = None
+        self._home_ned: Vec3 | None = None  # where the envelope's distances begin, once that is settled
+        self._first_ned: Vec3 | None = None  # in its stead while the autopilot has told no home
         self._tried_to_arm = False
         self._flew_armed = False  # whether it was armed when last seen in our offboard
 
@@ -274,10 +275,16 @@ class Link(Conversation):
             self.on_limit(admitted.limited)
         return admitted.target
 
+    def settle_envelope(self) -> None:
+        """From now on the limits stay where they are, whatever becomes of home. Raises LinkError as `placed` does."""
+        if self.limits is not None:
+            self.limits, self._home_ned = placed(self.limits, self.state), self.state.home_ned
+
     def _home(self, state: VehicleState) -> Vec3:
         """Return home in the local frame: the autopilot's, or where the vehicle was when it was first needed."""
-        if state.home_ned is not None:
-            return state.home_ned
+        home = self._home_ned or state.home_ned
+        if home is not None:
+            return home
         assert state.position_ned is not None
-        self._home_ned = self._home_ned or state.position_ned
-        return self._home_ned
+        self._first_ned = self._first_ned or state.position_ned
+        return self._first_ned

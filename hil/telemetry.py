@@ -1,11 +1,14 @@
 """What a vehicle last said of itself, as one frozen state, and the vehicle's clock."""
 
+import math
 from typing import NamedTuple
 
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import dialect, mode_name
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
+FAR_MS = 60_000  # a stamp further ahead than this, or one from after a reboot, is believed when a second one agrees
+LATE_MS = 5_000  # what is this much older is no packet that was on the way
 
 
 class VehicleClock:
@@ -14,22 +17,33 @@ class VehicleClock:
     def __init__(self) -> None:
         self.time_us = 0
         self.reboots = 0
-        self._wraps = 0
         self._last_ms: int | None = None
+        self._doubted_ms: int | None = None  # a stamp that nobody has borne out yet
 
     def see(self, time_boot_ms: int) -> None:
         """Take note of a time stamp."""
-        if self._last_ms is not None and time_boot_ms < self._last_ms:
-            back_ms = self._last_ms - time_boot_ms
-            if back_ms > WRAP_MS // 2:
-                self._wraps += 1
-            elif back_ms > 5000 and time_boot_ms < 60_000:
-                self.reboots += 1
-                self.time_us, self._wraps = 0, 0
-            else:
-                return  # a late packet
-        self._last_ms = time_boot_ms
-        self.time_us = max(self.time_us, (time_boot_ms + self._wraps * WRAP_MS) * 1000)
+        if self._last_ms is None:
+            self._last_ms, self.time_us = time_boot_ms, time_boot_ms * 1000
+            return
+        ahead_ms = _between(self._last_ms, time_boot_ms)
+        rebooted = ahead_ms < -LATE_MS and time_boot_ms < FAR_MS
+        if ahead_ms < 0 and not rebooted:
+            return  # a late packet
+        if rebooted or ahead_ms > FAR_MS:  # a damaged stamp must not stop the clock for good
+            doubted_ms, self._doubted_ms = self._doubted_ms, time_boot_ms
+            if doubted_ms is None or abs(_between(doubted_ms, time_boot_ms)) > LATE_MS:
+                return
+        self._doubted_ms, self._last_ms = None, time_boot_ms
+        if rebooted:
+            self.reboots += 1
+            self.time_us = time_boot_ms * 1000
+        else:
+            self.time_us += ahead_ms * 1000
+
+
+def _between(earlier_ms: int, later_ms: int) -> int:
+    """Return the ms from one stamp to another by the shorter way around the wrap; negative: back."""
+    return (later_ms - earlier_ms + WRAP_MS // 2) % WRAP_MS - WRAP_MS // 2
 
 
 class VehicleState(NamedTuple):
@@ -75,15 +89,22 @@ TOLD = frozenset(  # the messages that tell something of the state
 
 
 def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int = 0) -> VehicleState:
-    """Return the state after a message of the autopilot component, heard at `time_us` of the vehicle's clock."""
+    """Return the state after a message of the autopilot component, heard at `time_us` of the vehicle's clock.
+
+    A place or an attitude that is no number has not been told: it grows stale, instead of passing every comparison.
+    """
     match message.get_msgId():
         case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+            if not _finite(message.x, message.y, message.z, message.vx, message.vy, message.vz):
+                return state
             return state._replace(
                 position_ned=(message.x, message.y, message.z),
                 velocity_ned=(message.vx, message.vy, message.vz),
                 position_us=time_us,
             )
         case dialect.MAVLINK_MSG_ID_ATTITUDE:
+            if not _finite(message.roll, message.pitch, message.yaw):
+                return state
             return state._replace(euler=(message.roll, message.pitch, message.yaw))
         case dialect.MAVLINK_MSG_ID_HEARTBEAT:
             return state._replace(
@@ -109,9 +130,15 @@ def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int =
             origin = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
             return state._replace(origin=origin)
         case dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            if not _finite(message.x, message.y, message.z):
+                return state
             return state._replace(home_ned=(message.x, message.y, message.z))
         case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
             return state._replace(gps_fix=message.fix_type)
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:
             return state._replace(status_text=" ".join(message.text.split())) if message.severity <= 4 else state
     return state
+
+
+def _finite(*values: float) -> bool:
+    return all(map(math.isfinite, values))

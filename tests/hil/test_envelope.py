@@ -1,5 +1,6 @@
 """The envelope holds for every vehicle that follows its setpoints with a lag, wherever it is sent."""
 
+import itertools
 import math
 
 import pytest
@@ -112,3 +113,33 @@ def test_inside_and_crossing():
     assert not inside((5.0, 0.0), NOOK)  # in the nook, not in the wall
     assert crosses((0.0, 0.0), (10.0, 0.0), SQUARE)
     assert not crosses((0.0, 5.0), (10.0, 5.0), SQUARE)
+
+
+@pytest.mark.parametrize("corner", [(4.0, 0.0), (6.0, 0.0)])
+def test_a_way_through_a_corner_crosses(corner):
+    diamond = ((4.0, 0.0), (5.0, 1.0), (6.0, 0.0), (5.0, -1.0))
+    assert crosses((0.0, 0.0), (10.0, 0.0), diamond)
+    assert crosses((corner[0], -3.0), (corner[0], 3.0), diamond)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_target_that_is_no_number_stands_still(bad):
+    for target in (
+        VelocityTarget((bad, 0.0, 0.0), 0.0),
+        VelocityTarget((0.0, 0.0, 0.0), bad),
+        PositionTarget((0.0, bad, -2.0), 0.0),
+        PositionTarget((0.0, 0.0, -2.0), bad),
+    ):
+        admitted = admit(target, state((0.0, 0.0, -2.5)), HOME, Limits(), 0)
+        assert admitted.limited == ("not a number",)
+        assert admitted.target == VelocityTarget((0.0, 0.0, 0.0), 0.0)
+
+
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-20, -2))
+def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
+    limits = Limits(speed=1.5, climb=1.2, ceiling_m=30.0)
+    place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
+    path = fly(PositionTarget(place, 0.0), limits, 20.0)  # to a place as PX4 does, a metre per second and metre
+    for a, b in itertools.pairwise(path):
+        assert math.dist(a[:2], b[:2]) / STEP_S <= 1.5 * 1.02
+        assert abs(b[2] - a[2]) / STEP_S <= 1.2 * 1.02

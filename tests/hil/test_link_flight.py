@@ -337,3 +337,30 @@ def test_neither_a_failsafes_hold_nor_a_passing_switch_hands_over(vehicle):
     link.on_wait = person
     link.await_handover()
     assert 16_000 <= vehicle.time_ms < 18_000
+
+
+def test_limits_stay_where_they_are_when_home_is_moved_in_flight(vehicle):
+    link = Link(vehicle.transport(), limits=Limits(radius_m=10.0))
+    link.connect(10.0)
+    link.wait(1.0)
+    link.settle_envelope()
+    vehicle.silent = {dialect.MAVLINK_MSG_ID_HOME_POSITION}
+    link.fly(Velocity(1.2, None), 60.0)
+    link.start_offboard()
+    for _ in range(30):  # a ground station sets home to wherever the vehicle is
+        here = dialect.MAVLink_home_position_message(0, 0, 0, *vehicle.position, [1, 0, 0, 0], 0, 0, 0)
+        vehicle.out += vehicle.packer.pack(here)
+        link.wait(1.0)
+    assert 8.0 < vehicle.position[0] <= 10.0
+
+
+def test_a_home_that_is_no_number_switches_no_limit_off(vehicle):
+    vehicle.silent = {dialect.MAVLINK_MSG_ID_HOME_POSITION}
+    bad = dialect.MAVLink_home_position_message(0, 0, 0, float("nan"), 0, 0, [1, 0, 0, 0], 0, 0, 0)
+    link = Link(vehicle.transport(), limits=Limits(radius_m=10.0))
+    vehicle.out += vehicle.packer.pack(bad)
+    link.connect(10.0)
+    link.fly(Velocity(1.2, None), 60.0)
+    link.start_offboard()
+    link.wait(30.0)
+    assert 8.0 < vehicle.position[0] <= 10.0

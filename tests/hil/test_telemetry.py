@@ -1,3 +1,4 @@
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,8 +20,46 @@ def test_clock_ignores_late_packets_and_notices_a_reboot():
     clock.see(99_900)
     assert clock.time_us == 100_000_000
     clock.see(700)
-    assert clock.time_us == 700_000
+    clock.see(720)
+    assert clock.time_us == 720_000
     assert clock.reboots == 1
+
+
+@pytest.mark.parametrize("damaged_ms", [4_000_000_000, 2_000_000_000, 300_000, 5])
+def test_one_damaged_stamp_neither_stops_nor_throws_the_clock(damaged_ms):
+    clock = VehicleClock()
+    clock.see(100_000)
+    clock.see(damaged_ms)
+    for stamp in (100_020, 100_040):
+        clock.see(stamp)
+        assert clock.time_us == stamp * 1000
+    assert clock.reboots == 0
+
+
+def test_a_late_packet_from_before_the_wrap_is_late():
+    clock = VehicleClock()
+    for stamp in ((1 << 32) - 50, 30, (1 << 32) - 10, 50):
+        clock.see(stamp)
+    assert clock.time_us == ((1 << 32) + 50) * 1000
+
+
+def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
+    clock = VehicleClock()
+    for stamp in (100_000, 500_000, 500_020):
+        clock.see(stamp)
+    assert clock.time_us == 500_020_000
+
+
+def test_what_is_no_number_has_not_been_told():
+    state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), 1000)
+    nan = float("nan")
+    for bad in (
+        dialect.MAVLink_local_position_ned_message(2, 1, nan, 3, 0, 0, 0),
+        dialect.MAVLink_local_position_ned_message(2, 1, 2, 3, 0, 0, float("inf")),
+        dialect.MAVLink_attitude_message(2, 0, 0, nan, 0, 0, 0),
+        dialect.MAVLink_home_position_message(0, 0, 0, nan, 0, 0, [1, 0, 0, 0], 0, 0, 0),
+    ):
+        assert update(state, bad, 2000) == state
 
 
 @given(st.lists(st.integers(0, (1 << 32) - 1), max_size=30))
