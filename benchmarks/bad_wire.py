@@ -152,7 +152,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
                 if row.cut:
                     wire.pull(wire.time_s + CUT_AT_S, CUT_S)
                 for setpoint, seconds in MINUTE:
-                    link.fly(setpoint)
+                    link.fly(setpoint, seconds)
                     link.wait(seconds)
                 phase = "landing"
                 link.stop_offboard()
