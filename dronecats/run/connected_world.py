@@ -29,8 +29,9 @@ def fly_world(args: argparse.Namespace, say: Say) -> dict[str, Any]:
     Everything that can be refused is refused before the run folder is made: UsageError.
     """
     agreed = terms(args)
-    judged = args.world not in maps.names()
-    if judged:
+    of_episode = args.world not in maps.names()
+    judged = of_episode and not args.dry_run  # what was only meant to be flown succeeds nowhere
+    if of_episode:
         if args.instruction:
             raise UsageError("an episode brings its instruction: leave --instruction out, or name a map with --world")
         record = catalogue.load(args.world)
