@@ -11,6 +11,7 @@ from dronecats.cli import signals
 SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4")
 CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
+    "target", "target_std",
 )  # fmt: skip
 ARM = "ARM"  # what has to be typed
 
@@ -45,6 +46,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     vehicle.add_argument("--no-envelope", action="store_true", help="with --sitl: no limits at all")
     vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
+    vehicle.add_argument(
+        "--target", metavar="LAT,LON[,ALT]", help="with --connect: as surveyed, for the distances: docs/after-flight.md"
+    )
+    vehicle.add_argument("--target-std", type=float, metavar="M", help="with --target: how well, per axis (3)")
     vehicle.add_argument("--airframe", metavar="NAME", help="with --sitl (default x500)")
     vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
     vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
@@ -98,9 +103,12 @@ def run(args: argparse.Namespace) -> int:
 
             result = fly_world(args, say=_say)
         else:
+            from dronecats.logger.surveyed_target import target_from
             from dronecats.run.connected import fly_connected
+            from dronecats.run.traced import traced
 
-            result = fly_connected(args, say=_say)
+            target = target_from(args.target, args.target_std) if args.target else None
+            result = traced(fly_connected(args, say=_say), target, say=_say)
     else:
         from dronecats.run.simulated import fly_simulated
 
@@ -114,6 +122,10 @@ def _check_eyes(args: argparse.Namespace) -> None:
 
     if bool(args.world) != bool(args.truth):
         raise UsageError("--world and --truth go together: the world is drawn where the truth says that the vehicle is")
+    if args.world and args.target:
+        raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
+    if args.target_std is not None and not args.target:
+        raise UsageError("--target-std goes with --target; add it or leave it out")
     if args.world and (args.camera or args.calibration):
         raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
     if not args.world and not (args.camera and args.instruction):

@@ -20,6 +20,7 @@ from dronecats.logger.estimate import EstimateRecorder
 from dronecats.logger.estimate_sources import from_tlog, from_ulog
 from dronecats.logger.estimate_trace import FILE, derive
 from dronecats.logger.surveyed_target import SurveyedTarget, target_from, target_of
+from dronecats.run.traced import traced
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.scenario import build, load_world, origin
 from hil.link import Link
@@ -180,6 +181,29 @@ def test_the_command_judges_anew_and_tells_it_in_words(flown: Flown, capsys: pyt
     assert "DISTANCE ONLY" in told
     assert main(["flightlog", "trace", str(flown.folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["outcome"] == "unknown"  # no target: nothing to be near to
+
+
+def test_a_connected_flight_ends_traced_and_one_that_told_too_little_as_it_was(flown: Flown, tmp_path: Path) -> None:
+    said: list[str] = []
+    ended = {"run_dir": str(flown.folder), "outcome": "unknown", "success": None, "reason": "cap"}
+    result = traced(ended, surveyed(flown, flown.true(0.0)), said.append)
+    assert (result["outcome"], result["success"], result["reason"]) == ("distance only", None, "cap")
+    assert result["distances"]["closest"]["distance_m"] < 2.0
+    assert said[0].startswith("DISTANCE ONLY")
+    assert traced(ended, None, said.append)["outcome"] == "unknown"
+    for log in ("decisions.jsonl", "truth.jsonl"):
+        (tmp_path / log).touch()
+    broken = {"run_dir": str(tmp_path), "outcome": "error", "success": False}
+    assert traced(broken, None, said.append) == broken
+    assert "no smoothed trace: " in said[-1]
+
+
+@pytest.mark.parametrize(
+    "wrong", [["--target", "here"], ["--target-std", "1"], ["--target", "1,2", "--world", "blocks"]]
+)
+def test_fly_refuses_a_target_that_is_none_before_anything_moves(wrong: list[str]) -> None:
+    eyes = ["--truth", "udpin://127.0.0.1:0"] if "--world" in wrong else ["--camera", "x", "--instruction", "go"]
+    assert main(["fly", "--connect", "udpin://127.0.0.1:0", *eyes, *wrong]) == 2
 
 
 def test_the_target_may_stand_in_the_episode(flown: Flown) -> None:
