@@ -5,7 +5,8 @@ time to arrive, so a flight is as fast as the machine allows, but not the same b
 """
 
 from dronecats.sitl.lockstep import Lockstep
-from dronecats.sitl.px4_simulator import AGENT_PORT, Px4Simulator
+from dronecats.sitl.px4_simulator import Px4Simulator
+from dronecats.sitl.simulator_process import AGENT_PORT
 from hil.transport import Transport, connect
 
 MOMENT_S = 0.002  # wall seconds; PX4's ATTITUDE comes on every tick, mostly within a third of a millisecond

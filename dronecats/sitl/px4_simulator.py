@@ -15,16 +15,15 @@ from dronecats.sitl.px4_process import INSTANCE, Px4Process
 from dronecats.sitl.px4_vehicle import Px4Vehicle
 from dronecats.sitl.scenario import built_of, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
-from dronecats.sitl.simulator_process import truth_port
+from dronecats.sitl.simulator_process import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from episodes.world import World
 from hil.simulator_server import PORT
 from vehicles import airframe as airframes
 from vehicles import fault_script
 from vehicles.wind import Wind
 
-AGENT_PORT = 14540  # + instance: where PX4 sends its offboard link to
 INSTANCES = 10  # of which each has an offboard port of its own
-UDP_PORTS = (AGENT_PORT, 14580, 18570)  # what an instance must find free, beside its TCP port
+UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
 ROTORS = 4  # of PX4's airframe none_iris
 IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
 

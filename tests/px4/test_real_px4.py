@@ -12,6 +12,7 @@ import pytest
 from pymavlink import mavutil
 
 from dronecats.border.frames import geodetic_to_ned
+from dronecats.sitl.px4_simulator import free_instance
 
 COMMAND = os.environ.get("DRONECATS_PX4")
 pytestmark = [
@@ -57,7 +58,7 @@ def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
 
 def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
     state = tmp_path / "state"
-    words = ["--autopilot", "px4", "--instance", "8", "--speed", "4", "--state", str(state)]
+    words = ["--autopilot", "px4", "--instance", str(free_instance(1)), "--speed", "4", "--state", str(state)]
     simulator = subprocess.Popen(dronecats("sitl", *words), stdout=subprocess.PIPE, text=True)
 
     def until(text):
