@@ -16,6 +16,7 @@ from hil.transport import Transport
 BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us before the autopilot is asked to hold
 LAST_MODES = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
 LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes into which an autopilot goes on by itself
+HOMEWARD = ("LAND", "RETURN")
 SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
@@ -68,6 +69,8 @@ class Link(Conversation):
         mode = MODES[name]
         self._expect(name, *LEADS_TO.get(name, ()))
         self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub)
+        if name in HOMEWARD:  # nothing more is ordered, and a PX4 that has landed goes back to the mode before
+            self._expected = ()
 
     def arm(self) -> None:
         """Arm; retried for ten seconds, since a pre-arm check may flicker. Raises LinkError when refused to the end."""

@@ -364,3 +364,12 @@ def test_a_home_that_is_no_number_switches_no_limit_off(vehicle):
     link.start_offboard()
     link.wait(30.0)
     assert 8.0 < vehicle.position[0] <= 10.0
+
+
+def test_a_landing_that_ends_in_the_mode_before_it_is_no_takeover(vehicle):
+    link = flying(vehicle)
+    link.set_mode("LAND")
+    vehicle.mode = "OFFBOARD"  # as a PX4 tells, just before it tells that it is disarmed
+    vehicle.say(vehicle.heartbeat())
+    vehicle.armed = False
+    link.wait_for(lambda state: not state.armed, 5.0, "landing")
