@@ -9,6 +9,7 @@ from pathlib import Path
 from dronecats.cli import signals
 
 WIND_MAX = 40.0  # m/s, a hurricane
+PX4_INSTANCES = 10  # further ones all send to port 14549
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -78,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
     if args.hitl:
         _check_hitl(args, factor)
+    elif args.autopilot == "px4" and args.instance + (args.count or 1) > PX4_INSTANCES:
+        raise UsageError(f"PX4 has offboard ports of their own for instances 0 to {PX4_INSTANCES - 1} only")
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.run.supervisor import Supervisor
@@ -115,8 +118,6 @@ def run(args: argparse.Namespace) -> int:
                 child = supervisor.start("camera", config)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
-            if args.autopilot == "px4" and not (args.px4 or args.hitl):
-                _say("waiting for a PX4, and no time passes until then; start yours with PX4_SIM_MODEL=none_iris")
             simulator.ready()
             while True:
                 simulator.turn()

@@ -4,6 +4,8 @@ Vehicle and PX4 are in step as ever. PX4's MAVLink threads are not: after each t
 time to arrive, so a flight is as fast as the machine allows, but not the same byte for byte when it is flown again.
 """
 
+import time
+
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.px4_simulator import Px4Simulator
 from dronecats.sitl.simulator_process import AGENT_PORT
@@ -16,8 +18,11 @@ class Px4Lockstep(Lockstep):
     """As `Lockstep`, with PX4 in our autopilot's place."""
 
     def __init__(self, simulator: Px4Simulator) -> None:
+        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError when one that we started ends."""
         super().__init__(simulator.simulation)
         self._simulator = simulator
+        while not simulator.do("in step", {}):
+            simulator.turn()
 
     def pump(self) -> None:
         """One tick of vehicle time, or a short wait for a PX4 that has not come yet."""
@@ -39,7 +44,8 @@ class PumpedTransport:
 
     def receive(self, timeout_s: float) -> bytes:
         data = self._socket.receive(0.0)
-        while not data and timeout_s > 0:
+        due_s = time.monotonic() + timeout_s  # whoever waits for a PX4 that has gone must get to know it
+        while not data and time.monotonic() < due_s:
             self._clock.pump()
             data = self._socket.receive(MOMENT_S)
         return data

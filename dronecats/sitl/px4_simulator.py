@@ -97,6 +97,9 @@ class Px4Simulator:
             self.close()
             raise
         self._reset_pace()
+        if command is None:
+            ports = ", ".join(str(vehicle.server.port) for vehicle in self.vehicles)
+            say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
 
     def _vehicle(self, index: int, *arguments: Any, **physics: Any) -> Px4Vehicle:
         port = PORT + self.instance + index

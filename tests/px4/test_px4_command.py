@@ -17,6 +17,7 @@ from hil.simulator_server import PORT, SimulatorServer
     [
         (["fly", "--sitl", "--px4", "px4"], "--px4 goes with --autopilot px4"),
         (["sitl", "--px4", "px4"], "--px4 goes with --autopilot px4"),
+        (["sitl", "--autopilot", "px4", "--instance", "8", "--count", "3"], "instances 0 to 9"),
         (["sitl", "--autopilot", "px4", "--airframe", "hexa"], "hexa has 6 rotors"),
         (["sitl", "--autopilot", "px4", "--instance", "7", "--px4", "no-such-px4"], "names no program"),
         (["sitl", "--autopilot", "px4", "--instance", "7", "--px4", ""], "names no program"),
@@ -78,7 +79,8 @@ def test_no_time_passes_until_px4_has_come(tmp_path):
     words = [sys.executable, "-m", "dronecats.cli.main", "sitl", "--autopilot", "px4", "--instance", instance]
     process = subprocess.Popen([*words, "--state", str(tmp_path)], stdout=subprocess.PIPE, text=True)
     try:
-        assert any("waiting for a PX4" in line for line in process.stdout)
+        said = "".join(iter(process.stdout.readline, "Ctrl-C ends it\n"))
+        assert f"waiting for PX4 on TCP port {PORT + int(instance)}" in said
         process.send_signal(2)
         out, _ = process.communicate(timeout=30)
         assert process.returncode == 0
