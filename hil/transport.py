@@ -3,6 +3,7 @@
 import contextlib
 import select
 import socket
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -11,6 +12,7 @@ from dronecats.border.errors import LinkError, UsageError
 
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
 BAUD = 57_600  # of a serial line that names none, MAVSDK's and PX4's TELEM1
+PEER_S = 3.0  # wall seconds after which who has said nothing is answered no more
 BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
 
 
@@ -29,20 +31,24 @@ class Transport(Protocol):
 
 
 class UdpTransport:
-    """A UDP socket that listens (`udpin`, answers whoever spoke last) or speaks first (`udpout`)."""
+    """A UDP socket that listens (`udpin`) or speaks first (`udpout`).
+
+    It answers whoever spoke last, and everybody else who spoke within PEER_S: where two vehicles send to one port, what
+    is said goes to both, and MAVLink's target says whom it is for.
+    """
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
         self.url = url
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        self._peer: Any = None
+        self._peers: dict[Any, float] = {}  # address -> wall clock when it last spoke, the newest last
         try:
             if listen:
                 self._socket.bind((host, port))
             else:
                 self._socket.bind(("127.0.0.1" if host.startswith("127.") else "", 0))
-                self._peer = (socket.gethostbyname(host) if family == socket.AF_INET else host, port)
+                self._peers[(socket.gethostbyname(host) if family == socket.AF_INET else host, port)] = 0.0
         except OSError as error:
             self._socket.close()
             raise bind_error(error, "UDP", host, port) from None
@@ -61,14 +67,18 @@ class UdpTransport:
         with contextlib.suppress(OSError):
             while len(parts) < 256:
                 data, peer = self._socket.recvfrom(65536)
-                self._peer = peer
+                self._peers.pop(peer, None)
+                self._peers[peer] = time.monotonic()
                 parts.append(data)
         return b"".join(parts)
 
     def send(self, data: bytes) -> None:
-        if self._peer is not None:
+        if len(self._peers) > 1:
+            newest, oldest_s = next(reversed(self._peers)), time.monotonic() - PEER_S
+            self._peers = {peer: at_s for peer, at_s in self._peers.items() if peer == newest or at_s > oldest_s}
+        for peer in self._peers:
             with contextlib.suppress(OSError):  # no network for the moment: lost, as any datagram may be
-                self._socket.sendto(data, self._peer)
+                self._socket.sendto(data, peer)
 
     def close(self) -> None:
         self._socket.close()

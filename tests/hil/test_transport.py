@@ -25,6 +25,21 @@ def test_udp_answers_whoever_spoke_last():
     client.close()
 
 
+def test_two_who_send_to_one_port_are_both_answered_until_one_is_silent(monkeypatch):
+    server = connect("udpin://127.0.0.1:0")
+    one, other = (connect(f"udpout://127.0.0.1:{server.port}") for _ in range(2))
+    for client in (one, other):
+        client.send(b"hello")
+        assert server.receive(2.0) == b"hello"
+    server.send(b"for one")
+    assert [one.receive(2.0), other.receive(2.0)] == [b"for one"] * 2
+    monkeypatch.setattr("hil.transport.PEER_S", 0.0)
+    server.send(b"again")
+    assert [one.receive(0.0), other.receive(2.0)] == [b"", b"again"]
+    for wire in (server, one, other):
+        wire.close()
+
+
 def test_a_port_in_use_is_named_with_its_holder():
     holder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     holder.bind(("127.0.0.1", 0))
