@@ -16,7 +16,7 @@ from dronecats.agent.picture import encode
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.vehicle import Vehicle
 from dronecats.border.camera import Camera, CameraModel, Frame
-from dronecats.border.errors import ModelError
+from dronecats.border.errors import CameraError, ModelError
 from dronecats.border.setpoints import Hold
 
 CAP_S = 300.0  # s of vehicle time, the length of an episode
@@ -31,7 +31,7 @@ class Pilot:
     instruction: str
     latency: Latency
     axis_order: actions.AxisOrder = "xy"
-    patience_s: float | None = None  # s of vehicle time without a reply after which the flight ends; None: the model's
+    patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
 
 
 @dataclass(slots=True)
@@ -107,8 +107,11 @@ class Agent:
     def _see(self) -> list[Frame]:
         """Return every drone's newest frame. The vehicles are kept holding meanwhile: a fleet's frames take a while."""
         coming = self.executor.submit(lambda: [self.camera.newest(drone.index) for drone in self.drones])
+        asked_s, patience_s = self.now_s, self.pilot.patience_s
         while not coming.done():
             self._tick()
+            if patience_s is not None and self.now_s > asked_s + patience_s:
+                raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
         return coming.result()
 
     def _ask(self, frames: Sequence[Frame]) -> tuple[Asking, bool]:

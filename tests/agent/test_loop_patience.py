@@ -1,0 +1,59 @@
+"""Nothing that hangs beside the loop keeps a vehicle in the air for longer than the pilot's patience."""
+
+import threading
+
+import pytest
+
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.latency import DaemonExecutor, latency
+from dronecats.agent.loop import Agent, Pilot
+from dronecats.agent.model import Reply
+from dronecats.agent.prompt import Prompt
+from dronecats.border.camera import CameraModel
+from dronecats.border.errors import CameraError
+
+
+class Vehicle:
+    """Holds, while its clock goes on."""
+
+    time_us = 0
+
+    def fly(self, setpoint, seconds=None):
+        pass
+
+    def listen(self):
+        pass
+
+    def tick(self):
+        self.time_us += 50_000
+
+
+class StuckCamera:
+    def __init__(self):
+        self.free = threading.Event()
+
+    def newest(self, drone=0):
+        self.free.wait()
+
+
+class Model:
+    name = "never asked"
+
+    def ask(self, request):
+        return Reply("", 0.0)
+
+    def close(self):
+        pass
+
+
+def test_a_camera_that_hangs_ends_the_flight(tmp_path):
+    camera = StuckCamera()
+    agent = Agent(
+        pilot=Pilot(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0),
+        vehicles=[Vehicle()], camera=camera, camera_model=CameraModel(), log=DecisionLog(tmp_path / "d.jsonl"),
+        frames_dir=tmp_path, executor=DaemonExecutor(), t0_us=0,
+    )  # fmt: skip
+    with pytest.raises(CameraError, match="has not answered for 5 s"):
+        agent.fly(300.0)
+    assert agent.now_s < 6.0
+    camera.free.set()
