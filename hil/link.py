@@ -172,7 +172,8 @@ class Link(Conversation):
 
     def fly(self, setpoint: Setpoint, seconds: float | None = None) -> None:
         """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead."""
-        self._stream.fly(setpoint, None if seconds is None else self.time_us + round(seconds * 1e6))
+        ends_us = None if seconds is None else self.time_us + round(seconds * 1e6)
+        self._stream.fly(setpoint, ends_us, self.time_us)
 
     def start_offboard(self) -> None:
         """Enter offboard with the setpoint given to `fly`, which is streamed before. Raises LinkError when refused."""

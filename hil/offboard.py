@@ -49,6 +49,15 @@ class Place:
     yaw: float  # rad
 
 
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """A turn under way."""
+
+    yaw_rate: float  # rad/s
+    counted_us: int | None  # µs, until when its angle has been counted; None: not begun
+    ends_us: int | None  # µs, None while nobody has said
+
+
 class OffboardStream:
     """Remembers what is being flown and turns it into the target for the next tick.
 
@@ -62,10 +71,10 @@ class OffboardStream:
         self._place: Vec3 | None = None  # m, local frame, that is being held
         self._height: float | None = None  # m, local z that is being held
         self._heading: float | None = None  # rad, that is being held; what turns have asked for is in it
-        self._turn: tuple[int, float] | None = None  # µs of the newest target of a turn, and its rad/s
+        self._turn: Turning | None = None
 
-    def fly(self, setpoint: Setpoint, ends_us: int | None = None) -> None:
-        """Change what is flown, until `ends_us` (µs, vehicle clock), None for a hold, which lasts.
+    def fly(self, setpoint: Setpoint, ends_us: int | None = None, starts_us: int | None = None) -> None:
+        """Change what is flown, from `starts_us` until `ends_us` (µs, vehicle clock); None: the next target, for ever.
 
         A hold that goes on keeps its place; the height is kept through level moves, the heading through everything.
         """
@@ -76,6 +85,9 @@ class OffboardStream:
             self._place = None
         if isinstance(self.setpoint, Velocity) and self.setpoint.up is not None:
             self._height = None
+        if isinstance(setpoint, Turn):
+            self._turned_until(starts_us)
+            self._turn = Turning(setpoint.yaw_rate, starts_us, ends_us)
         self.setpoint = setpoint
 
     def fly_to(self, place: Place) -> None:
@@ -120,11 +132,22 @@ class OffboardStream:
         """
         if self._heading is None:
             self._heading = yaw
-        if self._turn is not None:
-            since_us, yaw_rate = self._turn
-            self._heading = wrap_pi(self._heading + yaw_rate * min(time_us - since_us, TURN_GAP_US) / 1e6)
-        self._turn = (time_us, self.setpoint.yaw_rate) if isinstance(self.setpoint, Turn) else None
+        self._turned_until(time_us)
+        if not isinstance(self.setpoint, Turn):
+            self._turn = None
         return self._heading
+
+    def _turned_until(self, time_us: int | None) -> None:
+        """Count what the present turn has turned by then. It ends when its time does, not at the tick that follows."""
+        turn = self._turn
+        if turn is None or time_us is None:
+            return
+        until_us = time_us if turn.ends_us is None else min(time_us, turn.ends_us)
+        since_us = until_us if turn.counted_us is None else turn.counted_us
+        if self._heading is not None:
+            passed_us = max(0, min(until_us - since_us, TURN_GAP_US))
+            self._heading = wrap_pi(self._heading + turn.yaw_rate * passed_us / 1e6)
+        self._turn = Turning(turn.yaw_rate, until_us, turn.ends_us)
 
     def _height_correction(self, position: Vec3) -> float:
         assert self._height is not None

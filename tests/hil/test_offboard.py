@@ -120,3 +120,18 @@ def test_what_moves_the_vehicle_ends_with_its_time():
     assert held.coordinate_frame == 1
     assert 3.0 < held.x < 4.0
     assert message(stream, (9.0, 0, -2.0), time_us=9_000_000).x == pytest.approx(held.x)  # and so it stays
+
+
+@pytest.mark.parametrize("tick_us", [48_000, 50_000, 52_000, 70_000])
+def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
+    stream = OffboardStream()
+    stream.fly(Hold())
+    message(stream, (0, 0, -2.0), yaw=0.3, time_us=1_000_000)
+    stream.fly(Turn(math.radians(60)), 2_500_000, 1_000_000)
+    time_us = 1_000_000
+    while time_us < 2_500_000:
+        time_us += tick_us
+        message(stream, (0, 0, -2.0), yaw=0.3, time_us=time_us)
+    stream.fly(Hold(), None, time_us)
+    held = message(stream, (0, 0, -2.0), yaw=1.5, time_us=time_us + tick_us)
+    assert held.yaw == pytest.approx(0.3 + math.radians(90), abs=1e-6)
