@@ -1,6 +1,5 @@
 """Live video through OpenCV: RTSP, and cameras on this computer (Video4Linux)."""
 
-import os
 import threading
 import time
 from typing import Any
@@ -11,9 +10,8 @@ from dronecats.border.errors import CameraError, UsageError
 from hil.cameras.stream import Picture
 
 OPEN_MS, READ_MS = 5000, 5000  # after which a silent stream is taken for absent, for broken
-# what FFmpeg reads to learn what the stream is, it must not hand out afterwards: that would be a second old for ever
-OPTIONS = ("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;tcp|fflags;nobuffer")
-LIVE_GRABS = 3  # that had to wait for their picture: the buffer is empty
+LIVE_GRABS = 3  # in a row that had to wait for their picture: nothing is kept any more
+WAITED = 0.7  # of the time between two pictures; a computer that needs longer to decode one is too slow for the stream
 DRAIN_S = 5.0
 
 
@@ -25,7 +23,6 @@ class RtspSource:
         self._capture: Any = None
 
     def open(self) -> None:
-        os.environ.setdefault(*OPTIONS)  # OpenCV takes FFmpeg's options from nowhere else
         # one decoding thread: with more, FFmpeg holds a picture back for each of them
         wanted = [
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS, cv2.CAP_PROP_N_THREADS, 1,
@@ -85,9 +82,10 @@ def shoot(capture: Any) -> tuple[float, Picture]:
 
 
 def drain(capture: Any) -> None:
-    """Throw away what was kept for us: servers and decoders hand a new listener the last second or two at once.
+    """Throw away what was kept: FFmpeg reads a second of a stream to learn what it is, and servers keep one, too.
 
-    A picture was kept when it comes in less than half the time that lies between it and the one before.
+    Handed out, that second would never be caught up with. A picture was kept when it comes sooner after the one before
+    than it was taken.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:
@@ -95,7 +93,7 @@ def drain(capture: Any) -> None:
         shoot(capture)
         waited_ms, before_ms = (time.monotonic() - began_s) * 1e3, at_ms
         at_ms = capture.get(cv2.CAP_PROP_POS_MSEC)
-        live = live + 1 if waited_ms > 0.5 * (at_ms - before_ms) and waited_ms > 2.0 else 0
+        live = live + 1 if waited_ms > max(2.0, WAITED * (at_ms - before_ms)) else 0
 
 
 def size_of(text: str | None) -> tuple[int, int] | None:
