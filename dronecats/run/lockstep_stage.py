@@ -15,7 +15,7 @@ from dronecats.logger.telemetry import subscribe
 from dronecats.pilots import roster
 from dronecats.pilots.oracle_model import OracleModel
 from dronecats.pilots.server import PilotServer
-from dronecats.run.plan import PX4_SILENCE_S, Plan
+from dronecats.run.plan import Plan
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.px4_lockstep import Px4Lockstep
@@ -109,7 +109,6 @@ def px4_simulator(plan: Plan, folder: Path, world: World) -> Px4Simulator:
         "seed": plan.seed,
         "speed": None,
         "px4": plan.px4,
-        "silence_s": PX4_SILENCE_S,
         "log_dir": str(folder),
     }
     return Px4Simulator(config, world=world)

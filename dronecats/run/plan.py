@@ -18,7 +18,6 @@ from hil.envelope_file import load as load_envelope
 from vehicles import airframe as airframes
 
 SEED_MAX = 2**31 - 1
-PX4_SILENCE_S = 20.0  # wall seconds after which a PX4 in flight that does not answer is given up
 _DEFAULT, _CAMERA = Request("", (), False), CameraModel()
 SAMPLING = {"temperature": _DEFAULT.temperature, "max_tokens": _DEFAULT.max_tokens}
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}

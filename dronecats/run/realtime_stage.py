@@ -11,7 +11,7 @@ from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
 from dronecats.pilots.oracle_model import OracleModel
 from dronecats.run.listening import Listener
-from dronecats.run.plan import PX4_SILENCE_S, Plan
+from dronecats.run.plan import Plan
 from dronecats.run.supervisor import ChildProcess, Supervisor
 from dronecats.sitl.scenario import load_world, origin
 from hil.cameras.snapshot import HttpCamera
@@ -47,7 +47,6 @@ class RealtimeStage:
                 "speed": plan.speed,
                 "autopilot": plan.autopilot,
                 "px4": plan.px4,
-                "silence_s": PX4_SILENCE_S,
                 "log_dir": str(folder),
             },
         )

@@ -1,6 +1,5 @@
 """The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
 
-import math
 import socket
 import sys
 import time
@@ -57,9 +56,8 @@ class Px4Simulator:
         when the command says where it goes, and otherwise 0. A speed of None does not wait for the wall.
 
         If wanted px4: the command that starts one; log_dir: for its output; state_dir: where its files stay, without it
-        a temporary folder; restart: whether one that ends is started again; silence_s: wall seconds after which one
-        that does not answer is given up, without it never. `say` gets a line for whoever looks on; `world` saves
-        loading the episode's.
+        a temporary folder; restart: whether one that ends is started again. `say` gets a line for whoever looks on;
+        `world` saves loading the episode's.
         """
         world = world or load_world(config["episode"])
         script, command = config.get("faults"), config.get("px4")
@@ -68,7 +66,6 @@ class Px4Simulator:
             raise UsageError(f"PX4 flies quadrotors here, and {config['airframe']} has {rotors} rotors; choose another")
         north, east = config.get("wind") or (0.0, 0.0)
         self._say, self._restarts = say, bool(config.get("restart"))
-        self._silence_s = config.get("silence_s") or math.inf
         self.instance = config.get("instance") or 0
         if config.get("instance") is None and INSTANCE in (command or ""):
             self.instance = free_instance(config.get("count") or len(world.record.starts))
@@ -102,8 +99,7 @@ class Px4Simulator:
             say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
 
     def _vehicle(self, index: int, *arguments: Any, **physics: Any) -> Px4Vehicle:
-        port = PORT + self.instance + index
-        return Px4Vehicle(index, *arguments, port=port, silence_s=self._silence_s, **physics)
+        return Px4Vehicle(index, *arguments, port=PORT + self.instance + index, **physics)
 
     def _px4(self, command: str, index: int, config: dict[str, Any]) -> Px4Process:
         name = f"vehicle-{index + 1}"
@@ -173,7 +169,8 @@ class Px4Simulator:
         for k, vehicle in enumerate(self.vehicles):
             if vehicle.in_step != self._in_step[k]:
                 self._in_step[k] = vehicle.in_step
-                change = "is in step" if vehicle.in_step else "has gone; its rotors stand until it is back"
+                lost = "does not answer" if vehicle.server.connected else "has gone"
+                change = "is in step" if vehicle.in_step else f"{lost} and the rotors stand"
                 self._say(f"vehicle {k + 1}: PX4 {change}, at {vehicle.time_us / 1e6:.1f} s")
         for k, process in enumerate(self._processes):
             status = process.poll()

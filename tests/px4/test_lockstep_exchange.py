@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from dronecats.border.errors import LinkError
+from dronecats.sitl import px4_vehicle
 from dronecats.sitl.px4_vehicle import EXCHANGE_US, Px4Vehicle
 from dronecats.sitl.vehicle import TICK_US, Place
 from hil.simulator_interface import ACCEL, BARO, GYRO, MAG
@@ -166,13 +166,25 @@ def test_a_wait_is_given_up_when_nobody_needs_it_any_more(vehicle, connect):
     assert not worker.is_alive()
 
 
-def test_a_px4_that_hangs_is_given_up_where_that_is_asked_for(connect, vehicle):
-    vehicle.silence_s = 0.5
-    connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec < 100_000 else b"")
+def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle, connect, monkeypatch):
+    """A real PX4 publishes no outputs any more then, and waits for time to pass as anybody does."""
+    monkeypatch.setattr(px4_vehicle, "ANSWER_S", 0.3)
+    quiet = [10**9, 10**9]  # µs, from when to when PX4 is silent
+
+    def answer(sensor):
+        silenced = quiet[0] <= sensor.time_usec < quiet[1]
+        return b"" if silenced else controls(sensor.time_usec, (0.85,) * 4, armed=True)
+
+    connect(answer)
     come_into_step(vehicle)
-    with pytest.raises(LinkError, match=f"PX4 on TCP port {vehicle.server.port} does not answer for 0.5 s"):
-        fly(vehicle, 0.2)
-    assert vehicle.time_us % EXCHANGE_US == 0  # where it was asked; no time has passed without an answer
+    fly(vehicle, 1.0)
+    quiet[:] = vehicle.time_us, vehicle.time_us + 400_000
+    fly(vehicle, 0.2)
+    assert not vehicle.in_step
+    assert vehicle.server.connected
+    assert vehicle.plant.actuators["armed"] == 0
+    come_into_step(vehicle)  # and one that comes to itself again is waited for as before
+    assert vehicle.plant.actuators["armed"] == 1
 
 
 def test_a_recorded_boot_of_a_real_px4_brings_it_into_step(vehicle, connect):
