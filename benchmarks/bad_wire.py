@@ -14,15 +14,16 @@ import json
 import math
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dronecats.border.errors import DronecatsError, InfrastructureError
-from dronecats.border.mavlink import dialect
+from dronecats.border.mavlink import Parser, dialect
 from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
-from dronecats.border.truth import NewestTruth, TruthSample
+from dronecats.border.truth import TruthSample, truth_sample
 from dronecats.run.listening import Listener
 from dronecats.run.supervisor import Supervisor
 from hil.impaired_wire import ImpairedWire
@@ -31,6 +32,7 @@ from hil.link import Link
 from hil.transport import connect
 
 EPISODE = "campus-approaching-01"
+ORIGIN = (47.397742, 8.545594, 488.0)  # only differences are looked at
 CUT_AT_S, CUT_S = 20.0, 10.0  # of the minute
 LEG: tuple[tuple[Setpoint, float], ...] = (
     (Velocity(1.2, None), 5.0),
@@ -70,17 +72,17 @@ ROWS = (
 )
 
 
-@dataclass
 class Truth:
-    """Listens to the truth on a thread of its own."""
+    """Listens to the truth on a thread of its own. A PX4 that simulates itself does not stamp it: our clock does."""
 
-    url: str
-    samples: list[TruthSample] = field(default_factory=list)
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self.samples: list[TruthSample] = []
+        self._stamped = True
+        self._parser, self._ending = Parser(), threading.Event()
 
     def __enter__(self) -> "Truth":
-        self._newest = NewestTruth((47.397742, 8.545594, 488.0))  # only differences are looked at
-        self._listener = Listener(self.url, self._newest.feed)
-        self._ending = threading.Event()
+        self._listener = Listener(self.url, self._feed)
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
         return self
@@ -93,16 +95,27 @@ class Truth:
     def _listen(self) -> None:
         while not self._ending.is_set():
             self._listener.read(0.02)
-            for drone in range(16):
-                sample = self._newest.of(drone)
-                if sample is not None and (not self.samples or sample.time_us > self.samples[-1].time_us):
-                    self.samples.append(sample)
+
+    def _feed(self, data: bytes) -> None:
+        for message in self._parser.feed(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                self._stamped = message.time_usec > 0
+                message.time_usec = message.time_usec or _wall_us()
+                self.samples.append(truth_sample(message, ORIGIN))
+
+    def now_us(self, vehicle_us: int) -> int:
+        """Return the present moment on the clock of the samples."""
+        return vehicle_us if self._stamped else _wall_us()
 
     def at(self, time_us: int) -> TruthSample:
         """Return the sample nearest to a vehicle time. Raises InfrastructureError when there is none."""
         if not self.samples:
             raise InfrastructureError(f"no truth is heard on {self.url}")
         return min(self.samples, key=lambda s: abs(s.time_us - time_us))
+
+
+def _wall_us() -> int:
+    return time.monotonic_ns() // 1000
 
 
 @contextlib.contextmanager
@@ -148,7 +161,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
                 link.fly(Hold())
                 link.start_offboard()
                 phase = "the minute"
-                t0_us = link.time_us
+                t0_us = truth.now_us(link.time_us)
                 if row.cut:
                     wire.pull(wire.time_s + CUT_AT_S, CUT_S)
                 for setpoint, seconds in MINUTE:

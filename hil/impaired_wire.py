@@ -1,17 +1,15 @@
 """A bad wire between two MAVLink ends: whatever one says reaches the other through a `Channel` of its own."""
 
-import select
-import socket
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from dronecats.border.errors import LinkError, UsageError
+from dronecats.border.errors import LinkError
 from hil.impairment import Channel, Impairment
-from hil.transport import Transport, bind_error, connect
+from hil.transport import Transport
 
-LONGEST_WAIT_S = 0.05  # s without anything to do after which a thread looks whether it is to end
+LOOK_S = 0.001  # s of waiting at one end before it is the other's turn: what comes is carried on within two
 MAVLINK1, MAVLINK2, SIGNED, SIGNATURE_BYTES = 0xFE, 0xFD, 0x01, 13
 
 
@@ -48,66 +46,8 @@ def _frame_length(data: bytes, at: int) -> int | None:
     return 12 + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & SIGNED else 0)
 
 
-class TcpListener:
-    """The listening end of a TCP connection, one client at a time; the next may come when that one has gone."""
-
-    def __init__(self, url: str, host: str, port: int) -> None:
-        self.url = url
-        try:
-            self._listener = socket.create_server((host, port))
-        except OSError as error:
-            raise bind_error(error, "TCP", host, port) from None
-        self._client: socket.socket | None = None
-
-    @property
-    def port(self) -> int:
-        """The local port, useful when 0 was asked for."""
-        return int(self._listener.getsockname()[1])
-
-    def receive(self, timeout_s: float) -> bytes:
-        client = self._client
-        if not select.select([client or self._listener], [], [], timeout_s)[0]:
-            return b""
-        if client is None:
-            self._client = self._listener.accept()[0]
-            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            return b""
-        try:
-            data = client.recv(65536)
-        except OSError:
-            data = b""
-        if not data:
-            self._client = None
-            client.close()
-        return data
-
-    def send(self, data: bytes) -> None:
-        client = self._client
-        if client is not None:
-            try:
-                client.sendall(data)
-            except OSError:
-                self._client = None  # `receive` sees it closed, too; what was said to nobody is gone
-
-    def close(self) -> None:
-        self._listener.close()
-        if self._client is not None:
-            self._client.close()
-
-
-def open_end(url: str) -> Transport:
-    """Return an open end: the URLs of `--connect`, and tcpin://HOST:PORT. Raises UsageError, LinkError."""
-    scheme, _, rest = url.partition("://")
-    if scheme != "tcpin":
-        return connect(url)
-    host, _, port = rest.rpartition(":")
-    if not host or not port.isdigit() or int(port) > 65535:
-        raise UsageError(f"'{url}' is no address to listen at; use tcpin://HOST:PORT")
-    return TcpListener(url, host, int(port))
-
-
 class ImpairedWire:
-    """Runs between an agent and an autopilot from `start` to `close`, on two threads, one per direction."""
+    """Runs between an agent and an autopilot from `start` to `close`, on a thread of its own."""
 
     def __init__(
         self,
@@ -123,16 +63,12 @@ class ImpairedWire:
         self.up, self.down = Channel(up, seed, "up"), Channel(down, seed, "down")
         self.fault: LinkError | None = None  # what ended the wire, None while it works
         self._ending = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._carry, args=(agent, autopilot, self.up), name="wire-up", daemon=True),
-            threading.Thread(target=self._carry, args=(autopilot, agent, self.down), name="wire-down", daemon=True),
-        ]
+        self._thread = threading.Thread(target=self._carry, name="impaired-wire", daemon=True)
 
     def start(self) -> "ImpairedWire":
         """Carry from now on, which is second 0 of the cuts; return self."""
         self._zero_s = self._clock()
-        for thread in self._threads:
-            thread.start()
+        self._thread.start()
         return self
 
     @property
@@ -154,9 +90,8 @@ class ImpairedWire:
     def close(self) -> None:
         """End both directions and close both ends."""
         self._ending.set()
-        for thread in self._threads:
-            if thread.is_alive():
-                thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
         self._agent.close()
         self._autopilot.close()
 
@@ -166,18 +101,19 @@ class ImpairedWire:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _carry(self, source: Transport, sink: Transport, channel: Channel) -> None:
-        frames = Frames()
+    def _carry(self) -> None:
+        ways = (
+            (self._agent, self._autopilot, self.up, Frames()),
+            (self._autopilot, self._agent, self.down, Frames()),
+        )
         try:
             while not self._ending.is_set():
-                next_s = channel.next_s
-                patience_s = LONGEST_WAIT_S if next_s is None else min(LONGEST_WAIT_S, max(0.0, next_s - self.time_s))
-                units = frames.feed(source.receive(patience_s))
-                now_s = self.time_s
-                for unit in units:
-                    channel.put(now_s, unit)
-                for unit in channel.arrived(now_s):
-                    sink.send(unit)
-        except (LinkError, OSError) as fault:
-            self.fault = fault if isinstance(fault, LinkError) else LinkError(f"the wire to {sink.url} broke: {fault}")
-            self._ending.set()
+                for source, sink, channel, frames in ways:
+                    units = frames.feed(source.receive(LOOK_S))
+                    now_s = self.time_s
+                    for unit in units:
+                        channel.put(now_s, unit)
+                    for unit in channel.arrived(now_s):
+                        sink.send(unit)
+        except LinkError as fault:
+            self.fault = fault

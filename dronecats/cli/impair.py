@@ -35,15 +35,16 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.border.errors import UsageError
     from dronecats.border.redaction import redacted
     from dronecats.cli import signals
-    from hil.impaired_wire import ImpairedWire, open_end
+    from hil.impaired_wire import ImpairedWire
+    from hil.transport import connect
 
     if args.report is not None and not 0.1 <= args.report <= 3600.0:
         raise UsageError(f"--report wants 0.1 to 3600 seconds, got {args.report:g}")
     up, down = impairments(args)
     signals.as_interrupts()
-    agent = open_end(args.listen)
+    agent = connect(args.listen)
     try:
-        autopilot = open_end(args.to)
+        autopilot = connect(args.to)
     except BaseException:
         agent.close()
         raise

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.border.mavlink import Packer, Parser, dialect
-from hil.impaired_wire import Frames, ImpairedWire, TcpListener, open_end
+from hil.impaired_wire import Frames, ImpairedWire
 from hil.impairment import Impairment
 from hil.transport import Transport, connect
 
@@ -103,9 +103,7 @@ def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
 
 
 def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:
-    far = TcpListener("tcpin://127.0.0.1:0", "127.0.0.1", 0)
-    near = open_end("tcpin://127.0.0.1:0")
-    assert isinstance(near, TcpListener)
+    far, near = connect("tcpin://127.0.0.1:0"), connect("tcpin://127.0.0.1:0")
     with ImpairedWire(near, connect(f"tcp://127.0.0.1:{far.port}"), PERFECT, PERFECT):
         for _ in range(2):
             agent = connect(f"tcp://127.0.0.1:{near.port}")
