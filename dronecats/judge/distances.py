@@ -56,16 +56,19 @@ def sentence(distances: dict[str, Any], delta_m: float) -> str:
     parts = []
     if distances["closest"]:
         parts.append(f"closest {_metres(distances['closest'])} at {distances['closest']['t']:.1f} s")
-    open_words = {
-        True: f"within {delta_m:g} m",
-        False: f"not within {delta_m:g} m",
-        None: f"within {delta_m:g} m or not",
-    }
-    parts += [
-        f"declared at {d['t']:.1f} s, {_metres(d)} away, {open_words[d['within']]}" for d in distances["declarations"]
-    ] or ["never declared"]
+    declared = distances["declarations"]
+    parts.append(f"declared {_at(declared[0], delta_m)}" if declared else "never declared")
+    measured = [d for d in declared if d["distance_m"] is not None]
+    nearest = min(measured, key=lambda d: d["distance_m"], default=None)
+    if len(declared) > 1:
+        parts.append(f"{len(declared)} declarations" + (f", the nearest {_at(nearest, delta_m)}" if nearest else ""))
     plane = "; horizontally, since the target has no altitude" if distances["target"].get("altitude_m") is None else ""
     return f"DISTANCE ONLY: {'; '.join(parts)}{plane}; whether the target was in view nobody measured"
+
+
+def _at(declared: dict[str, Any], delta_m: float) -> str:
+    within = {True: f"within {delta_m:g} m", False: f"not within {delta_m:g} m", None: f"within {delta_m:g} m or not"}
+    return f"at {declared['t']:.1f} s, {_metres(declared)} away, {within[declared['within']]}"
 
 
 def _metres(told: dict[str, Any]) -> str:

@@ -1,0 +1,110 @@
+"""What the verifier says of a flight whose truth nobody measured: distances, give or take, and never a success."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dronecats.border.errors import UsageError
+from dronecats.judge.distances import sentence
+from dronecats.judge.episode import judge_folder, judge_run, write_verdict
+
+TARGET = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 480.0, "std_m": 0.02}
+HEAD = {"kind": "estimate", "source": "flight.tlog", "target": TARGET}
+
+
+def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **more) -> dict:
+    place = {"position_ned": [0.0, 0.0, 0.0], "distance_m": distance_m, "distance_std_m": std_m, "visible": None}
+    return {"kind": kind, "t": t, "drone": 0, **place, **more}
+
+
+def flown(
+    folder: Path, estimate: list[dict], declared: list[int], *, source: str | None = "estimate", end="cap"
+) -> Path:
+    """Write a flight whose decisions k were made on frames k at k seconds; those in `declared` are declarations."""
+    folder.mkdir(exist_ok=True)
+    begin = {"kind": "begin", "t": 0.0, "t0_us": 0} | ({"source": source} if source else {})
+    truth = [begin, {"kind": "end", "t": 300.0, "reason": end, "error": None}]
+    decisions = [
+        {"step": k, "drone": 0, "frame_id": k, "t_frame": k, "t_decided": k + 0.5,
+         "action": {"action": "finished" if k in declared else "think"}}
+        for k in range(4)
+    ]  # fmt: skip
+    for name, rows in (("truth.jsonl", truth), ("decisions.jsonl", decisions), ("estimate.jsonl", estimate)):
+        (folder / name).write_text("".join(json.dumps(r) + "\n" for r in rows))
+    return folder
+
+
+def frames(*told: tuple[float | None, float | None]) -> list[dict]:
+    return [row("frame", float(k), *t, frame_id=k) for k, t in enumerate(told)]
+
+
+@pytest.mark.parametrize(
+    ("told", "within"),
+    [
+        ((0.1, 0.1), True), ((4.0, 0.5), True), ((4.0, 0.51), None), ((5.0, 0.0), True), ((5.0, 0.1), None),
+        ((6.0, 0.5), None), ((6.01, 0.5), False), ((50.0, None), None), ((None, None), None),
+    ],
+)  # fmt: skip
+def test_within_the_radius_is_said_by_two_standard_deviations_and_is_never_a_success(tmp_path, told, within) -> None:
+    verdict = judge_folder(flown(tmp_path / "e", [HEAD, *frames((9, 1), told, (9, 1), (9, 1))], [1]))
+    assert (verdict["outcome"], verdict["success"], verdict["ne_m"]) == ("distance only", None, None)
+    (declared,) = verdict["distances"]["declarations"]
+    assert declared == {"step": 1, "drone": 0, "t": 1.5, "distance_m": told[0], "std_m": told[1], "within": within}
+
+
+def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_frame(tmp_path: Path) -> None:
+    poses = [row("pose", k / 2, abs(8.0 - k), 0.5) for k in range(17)]
+    measured = judge_folder(flown(tmp_path / "e", [HEAD, *poses, *frames((9, 1), (8, 1), (7, 1), (3, 1))], []))[
+        "distances"
+    ]
+    assert measured["closest"] == {"t": 4.0, "distance_m": 0.0, "std_m": 0.5, "within": True}
+    assert measured["dwell_s"] == pytest.approx(5.5)
+    assert (measured["last_action"]["distance_m"], measured["last_action"]["within"]) == (3, True)
+    assert "never declared" in sentence(measured, 5.0)
+
+
+def test_without_an_estimate_or_a_target_the_outcome_is_unknown(tmp_path: Path) -> None:
+    without_target = flown(tmp_path / "e", [{**HEAD, "target": None}, *frames((None, None))], [0])
+    assert judge_folder(without_target)["outcome"] == "unknown"
+    (without_target / "estimate.jsonl").unlink()
+    verdict = judge_folder(without_target)
+    assert (verdict["outcome"], verdict["distances"]) == ("unknown", None)
+
+
+def test_a_known_truth_is_judged_by_itself_whatever_an_estimate_says(tmp_path: Path) -> None:
+    folder = flown(tmp_path / "e", [HEAD, *frames((0.1, 0.1))], [0], source=None)
+    verdict = judge_folder(folder)
+    assert verdict["outcome"] == "error"  # no frame was measured in truth.jsonl
+    assert "distances" not in verdict
+
+
+def test_a_flight_that_broke_off_is_an_error_with_or_without_distances(tmp_path: Path) -> None:
+    verdict = judge_folder(flown(tmp_path / "e", [HEAD, *frames((1, 0.1))], [0], end="interrupted"))
+    assert verdict["outcome"] == "error"
+    assert verdict["distances"]["declarations"][0]["within"] is True
+
+
+def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
+    folder = flown(tmp_path / "e", [HEAD, *frames((9, 1), (2, 0.5), (1, 0.5))], [1, 2])
+    stored = write_verdict(folder)
+    assert judge_folder(folder)["stored_agrees"] is True
+    said = sentence(stored["distances"], 5.0)
+    assert said.startswith("DISTANCE ONLY: declared at 1.5 s, 2.00 ± 0.50 m away, within 5 m; 2 declarations")
+    assert "SUCCESS" not in said
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        [row("pose", 0.0, 1.0, 0.1)],
+        [HEAD, row("pose", 0.0, 1.0, -0.1), HEAD],
+        [HEAD, {**row("pose", 0.0, 1.0, 0.1), "visible": "yes"}, HEAD],
+        [HEAD, {"kind": "end", "reason": "cap"}, HEAD],
+    ],
+)
+def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict]) -> None:
+    folder = flown(tmp_path / "e", damaged, [0])
+    with pytest.raises(UsageError, match=r"estimate\.jsonl"):
+        judge_folder(folder)
+    assert judge_run(tmp_path)["e"]["outcome"] == "error"
