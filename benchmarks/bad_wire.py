@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.border.errors import DronecatsError, InfrastructureError
+from dronecats.border.frames import quat_yaw
 from dronecats.border.mavlink import Parser, dialect
 from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
 from dronecats.border.truth import TruthSample, truth_sample
@@ -138,7 +139,7 @@ Path3 = list[tuple[float, float, float]]
 
 
 def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
-    """Return the figures of a flight, and its path: the truth every 0.1 s of the minute relative to its start, NED."""
+    """Return the figures of a flight, and its path: the truth every 0.1 s of the minute, ahead, right and down of its start."""
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
@@ -179,15 +180,20 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
         if not figures["survived"]:
             rescue(to)
         if t0_us is not None:
-            start = truth.at(t0_us).position_ned
+            start = truth.at(t0_us)
             end_us = min(t0_us + 60_000_000, truth.samples[-1].time_us)
-            for time_us in range(t0_us, end_us, 100_000):
-                north, east, down = (p - s for p, s in zip(truth.at(time_us).position_ned, start, strict=True))
-                path.append((north, east, down))
+            path = [_seen_from(start, truth.at(time_us)) for time_us in range(t0_us, end_us, 100_000)]
             if row.cut:
                 at_us = t0_us + round((CUT_AT_S + 2.0) * 1e6)
                 figures["cut_speed_mps"] = round(math.hypot(*truth.at(at_us).velocity_ned), 2)
     return figures, path
+
+
+def _seen_from(start: TruthSample, sample: TruthSample) -> tuple[float, float, float]:
+    """Return where a sample is ahead, right and down of the start, m."""
+    north, east, down = (p - s for p, s in zip(sample.position_ned, start.position_ned, strict=True))
+    c, s = math.cos(quat_yaw(start.attitude)), math.sin(quat_yaw(start.attitude))
+    return c * north + s * east, c * east - s * north, down
 
 
 def rescue(to: str) -> None:
