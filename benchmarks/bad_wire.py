@@ -139,7 +139,7 @@ Path3 = list[tuple[float, float, float]]
 
 
 def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
-    """Return the figures of a flight, and its path: the truth every 0.1 s of the minute, ahead, right and down of its start."""
+    """Return the figures of a flight, and its path: ahead, right and down of its start, every 0.1 s."""
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
