@@ -19,6 +19,7 @@ LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes into whic
 HOMEWARD = ("LAND", "RETURN")
 SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
+OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
 
@@ -48,7 +49,8 @@ class Link(Conversation):
         self._stream = OffboardStream()
         self._offboard = False  # whether offboard is ours
         self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
-        self._leaving: str | None = None  # the mode before that order, until it is seen to be obeyed
+        self._leaving: str | None = None  # the mode before that order, until it has been obeyed for a moment
+        self._obeyed_us = 0  # µs, when it was first seen to be obeyed
         self._taken_by: str | None = None
         self._offboard_us = 0  # since when
         self._ended = False  # whether the envelope has ended the flight
@@ -129,17 +131,19 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on any mode but these, and the present one until one of them is seen, is somebody else's hand."""
+        """From now on any mode but these, and the present one until one of them is there, is somebody else's hand."""
         if self._taken_by is None:
-            self._expected, self._leaving = modes, self.state.mode
+            self._expected, self._leaving, self._obeyed_us = modes, self.state.mode, 0
 
     def _noticed(self) -> None:
         mode, armed = self.state.mode, self.state.armed
         if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
             return  # nothing told yet, lost already, or a rehearsal on the ground
         disarmed, self._flew_armed = self._offboard and self._flew_armed and not armed, self._offboard and armed
-        if mode in self._expected and self._leaving != "OFFBOARD":  # a late word of an offboard that we left is no hand
-            self._leaving = None
+        if mode in self._expected:
+            self._obeyed_us = self._obeyed_us or self.time_us
+        if self._obeyed_us and self._leaving != "OFFBOARD" and self.time_us > self._obeyed_us + OVERTAKEN_US:
+            self._leaving = None  # a late word of an offboard that we left is no hand at any time
         if disarmed or (self._expected and mode not in (*self._expected, self._leaving)):
             self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
             self._stream.stop()

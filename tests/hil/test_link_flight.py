@@ -373,3 +373,22 @@ def test_a_landing_that_ends_in_the_mode_before_it_is_no_takeover(vehicle):
     vehicle.say(vehicle.heartbeat())
     vehicle.armed = False
     link.wait_for(lambda state: not state.armed, 5.0, "landing")
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_word_of_the_mode_before_that_comes_late_is_no_takeover_but_one_that_stays_is(vehicle, stays):
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    old = vehicle.heartbeat()
+    link.fly(Hold())
+    link.start_offboard()
+    vehicle.say(old)
+    link.wait(0.1)
+    if not stays:
+        vehicle.say(vehicle.heartbeat())  # the present one, which had overtaken it, comes ten times a second from a PX4
+        link.wait(2.0)
+        assert link.taken_by is None
+        return
+    vehicle.mode = "HOLD"
+    with pytest.raises(TakeoverError, match="HOLD"):
+        link.wait(2.0)
