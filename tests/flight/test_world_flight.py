@@ -60,6 +60,7 @@ def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, 
     assert judged.returncode == 0, judged.stderr
 
 
+@pytest.mark.slow
 def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
     link, truth = elsewhere
     done, result = fly(
