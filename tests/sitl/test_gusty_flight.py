@@ -17,7 +17,7 @@ from dronecats.border.mavlink import dialect
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
 from hil.link import Link
-from hil.offboard import position_target, velocity_target
+from hil.offboard import PositionTarget, VelocityTarget, message
 from vehicles import airframe
 from vehicles.wind import Wind
 
@@ -79,10 +79,10 @@ def fly(seed: int) -> Flight:
             link.tick()
 
     def place(seconds, north, east, up, yaw):
-        stream(seconds, lambda: position_target((north, east, -up), yaw, link.time_us // 1000, 1, 1))
+        stream(seconds, lambda: message(PositionTarget((north, east, -up), yaw), link.time_us // 1000, 1, 1))
 
     def body(seconds, velocity, yaw_rate):
-        stream(seconds, lambda: velocity_target(velocity, yaw_rate, link.time_us // 1000, 1, 1))
+        stream(seconds, lambda: message(VelocityTarget(velocity, yaw_rate), link.time_us // 1000, 1, 1))
         if yaw_rate == 0.0 and seconds >= 4.0:
             asked = rotated(velocity, vehicle.core.estimate["attitude"])
             flight.off_course.append(float(np.linalg.norm(vehicle.plant.truth["velocity_ned"] - asked)))
