@@ -34,7 +34,8 @@ class Limits:
     speed: float = 1.5  # m/s, horizontal; the paper's controller asks for at most 1.2
     climb: float = 1.2  # m/s, up or down
     yaw_rate: float = 1.2  # rad/s; the paper's 60°/s is 1.05
-    margin_m: float = 1.0  # short of every place limit at which the vehicle is to stand still
+    margin_m: float = 1.0  # short of every limit across the ground at which the vehicle is to stand still
+    height_margin_m: float = 0.3  # the same of ceiling and floor
     battery_min: float | None = 0.25  # 0 … 1; None: not watched
     flight_time_max_s: float | None = 900.0  # since the agent took over; None: not watched
     frame_s: float = 1.0  # s: on a frame that is older nothing is decided; the vehicle holds until a newer one comes
@@ -120,7 +121,8 @@ def _velocity(target: VelocityTarget, at: Vec3, yaw: float, limits: Limits) -> A
         down = math.copysign(limits.climb, down)
         limited.append("climb")
     height = -at[2]
-    up_max, down_max = _towards(limits.ceiling_m - height, limits), _towards(height - limits.floor_m, limits)
+    up_max = _towards(limits.ceiling_m - height, limits.height_margin_m)
+    down_max = _towards(height - limits.floor_m, limits.height_margin_m)
     if -down > up_max:
         down = -up_max
         limited.append("ceiling")
@@ -128,7 +130,7 @@ def _velocity(target: VelocityTarget, at: Vec3, yaw: float, limits: Limits) -> A
         down = down_max
         limited.append("floor")
     for name, normal, room in 2 * _walls(at, limits):  # twice: in a corner one wall may turn it towards another
-        outward, allowed = north * normal[0] + east * normal[1], _towards(room, limits)
+        outward, allowed = north * normal[0] + east * normal[1], _towards(room, limits.margin_m)
         if outward > allowed + 1e-9:
             north, east = north - (outward - allowed) * normal[0], east - (outward - allowed) * normal[1]
             limited.append(name)
@@ -147,7 +149,7 @@ def _position(target: PositionTarget, at: Vec3, home: Vec3, yaw: float, limits: 
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(target.position_ned, home, strict=True))
-    top, bottom = limits.ceiling_m - limits.margin_m, limits.floor_m + limits.margin_m
+    top, bottom = limits.ceiling_m - limits.height_margin_m, limits.floor_m + limits.height_margin_m
     height = max(bottom, min(top, -down)) if bottom < top else -down
     if height != -down:
         limited.append("ceiling" if -down > top else "floor")
@@ -174,9 +176,9 @@ def _position(target: PositionTarget, at: Vec3, home: Vec3, yaw: float, limits: 
     return Admitted(replace(target, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
 
 
-def _towards(room_m: float, limits: Limits) -> float:
+def _towards(room_m: float, margin_m: float) -> float:
     """Return the speed (m/s) allowed towards a limit that is `room_m` away; negative beyond it: back."""
-    return max(-BACK_MAX, GAIN * (room_m - limits.margin_m))
+    return max(-BACK_MAX, GAIN * (room_m - margin_m))
 
 
 def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:

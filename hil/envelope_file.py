@@ -31,8 +31,8 @@ def load(path: Path, base: Limits) -> Limits:
         else:
             raise UsageError(f"--envelope {path}: '{name}' is no limit; there are {', '.join(sorted(values))}")
     limits = Limits(**values)
-    if limits.floor_m + 2 * limits.margin_m >= limits.ceiling_m:
-        raise UsageError(f"--envelope {path}: between floor_m and ceiling_m no room is left beside two margin_m")
+    if limits.floor_m + 2 * limits.height_margin_m >= limits.ceiling_m:
+        raise UsageError(f"--envelope {path}: between floor_m and ceiling_m no room is left beside two height_margin_m")
     if limits.radius_m <= limits.margin_m:
         raise UsageError(f"--envelope {path}: radius_m leaves no room beside margin_m")
     return limits

@@ -23,7 +23,7 @@ def test_a_file_says_what_differs(tmp_path):
         ("speed = nan", "speed wants a number above 0"),
         ("speed = -1", "speed wants a number above 0"),
         ("yaw_rate = true", "yaw_rate wants a number"),
-        ("ceiling_m = 1.0", "no room is left"),
+        ("ceiling_m = 1.2", "no room is left"),
         ("radius_m = 0.5", "leaves no room"),
         ("exclusions = [[[1, 2], [3, 4]]]", "three or more corners"),
         ("exclusions = [[[1, 2], [3, inf], [4, 5]]]", "three or more corners"),
