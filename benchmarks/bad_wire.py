@@ -4,7 +4,8 @@
 
 Every row is a whole flight in real time, all of it over the wire: connecting, arming, take-off, a minute of velocities,
 turns and holds, landing. `astray` is the farthest that the truth was from the flight over the perfect wire at the same
-second of the minute, `end` the distance at its end, `cut speed` the speed two seconds after the cable was pulled.
+second of the minute, `end` the distance at its end, `cut speed` the speed two seconds after the cable was pulled. A cut
+is survived when the link comes back and finds the vehicle holding, which ends the agent's flight.
 Without --to our own simulator flies, a fresh one for each row; with it an autopilot that is running and landed.
 """
 
@@ -29,11 +30,14 @@ from dronecats.run.listening import Listener
 from dronecats.run.supervisor import Supervisor
 from hil.impaired_wire import ImpairedWire
 from hil.impairment import Impairment
-from hil.link import Link
+from hil.link import Link, TakeoverError
+from hil.parameters import Parameters
 from hil.transport import connect
 
 EPISODE = "campus-approaching-01"
 ORIGIN = (47.397742, 8.545594, 488.0)  # only differences are looked at
+SILENCE_S = 30.0  # wall seconds that `fly --connect` lets a cable be out
+PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for the flights in which it is: Hold, after half a second
 CUT_AT_S, CUT_S = 20.0, 10.0  # of the minute
 LEG: tuple[tuple[Setpoint, float], ...] = (
     (Velocity(1.2, None), 5.0),
@@ -145,13 +149,18 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
         near = connect("udpin://127.0.0.1:0")
         wire = ImpairedWire(near, connect(to), row.up, row.down, args.seed)
-        link = Link(connect(f"udpout://127.0.0.1:{near.port}"))  # type: ignore[attr-defined]
+        url = f"udpout://127.0.0.1:{near.port}"  # type: ignore[attr-defined]
+        link = Link(connect(url), silence_s=SILENCE_S)
         phase, t0_us = "connecting", None
         with wire:
             try:
                 link.connect()
                 phase = "waiting until it is ready"
                 link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")
+                if row.cut:
+                    phase = "setting what preflight proposes"
+                    for name, value in PROPOSED.items():
+                        Parameters(link).set(name, value)
                 phase = "arming"
                 link.arm()
                 phase = "taking off"
@@ -173,11 +182,13 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
                 link.set_mode("LAND")
                 link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
                 figures["survived"] = True
+            except TakeoverError as taken:  # back after a cut, it finds that the autopilot holds: as it should be
+                figures["survived"], figures["why"] = row.cut, f"{phase}: {taken}"
             except DronecatsError as fault:
                 figures["why"] = f"{phase}: {fault}"
             figures |= {"mode_at_the_end": link.state.mode, "up": str(wire.up.counts), "down": str(wire.down.counts)}
         link.close()
-        if not figures["survived"]:
+        if figures["why"]:
             rescue(to)
         if t0_us is not None:
             start = truth.at(t0_us)
