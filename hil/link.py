@@ -20,6 +20,7 @@ HOMEWARD = ("LAND", "RETURN")
 SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
+UNTOLD_US = 1_500_000  # µs in which a heartbeat tells whether a failsafe is behind a mode
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
 
@@ -38,9 +39,19 @@ class Link(Conversation):
     """
 
     def __init__(
-        self, transport: Transport, *, silence_s: float = SILENCE_S, limits: Limits | None = None, mute: bool = False
+        self,
+        transport: Transport,
+        *,
+        silence_s: float = SILENCE_S,
+        limits: Limits | None = None,
+        mute: bool = False,
+        simulated: bool = False,
     ) -> None:
-        """`limits`: the safety envelope of every setpoint. `mute`: nothing that would move the vehicle is sent."""
+        """`limits`: the safety envelope of every setpoint. `mute`: nothing that would move the vehicle is sent.
+
+        `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
+        does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
+        """
         super().__init__(transport, silence_s=silence_s)
         self.limits = limits
         self.mute = mute
@@ -52,6 +63,9 @@ class Link(Conversation):
         self._leaving: str | None = None  # the mode before that order, until it has been obeyed for a moment
         self._obeyed_us = 0  # µs, when it was first seen to be obeyed
         self._taken_by: str | None = None
+        self.simulated = simulated
+        self._strayed_us = 0  # µs, since when a simulated vehicle is in a mode that we have not ordered
+        self._failed = False  # whether a failsafe of a simulated vehicle has acted
         self._offboard_us = 0  # since when
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
@@ -145,8 +159,19 @@ class Link(Conversation):
         if self._obeyed_us and self._leaving != "OFFBOARD" and self.time_us > self._obeyed_us + OVERTAKEN_US:
             self._leaving = None  # a late word of an offboard that we left is no hand at any time
         if disarmed or (self._expected and mode not in (*self._expected, self._leaving)):
+            if self.simulated and self._is_failsafe(disarmed):
+                return
             self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
             self._stream.stop()
+        else:
+            self._strayed_us = 0
+
+    def _is_failsafe(self, disarmed: bool) -> bool:
+        """Return whether it was, or for want of a heartbeat may have been, a failsafe that has changed the mode."""
+        self._strayed_us = self._strayed_us or self.time_us
+        self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
+        untold = self.state.heartbeat_us <= self._strayed_us and self.time_us < self._strayed_us + UNTOLD_US
+        return self._failed or untold
 
     def tick(self) -> None:
         """Wait for the next tick of vehicle time (20 Hz), then send the setpoint.

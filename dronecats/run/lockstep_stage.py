@@ -55,7 +55,7 @@ class LockstepStage:
         self._oracle: OracleModel | None = None
         self.model = self._model(plan, world, camera, clock)
         drones = range(len(self._simulation.vehicles))
-        self.links = [Link(clock.transport(index), limits=plan.limits) for index in drones]
+        self.links = [Link(clock.transport(index), limits=plan.limits, simulated=True) for index in drones]
         if self._px4:
             for link in self.links:
                 link.listeners.append(self._keep)

@@ -55,7 +55,10 @@ class RealtimeStage:
         truth = f"udpout://127.0.0.1:{ports['truth']}"
         optics = plan.optics.as_dict() if plan.optics else None
         direction = "udpin" if plan.autopilot == "px4" else "udpout"  # PX4 speaks first, to a place that it knows
-        self.links = [Link(connect(f"{direction}://127.0.0.1:{port}"), limits=plan.limits) for port in ports["agent"]]
+        self.links = [
+            Link(connect(f"{direction}://127.0.0.1:{port}"), limits=plan.limits, simulated=True)
+            for port in ports["agent"]
+        ]
         camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth, "optics": optics})
         if plan.autopilot == "px4":
             self._await_px4(ports["px4"], say)

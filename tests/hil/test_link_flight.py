@@ -392,3 +392,24 @@ def test_a_word_of_the_mode_before_that_comes_late_is_no_takeover_but_one_that_s
     vehicle.mode = "HOLD"
     with pytest.raises(TakeoverError, match="HOLD"):
         link.wait(2.0)
+
+
+def test_a_failsafe_of_a_simulated_vehicle_is_part_of_its_flight(vehicle):
+    link = flying(vehicle, simulated=True)
+    vehicle.mode, vehicle.system_status = "POSCTL", 5
+    vehicle.say(vehicle.heartbeat())
+    sent = len(vehicle.setpoints)
+    link.wait(3.0)
+    assert len(vehicle.setpoints) > sent + 50  # PX4 comes back to a stream that goes on
+    vehicle.mode, vehicle.system_status = "OFFBOARD", 4
+    link.wait(2.0)
+    vehicle.mode, vehicle.armed, vehicle.system_status = "HOLD", False, 3  # and then it crashes for good
+    link.wait(5.0)
+    assert link.taken_by is None
+
+
+def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
+    link = flying(vehicle, simulated=True)
+    vehicle.mode = "POSCTL"
+    with pytest.raises(TakeoverError, match="POSCTL"):
+        link.wait(5.0)
