@@ -58,6 +58,9 @@ class Flown:
         return self.truth.at(self.t0_us + t * 1e6)
 
 
+pytestmark = pytest.mark.slow  # one flight of a minute in real time, of which every test here looks at something else
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory):
     folder, state = tmp_path_factory.mktemp("flight"), tmp_path_factory.mktemp("vehicle")

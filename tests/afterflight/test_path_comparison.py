@@ -136,6 +136,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.Captu
     assert "cannot be written" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_same_decisions_on_another_vehicle_of_ours_agree(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

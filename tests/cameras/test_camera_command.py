@@ -78,6 +78,7 @@ def test_calibrate_and_check_with_what_came_out(tmp_path, capsys):
     assert found["model"]["hfov_deg"] == pytest.approx(65.8, abs=0.5)
 
 
+@pytest.mark.slow
 def test_calibrate_live_takes_different_views_only(tmp_path, capsys):
     """A camera that shows each of the boards several times over."""
     directions, out = rays(LENS), tmp_path / "camera.json"

@@ -34,6 +34,7 @@ def fly(out, *arguments, typed="ARM\n"):
     return done, json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else None
 
 
+@pytest.mark.slow
 def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, tmp_path):
     link, truth = elsewhere
     done, result = fly(

@@ -48,6 +48,7 @@ def killed_in_flight(url, truth):
     return killed, [sample for sample in truth.samples if sample.time_s >= killed.time_s]
 
 
+@pytest.mark.slow
 def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
     url, truth = simulator
     link = Link(connect(url))
@@ -64,6 +65,7 @@ def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
     assert abs(after[-1].height - killed.height) < 0.4
 
 
+@pytest.mark.slow
 def test_unchanged_parameters_let_the_vehicle_sink(simulator):
     url, truth = simulator
     killed, after = killed_in_flight(url, truth)
