@@ -148,6 +148,7 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_po
     somebody.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timed", [None, False])
 def test_a_stream_without_truth_or_without_time_is_said(tmp_path, free_port, timed):
     somebody = None if timed is None else Somebody(free_port, timed=timed)

@@ -33,6 +33,7 @@ def test_a_whole_one_fails_in_nothing_but_its_default_failsafe(meet, tmp_path):
     assert link.listeners == []
 
 
+@pytest.mark.slow
 def test_no_gps(meet, tmp_path):
     _, link = meet(fix=1, health=HEALTHY & ~0x20 & ~PREARM, refuses=("OFFBOARD",), texts=("Preflight Fail: no GPS",))
     found = looked_at(link, tmp_path)
@@ -42,11 +43,13 @@ def test_no_gps(meet, tmp_path):
     assert "temporarily rejected" in row(found, "offboard rehearsal").why
 
 
+@pytest.mark.slow
 def test_no_home(meet, tmp_path):
     _, link = meet(home=False)
     assert failed(looked_at(link, tmp_path)) == FINE | {"home"}
 
 
+@pytest.mark.slow
 def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
     autopilot, link = meet()
     autopilot.refuses = ()
@@ -56,6 +59,7 @@ def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
     assert "OFFBOARD was accepted, but HOLD is shown" in row(found, "offboard rehearsal").why
 
 
+@pytest.mark.slow
 def test_a_stream_that_does_not_come_through_is_asked_for_as_single_messages(meet, tmp_path):
     _, link = meet(withholds=("SYS_STATUS",))
     assert failed(looked_at(link, tmp_path)) == FINE
@@ -69,11 +73,13 @@ def test_setpoints_that_do_not_arrive(meet, tmp_path):
     assert autopilot.mode == "HOLD"
 
 
+@pytest.mark.slow
 def test_no_way_back_from_offboard(meet, tmp_path):
     _, link = meet(refuses=("HOLD",))
     assert "no way back" in row(looked_at(link, tmp_path), "offboard rehearsal").why
 
 
+@pytest.mark.slow
 def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
     autopilot, link = meet(armed=True)
     found = looked_at(link, tmp_path)
@@ -85,6 +91,7 @@ def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
     assert "PARAM_SET" not in autopilot.heard
 
 
+@pytest.mark.slow
 def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, tmp_path):
     _, link = meet(parameters={}, tells_unknown=False)
     found = looked_at(link, tmp_path)
@@ -92,6 +99,7 @@ def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, t
     assert found.changes == []
 
 
+@pytest.mark.slow
 def test_an_old_firmware_and_one_that_is_not_told(meet, tmp_path):
     _, link = meet(version=1 << 24 | 12 << 16 | 3 << 8 | 255)
     found = looked_at(link, tmp_path)
@@ -99,6 +107,7 @@ def test_an_old_firmware_and_one_that_is_not_told(meet, tmp_path):
     assert "1.12.3" in row(found, "firmware").why
 
 
+@pytest.mark.slow
 def test_with_sticks_the_pilot_is_asked_for_switches(meet, tmp_path):
     _, link = meet(health=HEALTHY | STICKS)
     found = looked_at(link, tmp_path)
@@ -107,6 +116,7 @@ def test_with_sticks_the_pilot_is_asked_for_switches(meet, tmp_path):
     assert {"mode switch", "kill switch"} <= {row.name for row in found.rows}
 
 
+@pytest.mark.slow
 def test_what_is_mended_is_read_back_and_nothing_else_is_touched(meet, tmp_path):
     autopilot, link = meet()
     before = dict(autopilot.parameters)

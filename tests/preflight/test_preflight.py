@@ -60,6 +60,7 @@ def test_a_new_vehicle_passes_but_for_the_defaults_that_surprise(vehicle, tmp_pa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("typed", ["", "y\n"])
 def test_nothing_but_a_typed_yes_changes_anything(vehicle, typed, tmp_path):
     report = preflight("--connect", vehicle, "--fix", "--json", typed=typed, folder=tmp_path)
@@ -90,6 +91,7 @@ class SetpointsLost:
             self._transport.send(data)
 
 
+@pytest.mark.slow
 def test_the_rehearsal_notices_setpoints_that_do_not_arrive(vehicle):
     lossy = SetpointsLost(vehicle)
     link = Link(lossy)
@@ -116,6 +118,7 @@ class Snapshot(http.server.BaseHTTPRequestHandler):
         pass
 
 
+@pytest.mark.slow
 def test_a_camera_is_looked_through_and_an_absent_one_fails(vehicle, tmp_path):
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Snapshot)
     threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -138,6 +141,7 @@ def test_the_disk(tmp_path):
     assert disk.row(file / "runs").passed is False
 
 
+@pytest.mark.slow
 def test_yes_sets_the_proposal_and_the_table_is_clean(vehicle, tmp_path):
     report = preflight("--connect", vehicle, "--fix", typed="yes\n", folder=tmp_path)
     assert report.returncode == 0, report.stdout + report.stderr
