@@ -20,6 +20,7 @@ from episodes.record import (
     MAX_STARTS,
     MAX_WAYPOINTS,
     MOVING,
+    STANDING,
     VERSION,
     EpisodeRecord,
     Path3D,
@@ -89,6 +90,8 @@ class Drafting:
     def choose(self, draft: Draft, asset: str, paint: str) -> Draft:
         """Return the draft with another thing as target (and as look-alikes), where the old one stood."""
         target = draft.record.target
+        if draft.record.cell in MOVING and asset in STANDING:
+            raise UsageError(f"the target of a {draft.record.cell} episode moves, which a {asset} cannot.")
         paint = paint if paint in assets.PAINTS else "cyan"
         if target.native is not None:
             target = replace(target, native=None)
@@ -260,7 +263,8 @@ class Drafting:
         if cell in MOVING and target.path is None:
             place, yaw = motion(target).pose(0.0)
             speed = RULES.get(record.map, OF_OTHER_MAPS).speed_mps or SPEED_MPS
-            walker = target if target.native is None else replace(target, asset="suv", paint="cyan", native=None)
+            walks = target.native is None and target.asset not in STANDING
+            walker = target if walks else replace(target, asset="suv", paint="cyan", native=None)
             walker = replace(walker, position_ned=None, yaw_deg=None, path=Path3D((place, place), speed))
             knots = suggest.way(self.scene, record, (place[0], place[1]), yaw, 1.02 * speed * CAP_S)
             draft = self._walked(replace(draft, record=replace(record, target=walker)), knots)

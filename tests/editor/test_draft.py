@@ -261,3 +261,11 @@ def test_an_id_never_leads_out_of_the_folder(session, drafting, name, tmp_path):
     with pytest.raises(UsageError, match="field 'id'"):
         session.save(replace=True)
     assert list(tmp_path.rglob("*.json")) == []
+
+
+def test_what_stands_on_a_stand_is_no_moving_target(drafting):
+    draft = drafting.cell(drafting.new("residential"), "tracking")
+    with pytest.raises(UsageError, match="moves, which a quadrotor cannot"):
+        drafting.choose(draft, "quadrotor", "cyan")
+    stood = drafting.choose(drafting.new("residential"), "quadrotor", "cyan")
+    assert drafting.cell(stood, "tracking").record.target.asset == "suv"
