@@ -1,6 +1,8 @@
 """A vehicle of a few lines at the other end of a memory wire: it moves as it is told and says what the test wants."""
 
 from dronecats.border.mavlink import MODES, Packer, Parser, dialect
+from dronecats.border.setpoints import Velocity
+from hil.link import Link
 from hil.transport import MemoryTransport
 
 STEP_MS = 20
@@ -76,3 +78,13 @@ class ScriptedVehicle:
             wanted = (setpoint.x, setpoint.y, setpoint.z)
             self.velocity = tuple(max(-2.0, min(2.0, w - p)) for w, p in zip(wanted, self.position, strict=True))
         self.position = [p + v * dt for p, v in zip(self.position, self.velocity, strict=True)]
+
+
+def flying(vehicle, **options):
+    """Return a link that has flown the vehicle ahead for a second."""
+    link = Link(vehicle.transport(), **options)
+    link.connect(10.0)
+    link.fly(Velocity(1.2, None), 60.0)
+    link.start_offboard()
+    link.wait(1.0)
+    return link

@@ -9,7 +9,6 @@ import pytest
 
 from dronecats.border.errors import LinkError
 from dronecats.border.mavlink import dialect
-from dronecats.border.setpoints import Velocity
 from dronecats.run.episode import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
@@ -17,7 +16,7 @@ from hil.envelope import Limits
 from hil.link import Link
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hil"))
-from scripted_vehicle import ScriptedVehicle
+from scripted_vehicle import ScriptedVehicle, flying
 
 
 class Landing(ScriptedVehicle):
@@ -31,15 +30,6 @@ class Landing(ScriptedVehicle):
 @pytest.fixture
 def vehicle():
     return Landing()
-
-
-def flying(vehicle, **options):
-    link = Link(vehicle.transport(), **options)
-    link.connect(10.0)
-    link.fly(Velocity(1.2, None), 60.0)
-    link.start_offboard()
-    link.wait(1.0)
-    return link
 
 
 def stage(link):
