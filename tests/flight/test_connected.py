@@ -16,10 +16,13 @@ from dronecats.run.supervisor import Supervisor
 EPISODE, SPEED = "residential-approaching-01", 2.0
 
 
-@pytest.fixture(scope="module")
-def field(tmp_path_factory):
-    """A simulated vehicle and its camera, both of which know nothing of who flies."""
-    supervisor = Supervisor(tmp_path_factory.mktemp("field"))
+@pytest.fixture
+def field(tmp_path):
+    """A simulated vehicle and its camera, both of which know nothing of who flies.
+
+    One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off.
+    """
+    supervisor = Supervisor(tmp_path)
     config = {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": SPEED}
     ports = supervisor.start("simulator", config).ready()
     truth = f"udpout://127.0.0.1:{ports['truth']}"
