@@ -61,7 +61,10 @@ def main(argv: list[str] | None = None) -> int:
     except ImportError as missing:
         from dronecats.run.folder import missing_package
 
-        print(f"dronecats {args.verb}: {missing_package(missing)}", file=sys.stderr)
+        said = missing_package(missing)
+        if said is None:  # a mistake of ours, which its traceback tells best
+            raise
+        print(f"dronecats {args.verb}: {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"dronecats {args.verb}: interrupted", file=sys.stderr)

@@ -40,7 +40,8 @@ def conclude(
     except DronecatsError as error:
         flown = Flown("error", error, 0.0, 0.0, 0)
     except ImportError as missing:
-        flown = Flown("error", UsageError(folders.missing_package(missing)), 0.0, 0.0, 0)
+        said = folders.missing_package(missing)
+        flown = Flown("error", UsageError(said) if said else unexpected(missing, folder), 0.0, 0.0, 0)
     except Exception as bug:
         flown = Flown("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with undisturbed():

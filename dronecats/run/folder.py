@@ -13,6 +13,7 @@ from dronecats import __version__
 from dronecats.border.errors import UsageError
 from dronecats.judge.files import json_object
 
+OURS = ("dronecats", "autopilot", "vehicles", "episodes", "hil")
 SIMULATION = ("numba", "embreex", "matplotlib")
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
@@ -61,9 +62,14 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
     return [key for key, value in now.items() if before.get(key) != value]
 
 
-def missing_package(error: ImportError) -> str:
-    """Return what to do about a package that is not installed."""
-    if (error.name or "").split(".")[0] in SIMULATION:
+def missing_package(error: ImportError) -> str | None:
+    """Return what to do about a package that is not installed or cannot be loaded; None for a module of our own."""
+    top = (error.name or "").split(".")[0]
+    if top in OURS:
+        return None
+    if not isinstance(error, ModuleNotFoundError):
+        return f"{error.name or 'a package'} cannot be loaded ({error}); install dronecats again with pip"
+    if top in SIMULATION:
         return f"simulation needs {error.name}, which is not installed: pip install 'dronecats[sim]'"
     return f"{error.name or error} is not installed; install dronecats again with pip"
 

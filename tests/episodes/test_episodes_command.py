@@ -135,3 +135,6 @@ def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFix
     assert two.shape[0] > one.shape[0]
     assert main(["episodes", "sheet", "suw", "--out", str(file)]) == 2
     assert "suv" in capsys.readouterr().err
+    assert main(["episodes", "sheet", "suv", "--out", str(tmp_path / "sheet.gif")]) == 2
+    assert "call it" in capsys.readouterr().err
+    assert not (tmp_path / "sheet.gif").exists()

@@ -1,0 +1,28 @@
+"""What is said when an import fails: three different faults, three different sentences, and none for our own mistake."""
+
+import pytest
+
+from dronecats.cli import main as command_line
+from dronecats.run.folder import missing_package
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ModuleNotFoundError("No module named 'numba'", name="numba"), "pip install 'dronecats[sim]'"),
+        (ModuleNotFoundError("No module named 'cv2.aruco'", name="cv2.aruco"), "cv2.aruco is not installed"),
+        (ImportError("libGL.so.1: cannot open", name="cv2"), "cv2 cannot be loaded (libGL.so.1: cannot open)"),
+        (ImportError("half a package"), "a package cannot be loaded (half a package)"),
+    ],
+)
+def test_another_package_is_named_with_the_way_to_get_it(error, said):
+    assert said in missing_package(error)
+
+
+def test_a_module_of_our_own_is_a_mistake_of_ours_and_keeps_its_traceback(monkeypatch):
+    def broken(args):
+        raise ModuleNotFoundError("No module named 'hil.lnik'", name="hil.lnik")
+
+    monkeypatch.setattr("dronecats.cli.doctor.run", broken)
+    with pytest.raises(ModuleNotFoundError, match=r"hil\.lnik"):
+        command_line.main(["doctor"])
