@@ -22,6 +22,7 @@ class StandIn:
 
     def __init__(self, port: int, answer: Answer) -> None:
         self.got: list[dialect.MAVLink_message] = []
+        self._answered, self._answered_us = threading.Condition(), 0
         self._answer, self._parser, self._packer = answer, Parser(), Packer(1, 1)
         self._socket = socket.create_connection(("127.0.0.1", port), timeout=10.0)
         self._socket.sendall(self._packer.pack(HEARTBEAT) + self._packer.pack(WANTS_TRUTH))
@@ -38,13 +39,25 @@ class StandIn:
         self._thread.join(10.0)
         self._socket.close()
 
+    def keep_up(self, time_us: int) -> None:
+        """Return when the last HIL_SENSOR up to `time_us` has had its answer, if `answer` has any."""
+        with self._answered:
+            assert self._answered.wait_for(lambda: self._answered_us >= time_us, 60.0), "it reads nothing"
+
+    def _reply(self, sensor: dialect.MAVLink_message) -> None:
+        if reply := self._answer(sensor):
+            self._socket.sendall(reply)
+        with self._answered:
+            self._answered_us = sensor.time_usec
+            self._answered.notify_all()
+
     def _run(self) -> None:
         try:
             while data := self._socket.recv(65536):
                 for message in self._parser.feed(data):
                     self.got.append(message)
-                    if message.get_type() == "HIL_SENSOR" and (reply := self._answer(message)):
-                        self._socket.sendall(reply)
+                    if message.get_type() == "HIL_SENSOR":
+                        self._reply(message)
         except OSError:
             return
 

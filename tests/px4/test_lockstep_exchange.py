@@ -41,9 +41,11 @@ def fly(vehicle, seconds):
         vehicle.advance()
 
 
-def come_into_step(vehicle):
-    while not vehicle.in_step:  # how long that takes is the other thread's to say
+def come_into_step(vehicle, client):
+    """Let time go on until PX4 is waited for; until then nothing but this makes the two keep the same pace."""
+    while not vehicle.in_step:
         vehicle.advance()
+        client.keep_up(vehicle.time_us // EXCHANGE_US * EXCHANGE_US)
 
 
 def test_every_sensor_message_is_answered_before_time_goes_on(vehicle, connect):
@@ -54,7 +56,7 @@ def test_every_sensor_message_is_answered_before_time_goes_on(vehicle, connect):
         return controls(sensor.time_usec)
 
     client = connect(answer)
-    come_into_step(vehicle)
+    come_into_step(vehicle, client)
     fly(vehicle, 1.0)
     times = [m.time_usec for m in client.named("HIL_SENSOR")]
     assert vehicle.in_step
@@ -67,28 +69,31 @@ def test_until_the_first_answer_time_goes_on_and_sensors_flow(vehicle, connect):
     fly(vehicle, 0.15)
     assert not vehicle.in_step
     assert vehicle.time_us == 150_000
-    come_into_step(vehicle)
+    come_into_step(vehicle, client)
     assert [m.time_usec for m in client.named("HIL_SENSOR")][:3] == [4000, 8000, 12000]
 
 
 def test_an_answer_to_an_earlier_message_is_not_taken_for_one_to_this(vehicle, connect):
-    release = threading.Event()
+    release, slow_us = threading.Event(), [10**9]
 
     def answer(sensor):
-        if sensor.time_usec == 100_000:
+        time_us = sensor.time_usec
+        if time_us == slow_us[0]:
             release.wait(10.0)
-            return controls(sensor.time_usec, (0.7,) * 4, armed=True)
-        if sensor.time_usec == 96_000:
-            return controls(92_000) + controls(96_000) + controls(96_000)  # PX4 may publish twice in a cycle
-        return controls(sensor.time_usec)
+            return controls(time_us, (0.7,) * 4, armed=True)
+        if time_us == slow_us[0] - EXCHANGE_US:
+            twice = controls(time_us) + controls(time_us)  # PX4 may publish twice in a cycle
+            return controls(time_us - EXCHANGE_US) + twice
+        return controls(time_us)
 
-    connect(answer)
-    come_into_step(vehicle)
+    client = connect(answer)
+    come_into_step(vehicle, client)
+    slow_us[0] = (vehicle.time_us // EXCHANGE_US + 10) * EXCHANGE_US
     worker = threading.Thread(target=fly, args=(vehicle, 0.2))
     worker.start()
     worker.join(1.0)
     assert worker.is_alive()
-    assert vehicle.time_us == 100_000
+    assert vehicle.time_us == slow_us[0]
     release.set()
     worker.join(10.0)
     assert not worker.is_alive()
@@ -96,7 +101,7 @@ def test_an_answer_to_an_earlier_message_is_not_taken_for_one_to_this(vehicle, c
 
 def test_the_groups_come_at_their_sensors_rates(vehicle, connect):
     client = connect(always(armed=False))
-    come_into_step(vehicle)
+    come_into_step(vehicle, client)
     fly(vehicle, 2.0)
     updated = [m.fields_updated for m in client.named("HIL_SENSOR")[-250:]]
     assert sum(u & (ACCEL | GYRO) == ACCEL | GYRO for u in updated) == 250
@@ -108,7 +113,7 @@ def test_the_groups_come_at_their_sensors_rates(vehicle, connect):
 
 def test_standing_on_the_ground_it_feels_gravity_and_knows_its_place(vehicle, connect):
     client = connect(always(armed=False))
-    come_into_step(vehicle)
+    come_into_step(vehicle, client)
     fly(vehicle, 1.0)
     sensor, fix = client.named("HIL_SENSOR")[-1], client.named("HIL_GPS")[-1]
     assert sensor.zacc == pytest.approx(-9.81, abs=0.2)
@@ -119,8 +124,8 @@ def test_standing_on_the_ground_it_feels_gravity_and_knows_its_place(vehicle, co
 
 
 def test_outputs_lift_the_vehicle_and_each_rotor_sits_where_px4_has_it(vehicle, connect):
-    connect(always(0.8, 0.8, 0.8, 0.8))
-    come_into_step(vehicle)
+    client = connect(always(0.8, 0.8, 0.8, 0.8))
+    come_into_step(vehicle, client)
     fly(vehicle, 1.0)
     assert vehicle.plant.truth["position_ned"][2] < -1.0
     # PX4's order: 0 front right, 1 rear left, both counter-clockwise; 2 front left, 3 rear right
@@ -130,7 +135,7 @@ def test_outputs_lift_the_vehicle_and_each_rotor_sits_where_px4_has_it(vehicle, 
 
 def test_px4_dies_in_the_air_and_comes_back(vehicle, connect):
     first = connect(always(0.85, 0.85, 0.85, 0.85))
-    come_into_step(vehicle)
+    come_into_step(vehicle, first)
     fly(vehicle, 1.0)
     died_us = vehicle.time_us
     first.close()
@@ -138,7 +143,7 @@ def test_px4_dies_in_the_air_and_comes_back(vehicle, connect):
     assert not vehicle.in_step
     assert vehicle.plant.actuators["armed"] == 0  # nobody drives the rotors any more
     second = connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec > died_us + 400_000 else b"")
-    come_into_step(vehicle)
+    come_into_step(vehicle, second)
     fly(vehicle, 0.5)
     times = [m.time_usec for m in second.named("HIL_SENSOR")]
     assert vehicle.in_step
@@ -155,8 +160,10 @@ def test_without_px4_time_goes_on_tick_by_tick(vehicle):
 
 
 def test_a_wait_is_given_up_when_nobody_needs_it_any_more(vehicle, connect):
-    connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec < 100_000 else b"")
-    come_into_step(vehicle)
+    quiet = threading.Event()
+    client = connect(lambda sensor: b"" if quiet.is_set() else controls(sensor.time_usec))
+    come_into_step(vehicle, client)
+    quiet.set()
     worker = threading.Thread(target=fly, args=(vehicle, 0.1))
     worker.start()
     worker.join(0.5)
@@ -175,21 +182,22 @@ def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle,
         silenced = quiet[0] <= sensor.time_usec < quiet[1]
         return b"" if silenced else controls(sensor.time_usec, (0.85,) * 4, armed=True)
 
-    connect(answer)
-    come_into_step(vehicle)
+    client = connect(answer)
+    come_into_step(vehicle, client)
     fly(vehicle, 1.0)
     quiet[:] = vehicle.time_us, vehicle.time_us + 400_000
     fly(vehicle, 0.2)
     assert not vehicle.in_step
     assert vehicle.server.connected
     assert vehicle.plant.actuators["armed"] == 0
-    come_into_step(vehicle)  # and one that comes to itself again is waited for as before
+    come_into_step(vehicle, client)  # and one that comes to itself again is waited for as before
     assert vehicle.plant.actuators["armed"] == 1
 
 
 def test_a_recorded_boot_of_a_real_px4_brings_it_into_step(vehicle, connect):
     replay = Replay("px4-boot.bin")
-    connect(replay)
+    come_into_step(vehicle, connect(replay))
+    assert vehicle.time_us < max(replay.frames)
     while vehicle.time_us < max(replay.frames) - TICK_US:
         vehicle.advance()
     assert vehicle.in_step
