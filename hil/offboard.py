@@ -20,6 +20,7 @@ HEADING_RATE_MAX = 0.5  # rad/s
 STOPPING_S = 0.6  # s: a hold asked for in motion is put where the vehicle can come to rest, not where it was
 TURN_GAP_US = 200_000  # µs between two targets of a turn beyond which the time is not counted as turned
 GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
+LATE_MAX_US = 250_000  # µs by which a move may outlast its time and still be taken for one that ended when it should
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +73,15 @@ class OffboardStream:
         self._height: float | None = None  # m, local z that is being held
         self._heading: float | None = None  # rad, that is being held; what turns have asked for is in it
         self._turn: Turning | None = None
+        self._moved_until_us: int | None = None  # µs, when the last move should have ended
 
     def fly(self, setpoint: Setpoint, ends_us: int | None = None, starts_us: int | None = None) -> None:
         """Change what is flown, from `starts_us` until `ends_us` (µs, vehicle clock); None: the next target, for ever.
 
         A hold that goes on keeps its place; the height is kept through level moves, the heading through everything.
         """
+        if isinstance(self.setpoint, Velocity):
+            self._moved_until_us = None if self._ends_us is None else self._ends_us - GRACE_US
         self._ends_us = None if ends_us is None else ends_us + GRACE_US
         if setpoint == self.setpoint and isinstance(setpoint, Hold):
             return
@@ -98,7 +102,7 @@ class OffboardStream:
     def stop(self) -> None:
         """Stream nothing any more."""
         self.setpoint, self._ends_us, self._turn = None, None, None
-        self._place, self._height, self._heading = None, None, None
+        self._place, self._height, self._heading, self._moved_until_us = None, None, None, None
 
     def target(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> Target | None:
         """Return what flies the setpoint from here (m, m/s, rad, µs), None when nothing is streamed."""
@@ -108,10 +112,11 @@ class OffboardStream:
             return None
         if isinstance(self.setpoint, Place):
             return PositionTarget(self.setpoint.position_ned, self.setpoint.yaw)
+        stopping_s = self._stopping_s(time_us)
         if self._height is None:
-            self._height = position[2] + velocity[2] * STOPPING_S
+            self._height = position[2] + velocity[2] * stopping_s
         if self._place is None:
-            self._place = (position[0] + velocity[0] * STOPPING_S, position[1] + velocity[1] * STOPPING_S, self._height)
+            self._place = (position[0] + velocity[0] * stopping_s, position[1] + velocity[1] * stopping_s, self._height)
         heading = self._turned(yaw, time_us)
         match self.setpoint:
             case Hold():
@@ -121,8 +126,19 @@ class OffboardStream:
                 return VelocityTarget((forward, right, self._height_correction(position)), yaw_rate)
             case Velocity(forward, up):
                 down = self._height_correction(position) if up is None else -up
-                correction = HEADING_GAIN * wrap_pi(heading - yaw)
-                return VelocityTarget((forward, 0.0, down), max(-HEADING_RATE_MAX, min(HEADING_RATE_MAX, correction)))
+                off = wrap_pi(heading - yaw)
+                rate = max(-HEADING_RATE_MAX, min(HEADING_RATE_MAX, HEADING_GAIN * off))
+                # along the heading that is held, whatever the nose still has to turn to it
+                return VelocityTarget((forward * math.cos(off), forward * math.sin(off), down), rate)
+
+    def _stopping_s(self, time_us: int) -> float:
+        """Return how far ahead of the vehicle, in seconds of its velocity, a hold is put.
+
+        A move outlasts its time by up to a tick of the autopilot's telemetry, on some wires at every step. What was
+        flown too far is taken back here, or those steps would all be too long.
+        """
+        late_us = 0 if self._moved_until_us is None else time_us - self._moved_until_us
+        return STOPPING_S - (late_us / 1e6 if 0 < late_us <= LATE_MAX_US else 0.0)
 
     def _turned(self, yaw: float, time_us: int) -> float:
         """Return the heading to be held: where it was first wanted, and as far on as turns have asked for since.

@@ -122,6 +122,30 @@ def test_what_moves_the_vehicle_ends_with_its_time():
     assert message(stream, (9.0, 0, -2.0), time_us=9_000_000).x == pytest.approx(held.x)  # and so it stays
 
 
+def test_a_move_goes_along_the_heading_that_is_held_and_not_where_the_nose_still_points():
+    stream = OffboardStream()
+    stream.fly(Hold())
+    message(stream, (0, 0, -2.0), yaw=0.0, time_us=1_000_000)
+    stream.fly(Turn(math.radians(60)), 2_500_000, 1_000_000)
+    for tick in range(30):
+        message(stream, (0, 0, -2.0), yaw=tick * 0.045, time_us=1_050_000 + tick * 50_000)
+    stream.fly(Velocity(1.2, None), 5_000_000, 2_500_000)
+    said = message(stream, (0, 0, -2.0), yaw=1.4, time_us=2_550_000)
+    assert math.hypot(said.vx, said.vy) == pytest.approx(1.2)
+    assert 1.4 + math.atan2(said.vy, said.vx) == pytest.approx(math.radians(90), abs=1e-6)
+
+
+@pytest.mark.parametrize("late_us", [0, 20_000, 60_000, 140_000])
+def test_a_step_ends_at_the_same_place_whatever_tick_notices_its_end(late_us):
+    stream = OffboardStream()
+    stream.fly(Velocity(1.2, None), ends_us=3_500_000)
+    message(stream, (0, 0, -2.0), velocity=(1.2, 0, 0), time_us=1_000_000)
+    seen_us = 3_500_000 + late_us
+    stream.fly(Hold(), None, seen_us)
+    held = message(stream, (3.0 + 1.2 * late_us / 1e6, 0, -2.0), velocity=(1.2, 0, 0), time_us=seen_us)
+    assert held.x == pytest.approx(3.0 + 0.6 * 1.2)
+
+
 @pytest.mark.parametrize("tick_us", [48_000, 50_000, 52_000, 70_000])
 def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
     stream = OffboardStream()
