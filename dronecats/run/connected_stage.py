@@ -3,11 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.agent.model import Model
-from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.mavlink import dialect
+from dronecats.run.asked_model import asked, served
 from dronecats.run.supervisor import Supervisor
 from hil.cameras.patient import PatientCamera
 from hil.link import Link
@@ -34,16 +32,10 @@ class ConnectedStage:
             self._logger = self._supervisor.start("estimate-logger", {"folder": str(folder)})
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
             link.listeners.append(self._to_logger)
-            self.model = self._model(pilot, model, base_url)
+            self.model = asked(pilot, served(self._supervisor, pilot), model, base_url)
         except BaseException:
             self.close()
             raise
-
-    def _model(self, pilot: str | None, model: str | None, base_url: str | None) -> Model:
-        if pilot:
-            url = self._supervisor.start("pilot", {"pilot": pilot}).ready()["base_url"]
-            return ChatModel(PROVIDERS["local"], pilot, url)
-        return ChatModel(*split(model or ""), base_url)
 
     def _to_logger(self, message: dialect.MAVLink_message) -> None:
         self._copy.send(bytes(message.get_msgbuf()))

@@ -4,16 +4,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.agent.model import Model
-from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
-from dronecats.pilots.oracle_model import OracleModel
-from dronecats.run.listening import Listener
+from dronecats.run.asked_model import BusOracle, asked, served
 from dronecats.run.plan import Plan
-from dronecats.run.supervisor import ChildProcess, Supervisor
-from dronecats.sitl.scenario import load_world, origin
+from dronecats.run.supervisor import Supervisor
+from dronecats.sitl.scenario import load_world
 from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
 from hil.transport import UdpTransport, connect
@@ -24,8 +20,6 @@ class RealtimeStage:
 
     def __init__(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
         self._supervisor = Supervisor(folder)
-        self._oracle: OracleModel | None = None
-        self._oracle_bus: Listener | None = None
         self._copies: list[Copy] = []
         self.executor = DaemonExecutor()
         self.camera_model = CameraModel()
@@ -37,7 +31,7 @@ class RealtimeStage:
 
     def _start(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
         patience = Patience(say)
-        pilot = self._supervisor.start("pilot", {"pilot": plan.pilot}) if plan.pilot not in (None, "oracle") else None
+        pilot = served(self._supervisor, plan.pilot)
         simulator = self._supervisor.start(
             "simulator",
             {
@@ -78,7 +72,11 @@ class RealtimeStage:
         self._logger.ready(patience)
         for copy in self._copies:
             copy.begin()
-        self.model = self._model(plan, pilot, truth, patience)
+        self.model = (
+            BusOracle(load_world(plan.episode), truth)
+            if plan.pilot == "oracle"
+            else asked(plan.pilot, pilot, plan.model, plan.base_url, patience)
+        )
 
     def _await_px4(self, ports: list[int], say: Callable[[str], None]) -> None:
         """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
@@ -93,27 +91,12 @@ class RealtimeStage:
             while not link.transport.receive(0.5):
                 self._supervisor.check()
 
-    def _model(self, plan: Plan, pilot: ChildProcess | None, truth: str, patience: "Patience") -> Model:
-        if plan.pilot == "oracle":
-            world = load_world(plan.episode)
-            self._oracle = OracleModel(world, CameraModel(), origin(world), self._listen)
-            self._oracle_bus = Listener(truth, self._oracle.feed)
-            return self._oracle
-        if pilot is not None:
-            return ChatModel(PROVIDERS["local"], plan.pilot or "", pilot.ready(patience)["base_url"])
-        return ChatModel(*split(plan.model or ""), plan.base_url)
-
-    def _listen(self) -> None:
-        if self._oracle_bus:
-            while self._oracle_bus.read(0.0):
-                pass
-
     def begin(self, t0_us: int) -> None:
         self._simulator.do("begin", t0_us=t0_us)
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us)
-        if self._oracle:
-            self._oracle.begin(t0_us)
+        if isinstance(self.model, BusOracle):
+            self.model.begin(t0_us)
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -131,8 +114,6 @@ class RealtimeStage:
                 getattr(self, closing).close()
         for part in (*getattr(self, "links", []), *self._copies):
             part.close()
-        if self._oracle_bus:
-            self._oracle_bus.close()
         self._supervisor.close()
 
 

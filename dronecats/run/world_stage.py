@@ -3,17 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.agent.model import Model
-from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
-from dronecats.pilots.oracle_model import OracleModel
-from dronecats.run.listening import Listener
+from dronecats.run.asked_model import BusOracle, asked, served
 from dronecats.run.realtime_stage import Copy, Patience
-from dronecats.run.supervisor import ChildProcess, Supervisor
+from dronecats.run.supervisor import Supervisor
 from dronecats.run.terms import FRAMES_S, Terms
-from dronecats.sitl.scenario import origin
 from episodes.world import World
 from hil.cameras.patient import PatientCamera
 from hil.cameras.snapshot import HttpCamera
@@ -41,8 +36,6 @@ class WorldStage:
         Not `judged`: the logger keeps what the autopilot says, as of any connected vehicle.
         """
         self._supervisor = Supervisor(folder)
-        self._oracle: OracleModel | None = None
-        self._oracle_bus: Listener | None = None
         self.executor = DaemonExecutor()
         self.links = [link]
         self.camera_model = CameraModel()
@@ -63,7 +56,7 @@ class WorldStage:
         judged: bool,
     ) -> None:
         patience, link, pilot = Patience(say), self.links[0], agreed.pilot
-        served = self._supervisor.start("pilot", {"pilot": pilot}) if pilot not in (None, "oracle") else None
+        process = served(self._supervisor, pilot)
         bridge = self._supervisor.start("truth-bridge", {"episode": episode, "truth": truth}).ready(patience)
         self.yaw: float = bridge["yaw"]  # rad, of the vehicle as it stands, which is the episode's first heading
         bus = f"udpout://127.0.0.1:{bridge['truth']}"
@@ -85,28 +78,17 @@ class WorldStage:
         else:
             self._wire = connect(f"udpout://127.0.0.1:{heard['port']}")
             link.listeners.append(lambda message: self._wire.send(bytes(message.get_msgbuf())))
-        self.model = self._model(agreed, served, world, bus, patience)
-
-    def _model(
-        self, agreed: Terms, served: ChildProcess | None, world: World, bus: str, patience: Callable[[], None]
-    ) -> Model:
-        if agreed.pilot == "oracle":
-            self._oracle = OracleModel(world, self.camera_model, origin(world), self._listen)
-            self._oracle_bus = Listener(bus, self._oracle.feed)
-            return self._oracle
-        if served is not None:
-            return ChatModel(PROVIDERS["local"], agreed.pilot or "", served.ready(patience)["base_url"])
-        return ChatModel(*split(agreed.model or ""), agreed.base_url)
-
-    def _listen(self) -> None:
-        while self._oracle_bus and self._oracle_bus.read(0.0):
-            pass
+        self.model = (
+            BusOracle(world, bus)
+            if pilot == "oracle"
+            else asked(pilot, process, agreed.model, agreed.base_url, patience)
+        )
 
     def begin(self, t0_us: int) -> None:
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us)
-        if self._oracle:
-            self._oracle.begin(t0_us)
+        if isinstance(self.model, BusOracle):
+            self.model.begin(t0_us)
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -115,7 +97,7 @@ class WorldStage:
         self._supervisor.check()
 
     def close(self) -> None:
-        for part in ("model", "camera", "_copy", "_wire", "_oracle_bus"):
+        for part in ("model", "camera", "_copy", "_wire"):
             if getattr(self, part, None) is not None:
                 getattr(self, part).close()
         self.links[0].close()

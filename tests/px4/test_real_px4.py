@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -21,8 +22,11 @@ pytestmark = [
 ]
 
 
+CLI = [sys.executable, "-m", "dronecats.cli.main"]
+
+
 def dronecats(*words):
-    return [sys.executable, "-m", "dronecats.cli.main", *words, "--px4", COMMAND]
+    return [*CLI, *words, "--px4", COMMAND]
 
 
 def estimate_errors(tlog):
@@ -54,6 +58,19 @@ def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
     wandered = errors - errors[: len(errors) // 10].mean(axis=0)
     assert np.abs(wandered[:, :2]).max() < 1.0
     assert np.abs(wandered[:, 2]).max() < 1.5
+
+
+def test_the_same_decisions_fly_the_same_square(tmp_path):
+    square = Path(__file__).parents[2] / "benchmarks" / "square.jsonl"
+    words = ["--pilot", f"recorded:{square}", "--speed", "max", "--latency", "fixed:0.5", "--json"]
+    words += ["--episode", "residential-searching-01"]
+    ours, px4 = tmp_path / "ours", tmp_path / "px4"
+    subprocess.run([*CLI, "fly", "--sitl", *words, "--out", str(ours)], check=True, timeout=300)
+    fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words, "--out", str(px4))
+    subprocess.run(fly, check=True, timeout=600)
+    compared = subprocess.run([*CLI, "compare", str(ours), str(px4), "--json"], capture_output=True, text=True)
+    assert compared.returncode == 0, compared.stdout + compared.stderr
+    assert json.loads(compared.stdout)["agree"]
 
 
 def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):

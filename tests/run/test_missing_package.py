@@ -1,4 +1,4 @@
-"""What is said when an import fails: three different faults, three different sentences, and none for our own mistake."""
+"""What is said when an import fails: another sentence for each fault, and none for a mistake of our own."""
 
 import pytest
 
