@@ -86,6 +86,13 @@ def broken_off(state: VehicleState, limits: Limits, flown_s: float) -> str | Non
     return None
 
 
+def unwatched(state: VehicleState, limits: Limits) -> str | None:
+    """Return which limit cannot be watched, and why, None when all can be."""
+    if limits.battery_min is not None and state.battery_remaining is None:
+        return f"battery_min = {limits.battery_min:g} cannot be watched: the autopilot tells no battery level"
+    return None
+
+
 def admit(target: Target, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int) -> Admitted:
     """Return the target as the envelope lets it pass. `state` needs position, velocity and attitude."""
     assert state.position_ned is not None

@@ -18,7 +18,7 @@ from dronecats.judge.files import read
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.run.stage import Stage
-from hil.envelope import broken_off
+from hil.envelope import broken_off, unwatched
 from hil.link import Link, TakeoverError
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
@@ -84,6 +84,8 @@ def fly(
             ascend(stage.links, starts, say)
         for link in stage.links:
             link.settle_envelope()
+            if link.limits and (what := unwatched(link.state, link.limits)):
+                say(f"      envelope: {what}")
         agent = _begin(stage, pilot, folder, log, on_step)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)

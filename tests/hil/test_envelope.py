@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.border.errors import LinkError
-from hil.envelope import Limits, admit, crosses, inside, placed
+from hil.envelope import Limits, admit, crosses, inside, placed, unwatched
 from hil.offboard import PositionTarget, VelocityTarget
 from hil.telemetry import VehicleState
 
@@ -143,3 +143,12 @@ def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
     for a, b in itertools.pairwise(path):
         assert math.dist(a[:2], b[:2]) / STEP_S <= 1.5 * 1.02
         assert abs(b[2] - a[2]) / STEP_S <= 1.2 * 1.02
+
+
+@pytest.mark.parametrize(
+    ("least", "told", "said"),
+    [(0.3, None, "battery_min = 0.3 cannot be watched"), (0.3, 0.2, None), (None, None, None)],
+)
+def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, told, said):
+    what = unwatched(state((0, 0, -2), battery_remaining=told), Limits(battery_min=least))
+    assert what is None if said is None else what.startswith(said)
