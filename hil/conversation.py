@@ -91,9 +91,9 @@ class Conversation:
         self.transport.send(self._packer.pack(message))
 
     def close(self) -> None:
-        """Leave the wire as it was found: streams that were silenced for its sake come back."""
+        """Leave the wire as it was found: every stream that we have changed goes back to the autopilot's own rate."""
         with contextlib.suppress(LinkError):  # a wire that is broken takes nothing any more
-            for message_id in self.streams.silenced:
+            for message_id in (*self.streams.wanted, *self.streams.silenced) if self.system else ():
                 self._request(message_id, 0)
         self.transport.close()
 

@@ -1,7 +1,9 @@
 """What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
 
 from dronecats.border.mavlink import dialect
+from hil.link import Link
 from hil.streams import FAST, WATCHED, Streams
+from tests.hil.scripted_vehicle import ScriptedVehicle
 
 POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 ODOMETRY = dialect.MAVLINK_MSG_ID_ODOMETRY
@@ -70,3 +72,14 @@ def test_what_is_crowded_out_for_good_relieves_the_wire():
         (dialect.MAVLINK_MSG_ID_SYS_STATUS, 500_000),
         (ODOMETRY, -1),
     }
+
+
+def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
+    vehicle = ScriptedVehicle()
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.streams.silenced.add(ODOMETRY)
+    vehicle.commands.clear()
+    link.close()
+    given_back = {int(named) for command, named, interval, _ in vehicle.commands if (command, interval) == (511, 0)}
+    assert given_back == {*link.streams.wanted, ODOMETRY}
