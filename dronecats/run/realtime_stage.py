@@ -6,7 +6,8 @@ from pathlib import Path
 
 from dronecats.agent.latency import DaemonExecutor
 from dronecats.border.camera import CameraModel
-from dronecats.run.asked_model import BusOracle, asked, served
+from dronecats.run.asked_model import asked, served
+from dronecats.run.bus_oracle import BusOracle
 from dronecats.run.plan import Plan
 from dronecats.run.supervisor import Supervisor
 from dronecats.sitl.scenario import load_world

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from dronecats.agent.latency import DaemonExecutor
 from dronecats.border.camera import CameraModel
-from dronecats.run.asked_model import BusOracle, asked, served
+from dronecats.run.asked_model import asked, served
+from dronecats.run.bus_oracle import BusOracle
 from dronecats.run.realtime_stage import Copy, Patience
 from dronecats.run.supervisor import Supervisor
 from dronecats.run.terms import FRAMES_S, Terms
