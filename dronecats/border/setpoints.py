@@ -17,9 +17,9 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Fly straight ahead at a velocity, heading held by a zero yaw rate."""
+    """Fly straight ahead at a velocity, the heading held: what turns have asked for is in it, reached or not."""
 
-    forward: float  # m/s, horizontal, along the nose
+    forward: float  # m/s, horizontal, along that heading
     up: float | None  # m/s; None holds the height
 
 
