@@ -1,12 +1,14 @@
 """A minute of scripted flight over bad wires: what our link survives, and how far it leads the vehicle astray.
 
-    python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--to URL --truth URL]
+    python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--px4 COMMAND | --to URL --truth URL]
 
 Every row is a whole flight in real time, all of it over the wire: connecting, arming, take-off, a minute of velocities,
 turns and holds, landing. `astray` is the farthest that the truth was from the flight over the perfect wire at the same
 second of the minute, `end` the distance at its end, `cut speed` the speed two seconds after the cable was pulled. A cut
 is survived when the link comes back and finds the vehicle holding, which ends the agent's flight.
-Without --to our own simulator flies, a fresh one for each row; with it an autopilot that is running and landed.
+Our own simulator flies, a fresh one for each row, under our autopilot or under the PX4 that COMMAND starts; with --to
+an autopilot that is running and landed. There `heading off` tells whether paths can be compared: PX4's own simulation
+has been 4° off one way and 4° the other.
 """
 
 import argparse
@@ -22,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.border.errors import DronecatsError, InfrastructureError
-from dronecats.border.frames import quat_yaw
+from dronecats.border.frames import quat_yaw, wrap_pi
 from dronecats.border.mavlink import Parser, dialect
 from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
 from dronecats.border.truth import TruthSample, truth_sample
@@ -132,9 +134,15 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
     with tempfile.TemporaryDirectory() as folder:
         supervisor = Supervisor(Path(folder))
         try:
-            config = {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": 1.0}
-            ports = supervisor.start("simulator", config).ready()
-            yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
+            px4 = {"autopilot": "px4", "px4": args.px4, "log_dir": folder} if args.px4 else {}
+            simulator = supervisor.start(
+                "simulator", {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": 1.0, **px4}
+            )
+            ports = simulator.ready()
+            while px4 and not simulator.do("in step"):
+                time.sleep(0.1)
+            way = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
+            yield f"{way}://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
         finally:
             supervisor.close()
 
@@ -143,7 +151,11 @@ Path3 = list[tuple[float, float, float]]
 
 
 def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
-    """Return the figures of a flight, and its path: ahead, right and down of its start, every 0.1 s."""
+    """Return the figures of a flight, and its path: ahead, right and down of its start, every 0.1 s.
+
+    Ahead is where the autopilot believes that the nose points: a compass that is off turns all that is flown, and that
+    is not the wire's doing.
+    """
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
@@ -151,7 +163,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
         wire = ImpairedWire(near, connect(to), row.up, row.down, args.seed)
         url = f"udpout://127.0.0.1:{near.port}"  # type: ignore[attr-defined]
         link = Link(connect(url), silence_s=SILENCE_S)
-        phase, t0_us = "connecting", None
+        phase, t0_us, heading = "connecting", None, 0.0
         with wire:
             try:
                 link.connect()
@@ -171,7 +183,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
                 link.fly(Hold())
                 link.start_offboard()
                 phase = "the minute"
-                t0_us = truth.now_us(link.time_us)
+                t0_us, heading = truth.now_us(link.time_us), link.state.euler[2] if link.state.euler else 0.0
                 if row.cut:
                     wire.pull(wire.time_s + CUT_AT_S, CUT_S)
                 for setpoint, seconds in MINUTE:
@@ -193,17 +205,18 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
         if t0_us is not None:
             start = truth.at(t0_us)
             end_us = min(t0_us + 60_000_000, truth.samples[-1].time_us)
-            path = [_seen_from(start, truth.at(time_us)) for time_us in range(t0_us, end_us, 100_000)]
+            path = [_seen_from(start, heading, truth.at(time_us)) for time_us in range(t0_us, end_us, 100_000)]
+            figures["heading_off_deg"] = round(math.degrees(wrap_pi(heading - quat_yaw(start.attitude))), 1)
             if row.cut:
                 at_us = t0_us + round((CUT_AT_S + 2.0) * 1e6)
                 figures["cut_speed_mps"] = round(math.hypot(*truth.at(at_us).velocity_ned), 2)
     return figures, path
 
 
-def _seen_from(start: TruthSample, sample: TruthSample) -> tuple[float, float, float]:
-    """Return where a sample is ahead, right and down of the start, m."""
+def _seen_from(start: TruthSample, heading: float, sample: TruthSample) -> tuple[float, float, float]:
+    """Return where a sample is ahead (of a heading, rad), right and down of the start, m."""
     north, east, down = (p - s for p, s in zip(sample.position_ned, start.position_ned, strict=True))
-    c, s = math.cos(quat_yaw(start.attitude)), math.sin(quat_yaw(start.attitude))
+    c, s = math.cos(heading), math.sin(heading)
     return c * north + s * east, c * east - s * north, down
 
 
@@ -230,11 +243,16 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="rows to fly; the perfect wire is flown first anyway")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--px4", metavar="COMMAND", help="starts a real PX4, which flies in our physics; see `fly --px4`"
+    )
     parser.add_argument("--to", metavar="URL", help="an autopilot that is running, on the ground")
     parser.add_argument("--truth", metavar="URL", help="with --to: where its HIL_STATE_QUATERNION comes")
     args = parser.parse_args()
     if bool(args.to) != bool(args.truth):
         parser.error("--to and --truth go together")
+    if args.to and args.px4:
+        parser.error("--px4 starts the autopilot that --to would name; choose one")
     reference: Path3 = []
     for row in ROWS:
         if args.only and row.name not in args.only and row is not ROWS[0]:
@@ -246,7 +264,8 @@ def main() -> None:
 
 
 def line(figures: dict[str, Any]) -> str:
-    told = " ".join(f"{key} {figures[key]:.2f}" for key in ("astray_m", "end_m", "cut_speed_mps") if key in figures)
+    keys = ("astray_m", "end_m", "cut_speed_mps", "heading_off_deg")
+    told = " ".join(f"{key} {figures[key]:.2f}" for key in keys if key in figures)
     return f"{figures['wire']:22} {'survived' if figures['survived'] else 'LOST':9} {told}  {figures['why']}"
 
 
