@@ -89,7 +89,7 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
         "prompt_sha256": prompt.digest,
         "sampling": SAMPLING,
         "seed": plan.seed,
-        "clock": "lockstep" if plan.speed is None else "real time",
+        "clock": _clock(plan),
         "speed": plan.speed,
         "latency": plan.latency.name,
         "airframe": plan.airframe,
@@ -141,3 +141,9 @@ def draw(episode: str, folder: Path) -> None:
         draw_flight(folder, picture, extent)
     except (DronecatsError, OSError, ValueError) as error:
         (folder / "flight.png.error").write_text(f"{error}\n", encoding="utf-8")
+
+
+def _clock(plan: Plan) -> str:
+    if plan.speed is not None:
+        return "real time"
+    return "lockstep but for PX4's telemetry" if plan.autopilot == "px4" else "lockstep"
