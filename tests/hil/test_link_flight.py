@@ -25,6 +25,28 @@ def test_a_setpoint_is_streamed_before_the_mode_is_asked_for(vehicle):
     assert vehicle.setpoints, "PX4 refuses offboard without a setpoint"
 
 
+def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle):
+    vehicle.refuses[176] = (1, "Mode OFFBOARD refused: no offboard signal")
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.fly(Hold())
+    link.on_target = lambda target: vehicle.refuses.clear() if len(vehicle.setpoints) > 5 else None
+    link.start_offboard()
+    assert vehicle.mode == "OFFBOARD"
+    assert sum(c[0] == 176 for c in vehicle.commands) > 1
+
+
+@pytest.mark.parametrize(("result", "asked"), [(1, range(3, 20)), (2, range(1, 2))])
+def test_an_offboard_that_stays_refused_is_said_with_the_autopilot_s_words(vehicle, result, asked):
+    vehicle.refuses[176] = (result, "no valid position")
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.fly(Hold())
+    with pytest.raises(LinkError, match=r"mode OFFBOARD was .*no valid position"):
+        link.start_offboard()
+    assert sum(c[0] == 176 for c in vehicle.commands) in asked
+
+
 def test_the_stream_runs_at_twenty_hertz_of_vehicle_time(vehicle):
     link = flying(vehicle)
     before = len(vehicle.setpoints)
