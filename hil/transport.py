@@ -3,6 +3,7 @@
 import contextlib
 import select
 import socket
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -34,7 +35,7 @@ class UdpTransport:
     """A UDP socket that listens (`udpin`) or speaks first (`udpout`).
 
     It answers whoever spoke last, and everybody else who spoke within PEER_S: where two vehicles send to one port, what
-    is said goes to both, and MAVLink's target says whom it is for.
+    is said goes to both, and MAVLink's target says whom it is for. One thread may receive while others send.
     """
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
@@ -43,6 +44,7 @@ class UdpTransport:
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._peers: dict[Any, float] = {}  # address -> wall clock when it last spoke, the newest last
+        self._lock = threading.Lock()  # of the peers: a camera's server threads send while its main thread receives
         try:
             if listen:
                 self._socket.bind((host, port))
@@ -67,16 +69,19 @@ class UdpTransport:
         with contextlib.suppress(OSError):
             while len(parts) < 256:
                 data, peer = self._socket.recvfrom(65536)
-                self._peers.pop(peer, None)
-                self._peers[peer] = time.monotonic()
+                with self._lock:
+                    self._peers.pop(peer, None)
+                    self._peers[peer] = time.monotonic()
                 parts.append(data)
         return b"".join(parts)
 
     def send(self, data: bytes) -> None:
-        if len(self._peers) > 1:
-            newest, oldest_s = next(reversed(self._peers)), time.monotonic() - PEER_S
-            self._peers = {peer: at_s for peer, at_s in self._peers.items() if peer == newest or at_s > oldest_s}
-        for peer in self._peers:
+        with self._lock:
+            if len(self._peers) > 1:
+                newest, oldest_s = next(reversed(self._peers)), time.monotonic() - PEER_S
+                self._peers = {peer: at_s for peer, at_s in self._peers.items() if peer == newest or at_s > oldest_s}
+            peers = tuple(self._peers)
+        for peer in peers:
             with contextlib.suppress(OSError):  # no network for the moment: lost, as any datagram may be
                 self._socket.sendto(data, peer)
 

@@ -2,6 +2,8 @@ import contextlib
 import os
 import pty
 import socket
+import sys
+import threading
 
 import pytest
 from hypothesis import given
@@ -21,6 +23,41 @@ def test_udp_answers_whoever_spoke_last():
     server.send(b"you")
     assert client.receive(2.0) == b"you"
     assert client.receive(0.0) == b""
+    server.close()
+    client.close()
+
+
+def test_one_thread_receives_while_another_sends():
+    server = connect("udpin://127.0.0.1:0")
+    client = connect(f"udpout://127.0.0.1:{server.port}")
+    client.send(b"hello")
+    server.receive(2.0)
+    ended, interval_s, faults = threading.Event(), sys.getswitchinterval(), []
+
+    def receive():
+        try:
+            while not ended.is_set():
+                client.send(b".")
+                server.receive(0.01)
+        except RuntimeError as fault:
+            faults.append(fault)
+
+    sys.setswitchinterval(1e-6)
+    thread = threading.Thread(target=receive)
+    thread.start()
+    try:
+        sent = 0
+        for _ in range(20_000):
+            server.send(b"x")
+            sent += len(client.receive(0.0))
+    finally:
+        ended.set()
+        thread.join()
+        sys.setswitchinterval(interval_s)
+    while data := client.receive(0.1):
+        sent += len(data)
+    assert faults == []
+    assert sent == 20_000  # none was without a peer to go to
     server.close()
     client.close()
 
