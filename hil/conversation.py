@@ -19,6 +19,7 @@ GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing th
 AWAY_S = 0.5  # wall seconds between two words of ours after which what has piled up is read first
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
+AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
 WORDS_S = 0.3  # s of vehicle time in which an autopilot says why it refused
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
@@ -272,12 +273,16 @@ class Conversation:
                     return int(ack.result)
         raise LinkError(f"the autopilot does not acknowledge command {command}")
 
-    def order(self, what: str, command: int, *parameters: float) -> None:
-        """Send a command that has to be accepted. Raises LinkError with the autopilot's own words when refused."""
+    def order(self, what: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
+        """Send a command that has to be accepted, and again for `insist_s` (vehicle time) while it is only not yet.
+
+        Raises LinkError with the autopilot's own words when refused to the end.
+        """
         asked_us = self.time_us
-        result = self.command(command, *parameters)
-        if result != dialect.MAV_RESULT_ACCEPTED:
-            raise LinkError(f"{what} was {self._refusal(result, asked_us)}")
+        while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:
+            if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= asked_us + round(insist_s * 1e6):
+                raise LinkError(f"{what} was {self._refusal(result, asked_us)}")
+            self.wait(AGAIN_S)
 
     def _refusal(self, result: int, asked_us: int) -> str:
         """Return what a refused command came to, with what the autopilot said since it was asked."""

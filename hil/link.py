@@ -21,7 +21,7 @@ SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
 UNTOLD_US = 1_500_000  # µs in which a heartbeat tells whether a failsafe is behind a mode
-ACCEPTED = dialect.MAV_RESULT_ACCEPTED
+ARMED_S = 10.0  # s for which arming is asked for again: a pre-arm check may flicker
 OFFERED_S = 2.0  # s for which offboard is asked for again while it is temporarily refused
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
@@ -86,7 +86,9 @@ class Link(Conversation):
             self._offboard = False
         mode = MODES[name]
         self._expect(name, *LEADS_TO.get(name, ()))
-        self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub)
+        # a stream of setpoints may not have been heard yet where much is lost
+        insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
+        self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub, insist_s=insist_s)
         if name in HOMEWARD:  # nothing more is ordered, and a PX4 that has landed goes back to the mode before
             self._expected = ()
 
@@ -96,11 +98,7 @@ class Link(Conversation):
             return
         self._tried_to_arm = True
         self._expect(self.state.mode, "TAKEOFF", "HOLD")
-        asked_us = self.time_us
-        while (result := self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)) != ACCEPTED:
-            if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= asked_us + 10_000_000:
-                raise LinkError(f"arming was {self._refusal(result, asked_us)}")
-            self.wait(0.5)
+        self.order("arming", dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1, insist_s=ARMED_S)
         self.wait_for(lambda state: state.armed, 5.0, "arming")
 
     def may_fly(self) -> bool:
@@ -111,7 +109,7 @@ class Link(Conversation):
         """
         if not self._tried_to_arm or self.state.armed:
             return self.state.armed and (self._offboard or self._tried_to_arm)
-        return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != ACCEPTED)
+        return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
 
     def await_handover(self, say: Callable[[str], None] = lambda line: None) -> None:
         """Wait until a person has armed, taken off and handed over by switching to Hold, or to Offboard themselves.
@@ -218,20 +216,11 @@ class Link(Conversation):
             self._expect("OFFBOARD")
             return
         try:
-            self._enter_offboard()
+            self.set_mode("OFFBOARD")
         except LinkError:
             self._offboard = self.state.mode == "OFFBOARD"
             raise
         self.wait_for(lambda state: state.mode == "OFFBOARD", 3.0, "offboard mode")
-
-    def _enter_offboard(self) -> None:
-        """Order offboard, and again for OFFERED_S: on a wire that loses much the stream may not have been heard yet."""
-        asked_us, mode = self.time_us, MODES["OFFBOARD"]
-        self._expect("OFFBOARD")
-        while (result := self.command(dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub)) != ACCEPTED:
-            if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= asked_us + round(OFFERED_S * 1e6):
-                raise LinkError(f"mode OFFBOARD was {self._refusal(result, asked_us)}")
-            self.wait(0.2)
 
     def stop_stream(self) -> None:
         """Send no setpoint from now on; the autopilot's own failsafe is what follows unless a mode is set."""
