@@ -11,6 +11,7 @@ from hil.firmware import Firmware, firmware, kind_name
 from hil.statustext import StatusTexts
 from hil.streams import TICK_US, Streams
 from hil.telemetry import TOLD, VehicleClock, VehicleState, update
+from hil.track import Track
 from hil.transport import Transport
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
@@ -40,6 +41,7 @@ class Conversation:
         self.transport = transport
         self.state = VehicleState()
         self.clock = VehicleClock()
+        self.track = Track()
         self.firmware: Firmware | None = None
         self.system = 0
         self.component = AUTOPILOT
@@ -94,8 +96,8 @@ class Conversation:
     def close(self) -> None:
         """Leave the wire as it was found: every stream that we have changed goes back to the autopilot's own rate."""
         with contextlib.suppress(LinkError):  # a wire that is broken takes nothing any more
-            for message_id in (*self.streams.wanted, *self.streams.silenced) if self.system else ():
-                self._request(message_id, 0)
+            for interval in self.streams.all() if self.system else ():
+                self._request(interval.message_id, 0)
         self.transport.close()
 
     def _receive(self, timeout_s: float) -> bool:
@@ -134,7 +136,18 @@ class Conversation:
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
         self.state = update(self.state, message, self.time_us)
+        if kind in STAMPED:
+            self._track()
+        elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
+            self.track.range(self.time_us, self.state.range_m)
         self._noticed()
+
+    def _track(self) -> None:
+        state = self.state
+        if state.position_ned is not None and state.velocity_ned is not None:
+            self.track.place(state.position_us, state.position_ned, state.velocity_ned)
+        if state.euler is not None:
+            self.track.heading(state.attitude_us, state.euler[2], state.yaw_rate or 0.0)
 
     def _meet(self, heartbeat: dialect.MAVLink_message) -> None:
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID:

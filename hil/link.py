@@ -4,10 +4,12 @@ import math
 from collections.abc import Callable
 
 from dronecats.border.errors import LinkError
-from dronecats.border.frames import Vec3, wrap_pi
+from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import MODES, dialect
-from dronecats.border.setpoints import Hold, Setpoint
+from dronecats.border.setpoints import Hold, Setpoint, Sight
+from hil.arrival import Arrival
 from hil.conversation import SILENCE_S, Conversation
+from hil.course import Turning
 from hil.envelope import Limits, admit, broken_off, placed
 from hil.offboard import OffboardStream, Place, Target, message
 from hil.telemetry import VehicleState
@@ -17,7 +19,7 @@ BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us be
 LAST_MODES = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
 LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes into which an autopilot goes on by itself
 HOMEWARD = ("LAND", "RETURN")
-SETTLED_MPS = 0.15  # m/s, at which a vehicle has arrived
+ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
 UNTOLD_US = 1_500_000  # µs in which a heartbeat tells whether a failsafe is behind a mode
@@ -199,10 +201,33 @@ class Link(Conversation):
 
     # -- offboard ------------------------------------------------------------------------------------------------
 
-    def fly(self, setpoint: Setpoint, seconds: float | None = None) -> None:
-        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead."""
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead.
+
+        `seen` is what its angles are counted from, the heading that is held without it.
+        """
         ends_us = None if seconds is None else self.time_us + round(seconds * 1e6)
-        self._stream.fly(setpoint, ends_us, self.time_us)
+        self._stream.fly(setpoint, ends_us, self.time_us, seen)
+
+    @property
+    def streaming(self) -> bool:
+        """Whether something is being flown."""
+        return self._stream.setpoint is not None
+
+    def sight(self, time_us: int) -> Sight:
+        """Return where the vehicle was at a time (µs, vehicle clock), by its own estimate. Raises LinkError."""
+        sight = self.track.at(time_us)
+        if sight is None:
+            raise LinkError("the autopilot has told neither place nor heading")
+        return sight
+
+    @property
+    def steady(self) -> bool:
+        """Whether a turn has been made: the nose within 1° of its end and turning less than 5°/s, the place held."""
+        state = self.state
+        if state.position_ned is None or state.euler is None:
+            return False
+        return self._stream.steady(state.position_ned, state.euler[2], state.yaw_rate or 0.0)
 
     def start_offboard(self) -> None:
         """Enter offboard with the setpoint given to `fly`, which is streamed before. Raises LinkError when refused."""
@@ -259,33 +284,15 @@ class Link(Conversation):
             raise refused
         self._expected = ()  # it is the autopilot's now, and whoever stands by
 
-    def go_to(self, position_ned: Vec3, yaw: float, *, tolerance_m: float = 0.25, seconds: float = 60.0) -> None:
-        """Fly to a place of the local frame in offboard and settle there. Raises LinkError after `seconds`.
+    def fly_to(self, position_ned: Vec3, yaw: float, *, round_first: bool = False) -> Arrival:
+        """From the next tick on, fly to a place of the local frame and stay there; return what tells the arrival.
 
-        Settled: within `tolerance_m` and 3° at less than 0.15 m/s for a whole second. An estimate that follows a
-        wandering GPS is never so still: after `seconds` / 4, three times as far and as fast is as good as it gets.
+        `round_first`: with one turn about the vertical on the way, which ends at the heading `yaw`.
         """
-        began_us, settled_us = self.time_us, None
-        end_us, coarse_us = (began_us + round(part * seconds * 1e6) for part in (1.0, 0.25))
-        self._stream.fly_to(Place(position_ned, yaw))
-        self.start_offboard()
-        while settled_us is None or self.time_us < settled_us + 1_000_000:
-            if self.time_us >= end_us:
-                raise LinkError(f"the vehicle did not settle at its start pose within {seconds:g} s of vehicle time")
-            self.tick()
-            times = 1.0 if self.time_us < coarse_us else 3.0
-            there = self._is_at(position_ned, yaw, times * tolerance_m, times * SETTLED_MPS)
-            settled_us = (settled_us or self.time_us) if there else None
-
-    def _is_at(self, position_ned: Vec3, yaw: float, tolerance_m: float, speed_mps: float) -> bool:
-        state = self.state
-        if state.position_ned is None or state.velocity_ned is None or state.euler is None:
-            return False
-        return (
-            math.dist(state.position_ned, position_ned) <= tolerance_m
-            and math.hypot(*state.velocity_ned) <= speed_mps
-            and abs(wrap_pi(state.euler[2] - yaw)) <= math.radians(3.0)
-        )
+        turning = Turning(yaw, ROUND_RATE, 2.0 * math.pi, None) if round_first else None
+        self._stream.fly_to(Place(position_ned, yaw, turning))
+        due_us = self.time_us + (round(2.0 * math.pi / ROUND_RATE * 1e6) if round_first else 0)
+        return Arrival(position_ned, yaw, due_us)
 
     def _speak(self) -> None:
         super()._speak()

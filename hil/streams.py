@@ -18,6 +18,7 @@ WATCHED = {  # message id -> µs between two
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
     dialect.MAVLINK_MSG_ID_CURRENT_MODE: 100_000,
 }
+OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # taken where there is one, and not missed where not
 FAST = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 ONCE = (  # asked for as single messages until they have come
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
@@ -60,7 +61,8 @@ class Streams:
 
     def all(self) -> list[Interval]:
         """Return every interval that is wanted."""
-        return [Interval(*item) for item in self.wanted.items()] + [Interval(i, -1) for i in sorted(self.silenced)]
+        wanted = [Interval(*item) for item in (self.wanted | OFFERED).items()]
+        return wanted + [Interval(i, -1) for i in sorted(self.silenced)]
 
     def once(self) -> list[int]:
         """Return the single messages that have not come yet."""

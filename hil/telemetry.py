@@ -58,6 +58,8 @@ class VehicleState(NamedTuple):
     position_us: int = 0  # µs, vehicle clock of the position
     velocity_ned: Vec3 | None = None  # m/s
     euler: Vec3 | None = None  # rad, roll pitch yaw
+    yaw_rate: float | None = None  # rad/s, + right
+    attitude_us: int = 0  # µs, vehicle clock of the attitude
     landed: bool | None = None
     healthy: bool = False  # ready to arm: the pre-arm check and the sensors that flying needs
     origin: Vec3 | None = None  # lat °, lon °, alt m of the local frame
@@ -65,6 +67,7 @@ class VehicleState(NamedTuple):
     battery_remaining: float | None = None  # 0 … 1
     battery_voltage: float | None = None  # V
     gps_fix: int | None = None
+    range_m: float | None = None  # m, of a rangefinder that looks down
     status_text: str = ""  # the newest STATUSTEXT of severity warning or worse
 
 
@@ -83,6 +86,7 @@ TOLD = frozenset(  # the messages that tell something of the state
         dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
         dialect.MAVLINK_MSG_ID_HOME_POSITION,
         dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+        dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR,
         dialect.MAVLINK_MSG_ID_STATUSTEXT,
     }
 )
@@ -105,7 +109,11 @@ def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int =
         case dialect.MAVLINK_MSG_ID_ATTITUDE:
             if not _finite(message.roll, message.pitch, message.yaw):
                 return state
-            return state._replace(euler=(message.roll, message.pitch, message.yaw))
+            return state._replace(
+                euler=(message.roll, message.pitch, message.yaw),
+                yaw_rate=message.yawspeed if math.isfinite(message.yawspeed) else None,
+                attitude_us=time_us,
+            )
         case dialect.MAVLINK_MSG_ID_HEARTBEAT:
             return state._replace(
                 armed=bool(message.base_mode & 128),
@@ -135,6 +143,11 @@ def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int =
             return state._replace(home_ned=(message.x, message.y, message.z))
         case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
             return state._replace(gps_fix=message.fix_type)
+        case dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
+            if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270:
+                return state
+            heard = message.min_distance <= message.current_distance <= message.max_distance
+            return state._replace(range_m=message.current_distance / 100 if heard else None)
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:
             return state._replace(status_text=" ".join(message.text.split())) if message.severity <= 4 else state
     return state

@@ -59,7 +59,7 @@ class Suite:
     # troposphere model); short multipath is in the white part
     gps_error_time_s: float = 1800.0
     gps_noise: float = 0.02  # m, white, on top
-    gps_velocity_noise_h: float = 0.06  # m/s per axis: u-blox M8 data sheet, 0.05 m/s
+    gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
     gps_eph_m: float = 0.7  # m, reported
     gps_epv_m: float = 1.1  # m, reported

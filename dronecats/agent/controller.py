@@ -1,6 +1,8 @@
 """The fixed geometric controller: one action in, at most a turn and a move out. Paper, appendix "Execution".
 
-Geometry solved once per step, without feedback; what tracks the result is the autopilot's business.
+Geometry solved once per step, without feedback; what tracks the result is the autopilot's business. Its angles are
+counted from the heading that the vehicle had when the picture was taken, so a go flies to its pixel whatever the
+vehicle has done meanwhile.
 """
 
 import math
@@ -17,6 +19,7 @@ CLIMB_DEADBAND = 0.15  # vertical displacement below this share of the horizonta
 NEAR_M, NEAR_SCALE = 5.0, 0.6
 BRAKE_M = 2.0
 YAW_RATE = math.radians(60.0)  # rad/s
+SETTLE_S = 3.0  # s that a turn may take beyond its angle at that rate: a vehicle lags, and a gust may shake it
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +28,7 @@ class Segment:
 
     setpoint: Setpoint
     duration_s: float
+    settle_s: float = 0.0  # s at most for which it goes on after that, until the heading is there
 
 
 def displacement(go: Go, camera: CameraModel) -> tuple[float, float, float]:
@@ -48,16 +52,17 @@ def plan(action: Action | None, camera: CameraModel) -> tuple[Segment, ...]:
 def _go(go: Go, camera: CameraModel) -> tuple[Segment, ...]:
     right, forward, up = displacement(go, camera)
     bearing = math.atan2(right, forward)
-    turn = (_turn(bearing),) if abs(bearing) > math.radians(BEARING_DEADBAND_DEG) else ()
-    return (*turn, _move(math.hypot(right, forward), up, go.depth_m))
+    move = _move(math.hypot(right, forward), up, go.depth_m, bearing)
+    if abs(bearing) <= math.radians(BEARING_DEADBAND_DEG):
+        return (move,)  # the nose comes round on the way
+    return (_turn(bearing, onto_line=isinstance(move.setpoint, Velocity)), move)
 
 
-def _turn(angle: float) -> Segment:
-    return Segment(Turn(math.copysign(YAW_RATE, angle)), abs(angle) / YAW_RATE)
+def _turn(angle: float, *, onto_line: bool = False) -> Segment:
+    return Segment(Turn(math.copysign(YAW_RATE, angle), angle, onto_line), abs(angle) / YAW_RATE, SETTLE_S)
 
 
-def _move(ahead: float, up: float, depth_m: float) -> Segment:
-    """The lateral part is gone: the turn has put the point ahead, or it lies within the deadband."""
+def _move(ahead: float, up: float, depth_m: float, bearing: float) -> Segment:
     if depth_m < BRAKE_M or ahead <= 0.0:
         return Segment(Hold(), STEP_S)
     if abs(up) < CLIMB_DEADBAND * ahead:
@@ -66,4 +71,4 @@ def _move(ahead: float, up: float, depth_m: float) -> Segment:
     if depth_m < NEAR_M:
         scale *= NEAR_SCALE
     climb = up * scale / STEP_S if up else None
-    return Segment(Velocity(forward=ahead * scale / STEP_S, up=climb), STEP_S)
+    return Segment(Velocity(ahead * scale / STEP_S, climb, bearing), STEP_S)

@@ -17,7 +17,7 @@ from dronecats.agent.prompt import Prompt
 from dronecats.agent.vehicle import Vehicle
 from dronecats.border.camera import Camera, CameraModel, Frame
 from dronecats.border.errors import CameraError, ModelError
-from dronecats.border.setpoints import Hold
+from dronecats.border.setpoints import Hold, Sight
 
 CAP_S = 300.0  # s of vehicle time, the length of an episode
 
@@ -43,6 +43,7 @@ class Drone:
     history: History
     segments: list[Segment] = field(default_factory=list)  # what is still to be flown of the current action
     segment_ends_s: float = 0.0
+    seen: Sight | None = None  # where it was when the picture was taken on which it acts
 
 
 class Agent:
@@ -74,8 +75,8 @@ class Agent:
 
     @property
     def now_s(self) -> float:
-        """Vehicle seconds since the episode began."""
-        return (self.drones[0].vehicle.time_us - self.t0_us) / 1e6
+        """Vehicle seconds since the episode began, by the drone that has heard of the latest: all boot at once."""
+        return (max(drone.vehicle.time_us for drone in self.drones) - self.t0_us) / 1e6
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Fly steps until the episode's time is over, or until `stop` says so of a decision just made."""
@@ -86,10 +87,13 @@ class Agent:
 
     def _step(self, cap_s: float) -> list[Decision]:
         frames = self._see()
-        for drone in self.drones:  # a frame takes its time to come, which is not the model's
-            drone.vehicle.listen()
-        asking, thinking = self._ask(frames)
-        asked_s, patience_s = self.now_s, self.pilot.patience_s
+        for drone, frame in zip(self.drones, frames, strict=True):
+            drone.vehicle.listen()  # a frame takes its time to come, which is not the model's
+            drone.seen = drone.vehicle.sight(frame.time_us)
+        # a frame may be newer than what its drone has told since; no reply is older than its picture
+        asked_s = max(self.now_s, *((frame.time_us - self.t0_us) / 1e6 for frame in frames))
+        asking, thinking = self._ask(frames, asked_s)
+        patience_s = self.pilot.patience_s
         while not asking.due(self.now_s):
             self._tick()
             if self.now_s >= cap_s:
@@ -114,7 +118,7 @@ class Agent:
                 raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
         return coming.result()
 
-    def _ask(self, frames: Sequence[Frame]) -> tuple[Asking, bool]:
+    def _ask(self, frames: Sequence[Frame], now_s: float) -> tuple[Asking, bool]:
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
         for frame, jpeg in zip(frames, pictures, strict=True):
             suffix = f"_d{frame.drone}" if frame.drone else ""
@@ -124,7 +128,7 @@ class Agent:
             self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order, len(self.drones)
         )
         request = Request(text, pictures, thinking)
-        return Asking(self.pilot.model, request, self.executor, self.pilot.latency, self.now_s), thinking
+        return Asking(self.pilot.model, request, self.executor, self.pilot.latency, now_s), thinking
 
     def _histories(self) -> str:
         if len(self.drones) == 1:
@@ -169,14 +173,21 @@ class Agent:
         while any(drone.segments for drone in self.drones) and self.now_s < cap_s:
             self._tick()
             for drone in self.drones:
-                if drone.segments and self.now_s >= drone.segment_ends_s - 1e-9:
-                    drone.segments.pop(0)
-                    self._next_segment(drone, drone.segment_ends_s)
+                if drone.segments and self._is_over(drone):
+                    settled = drone.segments.pop(0).settle_s > 0.0
+                    self._next_segment(drone, self.now_s if settled else drone.segment_ends_s)
+
+    def _is_over(self, drone: Drone) -> bool:
+        """Return whether the segment has been flown; a turn has been when the vehicle has made it, and stands."""
+        late_s = self.now_s - drone.segment_ends_s
+        return late_s >= -1e-9 and (drone.vehicle.steady or late_s >= drone.segments[0].settle_s)
 
     def _next_segment(self, drone: Drone, starts_s: float) -> None:
         if drone.segments:
-            drone.segment_ends_s = starts_s + drone.segments[0].duration_s
-            drone.vehicle.fly(drone.segments[0].setpoint, drone.segment_ends_s - self.now_s)
+            segment = drone.segments[0]
+            drone.segment_ends_s = starts_s + segment.duration_s
+            seconds = drone.segment_ends_s + segment.settle_s - self.now_s
+            drone.vehicle.fly(segment.setpoint, seconds, drone.seen)
         else:
             drone.vehicle.fly(Hold())
 

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from dronecats.border.setpoints import Setpoint
+from dronecats.border.setpoints import Setpoint, Sight
 
 
 class Vehicle(Protocol):
@@ -13,8 +13,20 @@ class Vehicle(Protocol):
         """µs, the vehicle's clock at its newest telemetry."""
         ...
 
-    def fly(self, setpoint: Setpoint, seconds: float | None = None) -> None:
-        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead."""
+    @property
+    def steady(self) -> bool:
+        """Whether the nose is where the turn under way wants it, and has stopped turning."""
+        ...
+
+    def sight(self, time_us: int) -> Sight:
+        """Return where the vehicle was at a time of its clock (µs), by its own estimate. Raises LinkError."""
+        ...
+
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead.
+
+        `seen` is what the setpoint's angles are counted from.
+        """
         ...
 
     def listen(self) -> None:

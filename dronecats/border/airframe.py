@@ -60,3 +60,8 @@ class Airframe:
     def thrust_max(self) -> float:
         """N, all rotors at full speed."""
         return len(self.rotors) * self.curve.thrust_coefficient * self.curve.speed_max**2
+
+    @property
+    def standing_m(self) -> float:
+        """m, of the body's origin above the level ground on which it stands."""
+        return max(down for _, _, down in self.contact_points_frd)

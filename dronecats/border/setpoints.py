@@ -2,6 +2,16 @@
 
 from dataclasses import dataclass
 
+from dronecats.border.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Where a vehicle was when a picture was taken, by its own estimate: what a decision on it is bound to."""
+
+    position_ned: Vec3  # m, local frame of the autopilot
+    heading: float  # rad, 0 = north, clockwise
+
 
 @dataclass(frozen=True, slots=True)
 class Hold:
@@ -13,14 +23,17 @@ class Turn:
     """Yaw at a rate, place and height held."""
 
     yaw_rate: float  # rad/s, + right
+    angle: float | None = None  # rad from the sight's heading, signed as the rate; None: as long as it is flown
+    onto_line: bool = False  # a move along the new heading follows: hold a place on its line through the sight's place
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Fly straight ahead at a velocity, the heading held: what turns have asked for is in it, reached or not."""
+    """Fly a straight line at a velocity, the nose along it."""
 
-    forward: float  # m/s, horizontal, along that heading
+    forward: float  # m/s, horizontal, along the line
     up: float | None  # m/s; None holds the height
+    bearing: float | None = None  # rad, + right, from the sight's heading, through its place; None: the heading held
 
 
 Setpoint = Hold | Turn | Velocity

@@ -59,11 +59,13 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     pilot.add_argument("--model", metavar="PROVIDER/NAME", help="openai/…, openrouter/…, vllm/… or local/…")
     pilot.add_argument("--base-url", metavar="URL", help="an OpenAI-compatible endpoint, http://HOST:PORT/v1")
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
-    pilot.add_argument("--latency", metavar="POLICY", help="real, measured or fixed:SECONDS of vehicle time")
+    pilot.add_argument(
+        "--latency", metavar="POLICY", help="real (default), measured or fixed:SECONDS (with --speed max: fixed:0.5)"
+    )
     run_group = parser.add_argument_group("run")
     run_group.add_argument("--episode", metavar="ID", help="id or file (default: go to the cyan SUV)")
     run_group.add_argument("--speed", metavar="N|max", help="factor on real time (default 1); max is lockstep")
-    run_group.add_argument("--seed", type=int, help="of the sensors' noise (default 0)")
+    run_group.add_argument("--seed", type=int, help="tells flights of one episode apart (default 0)")
     run_group.add_argument("--seconds", type=float, help="with --connect: length of the flight (300)")
     run_group.add_argument(
         "--patience", type=float, metavar="S", help="with --connect: end the flight after S without a reply (60)"

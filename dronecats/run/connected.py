@@ -7,9 +7,10 @@ from dronecats.agent.loop import Pilot
 from dronecats.border.errors import CameraError, UsageError
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run import folder as folders
+from dronecats.run.ascent import Start
 from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.connected_stage import ConnectedStage
-from dronecats.run.episode import Start, fly
+from dronecats.run.episode import fly
 from dronecats.run.terms import FRAMES_S, SILENCE_S, terms
 from hil.cameras.address import shown
 from hil.cameras.calibration import Calibration

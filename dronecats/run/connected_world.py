@@ -8,8 +8,9 @@ from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run import folder as folders
+from dronecats.run.ascent import Start, start_of
 from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
-from dronecats.run.episode import Flown, Start, fly, start_of
+from dronecats.run.episode import Flown, fly
 from dronecats.run.free_flight import free_flight
 from dronecats.run.plan import CAMERA
 from dronecats.run.simulated import draw

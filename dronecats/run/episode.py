@@ -1,6 +1,5 @@
 """One episode from the ground to the ground, the same on any autopilot."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,28 +8,16 @@ from typing import Any
 
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot
-from dronecats.border.errors import DronecatsError, LinkError
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import dialect
+from dronecats.border.errors import DronecatsError
 from dronecats.border.setpoints import Hold
 from dronecats.judge.episode import outcome
 from dronecats.judge.files import read
+from dronecats.run.ascent import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.run.stage import Stage
-from hil.envelope import broken_off, unwatched
+from hil.envelope import unwatched
 from hil.link import Link, TakeoverError
-
-READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
-AVERAGE_S = 1.0  # s over which the place on the ground is averaged
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Where a drone begins its episode, relative to the ground it stands on at boot."""
-
-    offset_ned: Vec3  # m, start pose less the place on the ground below it
-    yaw: float | None  # rad; None: as it stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,42 +105,6 @@ def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
     return tend
 
 
-def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], None]) -> None:
-    """Connect, arm, take off, fly to the start poses and hold there, all drones at a time. Raises LinkError."""
-    for link in links:
-        link.connect()
-        _on_the_ground(link)
-        if link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
-            link.set_mode("HOLD")
-    say("waiting until the autopilot is ready to arm …")
-    for link in links:
-        link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
-    grounds = [_average_position(link) for link in links]
-    say("arming and taking off …")
-    for link in links:
-        _on_the_ground(link)
-        link.arm()
-        link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
-    for link in links:
-        link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
-    say("flying to the start pose …")
-    for link, ground, start in zip(links, grounds, starts, strict=True):
-        north, east, down = (g + o for g, o in zip(ground, start.offset_ned, strict=True))
-        euler = link.state.euler
-        link.go_to((north, east, down), start.yaw if start.yaw is not None else euler[2] if euler else 0.0)
-        link.stop_offboard()
-
-
-def _on_the_ground(link: Link) -> None:
-    """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is in somebody's hand."""
-    if link.state.armed or link.state.landed is False:
-        what = "is armed already" if link.state.armed else "is in the air"
-        raise LinkError(f"the vehicle {what}, so it is not ours to arm; leave --arm out and hand it over in Hold")
-    reason = broken_off(link.state, link.limits, 0.0) if link.limits else None
-    if reason:
-        raise LinkError(f"not armed: {reason}")
-
-
 def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:
     """Connect to vehicles that a person has in hand, and unless nothing is to move wait until they hand over."""
     for link in links:
@@ -163,23 +114,12 @@ def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], 
             link.await_handover(say)
 
 
-def _average_position(link: Link) -> Vec3:
-    sums, count = [0.0, 0.0, 0.0], 0
-    end_us = link.time_us + round(AVERAGE_S * 1e6)
-    while link.time_us < end_us:
-        link.tick()
-        if link.state.position_ned is None:
-            raise LinkError("the autopilot sends no local position")
-        sums = [s + p for s, p in zip(sums, link.state.position_ned, strict=True)]
-        count += 1
-    return (sums[0] / count, sums[1] / count, sums[2] / count)
-
-
 def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None]) -> Agent:
     for link in stage.links:
-        link.fly(Hold())
+        if not link.streaming:  # one that we have brought to its start pose goes on being held there
+            link.fly(Hold())
         link.start_offboard()
-    t0_us = stage.links[0].time_us
+    t0_us = max(link.time_us for link in stage.links)
     stage.begin(t0_us)
     for link in stage.links:  # so that the first frame is younger than the episode
         link.wait(0.1)
@@ -218,8 +158,3 @@ class Watch:
         result: dict[str, Any] = outcome(read(self._folder))
         self.success = result["outcome"] == "success"
         return self.success
-
-
-def start_of(record_start: Any, ground_down: float) -> Start:
-    """Return the start of a record's drone above the ground at its place."""
-    return Start((0.0, 0.0, record_start.position_ned[2] - ground_down), math.radians(record_start.yaw_deg))

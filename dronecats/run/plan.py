@@ -18,6 +18,7 @@ from hil.envelope_file import load as load_envelope
 from vehicles import airframe as airframes
 
 SEED_MAX = 2**31 - 1
+LOCKSTEP_LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
 _DEFAULT, _CAMERA = Request("", (), False), CameraModel()
 SAMPLING = {"temperature": _DEFAULT.temperature, "max_tokens": _DEFAULT.max_tokens}
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
@@ -121,12 +122,12 @@ def speed(text: str) -> float | None:
 
 
 def latency_for(text: str | None, factor: float | None) -> Latency:
-    """Return the latency policy: by default latency passes as it passes, and in lockstep it is charged as measured."""
+    """Return the latency policy: by default latency passes as it passes, and in lockstep every reply costs the same."""
     if text is None:
-        return latency("measured" if factor is None else "real")
+        return latency(LOCKSTEP_LATENCY if factor is None else "real")
     policy = latency(text)
     if factor is None and policy.charge is None:
         raise UsageError(
-            "--latency real has no meaning with --speed max, where the vehicle's clock waits; use measured"
+            "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
         )
     return policy

@@ -14,11 +14,13 @@ from dronecats.agent.providers import split
 from dronecats.border.errors import DronecatsError
 from dronecats.border.redaction import redacted
 from dronecats.run import folder as folders
+from dronecats.run.ascent import start_of
 from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
-from dronecats.run.episode import Flown, fly, start_of
+from dronecats.run.episode import Flown, fly
 from dronecats.run.plan import SAMPLING, Plan, resolve
 from dronecats.run.stage import Stage
 from episodes import maps
+from vehicles import airframe as airframes
 
 
 def fly_simulated(args: argparse.Namespace, say: Say) -> dict[str, Any]:
@@ -118,7 +120,8 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say, settings: dict[str,
         pace = realtime.pace
     try:
         world = world or World(plan.record)
-        starts = [start_of(start, world.ground_down(*start.position_ned[:2])) for start in plan.record.starts]
+        standing_m = airframes.load(plan.airframe).standing_m
+        starts = [start_of(s, world.ground_down(*s.position_ned[:2]), standing_m) for s in plan.record.starts]
         pilot = Pilot(stage.model, prompt, plan.record.instruction, plan.latency)
         return fly(stage, starts, pilot, folder, full=plan.full, on_step=progress(say), say=say)
     finally:

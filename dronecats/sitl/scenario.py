@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dronecats.border.truth import Origin
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
@@ -61,7 +63,8 @@ def built_of(
 ) -> Simulation[V]:
     """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
 
-    All are in one wind and have the same faults. Raises UsageError for an unknown airframe or an impossible fault.
+    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All are in
+    one wind and have the same faults. Raises UsageError for an unknown airframe or an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
@@ -76,7 +79,7 @@ def built_of(
                 index,
                 frame,
                 place,
-                seed=seed * 1000 + index,
+                seed=noise_seed(world.record.seed, seed, index),
                 origin=origin(world),
                 terrain=world.scene.terrain,
                 obstacles=solid,
@@ -87,6 +90,14 @@ def built_of(
         ],
         Traffic(world.target_pose) if solid.moving else None,
     )
+
+
+def noise_seed(episode: int, flight: int, vehicle: int) -> int:
+    """Return the seed of all that is random about a vehicle: of its episode, this flight of it, its place in the fleet.
+
+    Neighbouring numbers share nothing (numpy's SeedSequence), and it fits a signed 64-bit integer.
+    """
+    return int(np.random.SeedSequence((episode, flight, vehicle)).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
 def load_world(episode: str) -> World:

@@ -26,13 +26,15 @@ def test_back_projection():
 def test_straight_ahead_is_a_stride_of_three_metres_in_two_and_a_half_seconds():
     (move,) = plan(Go(500, 500, 20), CAMERA)
     assert move.duration_s == 2.5
-    assert move.setpoint == Velocity(forward=pytest.approx(1.2), up=None)
+    assert move.setpoint == Velocity(forward=pytest.approx(1.2), up=None, bearing=0.0)
 
 
 def test_turns_first_beyond_the_deadband_and_never_sideways():
     right = math.tan(math.radians(20)) * 500 + 500
     turn, move = plan(Go(right, 500, 20), CAMERA)
-    assert turn.setpoint == Turn(pytest.approx(math.radians(60)))
+    angle = pytest.approx(math.radians(20))
+    assert turn.setpoint == Turn(pytest.approx(math.radians(60)), angle, onto_line=True)
+    assert move.setpoint.bearing == angle
     assert turn.duration_s == pytest.approx(20 / 60)
     assert isinstance(move.setpoint, Velocity)
 

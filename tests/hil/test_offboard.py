@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from dronecats.border.setpoints import Hold, Turn, Velocity
+from dronecats.border.setpoints import Hold, Sight, Turn, Velocity
 from hil.offboard import CORRECTION_MAX, OffboardStream
 from hil.offboard import message as packed
 
@@ -159,3 +159,55 @@ def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
     stream.fly(Hold(), None, time_us)
     held = message(stream, (0, 0, -2.0), yaw=1.5, time_us=time_us + tick_us)
     assert held.yaw == pytest.approx(0.3 + math.radians(90), abs=1e-6)
+
+
+SEEN = Sight((1.0, 2.0, -2.0), 0.5)
+
+
+def flown(setpoint, yaw, position=(0.0, 0.0, -2.0)):
+    """Return what is sent for a setpoint of this sight by a vehicle that has held another heading since."""
+    stream = OffboardStream()
+    stream.fly(Hold())
+    message(stream, position, yaw=yaw)
+    stream.fly(setpoint, None, 1_000_000, SEEN)
+    return stream, message(stream, position, yaw=yaw)
+
+
+@pytest.mark.parametrize("yaw", [0.5, 0.8, -0.4])
+def test_a_move_goes_along_the_ray_of_its_picture_wherever_the_nose_is_now(yaw):
+    _, said = flown(Velocity(1.2, None, bearing=0.1), yaw, SEEN.position_ned)
+    assert yaw + math.atan2(said.vy, said.vx) == pytest.approx(0.6)
+    assert math.hypot(said.vx, said.vy) == pytest.approx(1.2)
+
+
+def test_a_move_comes_back_to_the_line_through_the_place_of_its_picture():
+    right = (1.0 - math.sin(0.5) * 0.2, 2.0 + math.cos(0.5) * 0.2, -2.0)
+    _, said = flown(Velocity(1.2, None, bearing=0.0), 0.5, right)
+    assert said.vy == pytest.approx(-0.3)
+    assert math.hypot(said.vx, said.vy) == pytest.approx(1.2)
+
+
+def test_a_turn_ends_at_its_angle_from_the_picture_and_is_made_when_the_nose_is_there_and_still():
+    stream, first = flown(Turn(1.0, 0.4), 0.55)
+    assert first.yaw_rate == 1.0
+    for tick in range(1, 8):
+        assert message(stream, (0, 0, -2.0), yaw=0.6, time_us=1_000_000 + tick * 50_000).yaw_rate == 1.0
+    assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # the heading that is wanted has not come to its end yet
+    last = message(stream, (0, 0, -2.0), yaw=0.8, time_us=1_450_000)
+    assert last.yaw == pytest.approx(0.9)
+    assert not stream.steady((0, 0, -2.0), 0.85, 0.0)
+    assert not stream.steady((0, 0, -2.0), 0.9, 0.2)
+    assert stream.steady((0, 0, -2.0), 0.9, 0.05)
+
+
+def test_a_turn_before_a_move_holds_a_place_on_the_line_of_the_move():
+    stream, _ = flown(Turn(1.0, 0.4, onto_line=True), 0.5)
+    held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_000_000)
+    held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_200_000)
+    held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_400_000)
+    assert held.yaw == pytest.approx(0.9)
+    across = math.cos(0.9) * (held.y - 2.0) - math.sin(0.9) * (held.x - 1.0)
+    along = math.cos(0.9) * held.x + math.sin(0.9) * held.y
+    assert (across, along) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # where it is, it is beside the line
+    assert stream.steady((held.x, held.y, -2.0), 0.9, 0.0)

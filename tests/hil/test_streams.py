@@ -2,7 +2,7 @@
 
 from dronecats.border.mavlink import dialect
 from hil.link import Link
-from hil.streams import FAST, WATCHED, Streams
+from hil.streams import FAST, OFFERED, WATCHED, Streams
 from tests.hil.scripted_vehicle import ScriptedVehicle
 
 POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -82,4 +82,4 @@ def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
     vehicle.commands.clear()
     link.close()
     given_back = {int(named) for command, named, interval, _ in vehicle.commands if (command, interval) == (511, 0)}
-    assert given_back == {*link.streams.wanted, ODOMETRY}
+    assert given_back == {*link.streams.wanted, *OFFERED, ODOMETRY}

@@ -1,0 +1,140 @@
+"""From the ground to the start pose, all drones at a time, the same on any autopilot."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from dronecats.border.errors import LinkError
+from dronecats.border.frames import Vec3
+from dronecats.border.mavlink import dialect
+from hil.arrival import Arrival
+from hil.envelope import broken_off
+from hil.link import Link
+from hil.telemetry import VehicleState
+
+READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
+AVERAGE_S = 3.0  # s over which the place on the ground is averaged
+ARRIVAL_S = 60.0  # s to settle at the start pose
+RANGED_S = 1.0  # s over which the height over the ground is averaged
+LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m off its height over the ground, from which and up to which that is mended
+LEVELLINGS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a drone begins its episode, relative to where it stands at boot."""
+
+    offset_ned: Vec3  # m, start pose less the place of the body's origin as it stands below it
+    yaw: float | None  # rad; None: as it stands
+
+
+def start_of(record_start: Any, ground_down: float, standing_m: float = 0.0) -> Start:
+    """Return the start of a record's drone, whose body's origin stands `standing_m` above the ground at its place."""
+    height_m = ground_down - standing_m - record_start.position_ned[2]
+    return Start((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
+
+
+def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], None]) -> None:
+    """Connect, arm, take off, fly to the start poses and stay there in offboard, all at a time. Raises LinkError.
+
+    Where the heading matters, every drone turns round once on the way: the iron that turns with its compass shows
+    itself in a full circle only, and is worth up to two degrees.
+    """
+    for link in links:
+        link.connect()
+        _on_the_ground(link)
+        if link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
+            link.set_mode("HOLD")
+    say("waiting until the autopilot is ready to arm …")
+    for link in links:
+        link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
+    for link in links[:1]:  # the others are kept up with
+        link.wait(AVERAGE_S)
+    grounds = [_ground(link) for link in links]
+    say("arming and taking off …")
+    for link in links:
+        _on_the_ground(link)
+        link.arm()
+        link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+    for link in links:
+        link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
+    say("flying to the start pose …")
+    sent = [_send(link, ground, start) for link, ground, start in zip(links, grounds, starts, strict=True)]
+    _await(links, sent)
+    for _ in range(LEVELLINGS):
+        for link in links[:1]:
+            link.wait(RANGED_S)
+        before = sent
+        sent = [_levelled(*one) for one in zip(links, before, grounds, starts, strict=True)]
+        if sent == before:
+            break
+        _await(links, sent)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ground:
+    """Where a drone stands before it takes off."""
+
+    position_ned: Vec3  # m, local frame
+    range_m: float | None  # m, by its rangefinder
+
+
+@dataclass(frozen=True, slots=True)
+class _Sent:
+    """A drone on its way."""
+
+    position_ned: Vec3  # m, local frame
+    yaw: float  # rad
+    arrival: Arrival
+
+
+def _ground(link: Link) -> _Ground:
+    place = link.track.mean_place(AVERAGE_S)
+    if place is None:
+        raise LinkError("the autopilot sends no local position")
+    return _Ground(place, link.track.mean_range(AVERAGE_S))
+
+
+def _send(link: Link, ground: _Ground, start: Start) -> _Sent:
+    """Send a drone to its start pose in offboard."""
+    north, east, down = (g + o for g, o in zip(ground.position_ned, start.offset_ned, strict=True))
+    euler = link.state.euler
+    yaw = start.yaw if start.yaw is not None else euler[2] if euler else 0.0
+    arrival = link.fly_to((north, east, down), yaw, round_first=start.yaw is not None)
+    link.start_offboard()
+    return _Sent((north, east, down), yaw, arrival)
+
+
+def _levelled(link: Link, sent: _Sent, ground: _Ground, start: Start) -> _Sent:
+    """Bring a drone to its height over the ground by its rangefinder, where it has one: a barometer wanders."""
+    range_m = link.track.mean_range(RANGED_S)
+    place = link.track.mean_place(RANGED_S)
+    if range_m is None or ground.range_m is None or place is None or start.yaw is None:
+        return sent
+    low_m = -start.offset_ned[2] - (range_m - ground.range_m)
+    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # more: it looks down on something else than it stood on
+        return sent
+    north, east, _ = sent.position_ned
+    position_ned = (north, east, place[2] - low_m)
+    return _Sent(position_ned, sent.yaw, link.fly_to(position_ned, sent.yaw))
+
+
+def _await(links: Sequence[Link], sent: Sequence[_Sent]) -> None:
+    for link, one in zip(links, sent, strict=True):
+        link.wait_for(partial(_settled, link, one.arrival), ARRIVAL_S, "settling at the start pose")
+
+
+def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
+    return arrival.settled(state, link.time_us)
+
+
+def _on_the_ground(link: Link) -> None:
+    """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is in somebody's hand."""
+    if link.state.armed or link.state.landed is False:
+        what = "is armed already" if link.state.armed else "is in the air"
+        raise LinkError(f"the vehicle {what}, so it is not ours to arm; leave --arm out and hand it over in Hold")
+    reason = broken_off(link.state, link.limits, 0.0) if link.limits else None
+    if reason:
+        raise LinkError(f"not armed: {reason}")

@@ -1,0 +1,88 @@
+"""Where a vehicle has been lately, by its own telemetry: what a picture that was taken a moment ago is looked up in."""
+
+from bisect import bisect_right
+from collections import deque
+from typing import TypeVar
+
+from dronecats.border.frames import Vec3, wrap_pi
+from dronecats.border.setpoints import Sight
+
+KEPT_US = 10_000_000  # µs; frames are younger
+AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
+
+Report = TypeVar("Report", tuple[int, Vec3, Vec3], tuple[int, float, float], tuple[int, float])
+
+
+class Track:
+    """Places and headings by the vehicle's clock."""
+
+    def __init__(self) -> None:
+        self._places: deque[tuple[int, Vec3, Vec3]] = deque()  # µs, m, m/s
+        self._headings: deque[tuple[int, float, float]] = deque()  # µs, rad, rad/s
+        self._ranges: deque[tuple[int, float]] = deque()  # µs, m
+
+    def place(self, time_us: int, position_ned: Vec3, velocity_ned: Vec3) -> None:
+        """Take note of a place (m, local frame) and velocity (m/s)."""
+        _keep(self._places, (time_us, position_ned, velocity_ned))
+
+    def heading(self, time_us: int, yaw: float, yaw_rate: float) -> None:
+        """Take note of a heading (rad) and its rate (rad/s)."""
+        _keep(self._headings, (time_us, yaw, yaw_rate))
+
+    def range(self, time_us: int, range_m: float) -> None:
+        """Take note of what the rangefinder measures (m)."""
+        _keep(self._ranges, (time_us, range_m))
+
+    def at(self, time_us: int) -> Sight | None:
+        """Return where the vehicle was at a time (µs), None while nothing is known.
+
+        Between two reports it is interpolated, after the newest carried on for a moment, and before the oldest that.
+        """
+        if not self._places or not self._headings:
+            return None
+        before, after, share, ahead_s = _around(self._places, time_us)
+        place = tuple(
+            b + share * (a - b) + ahead_s * v for b, a, v in zip(before[1], after[1], after[2], strict=True)
+        )
+        first, second, part, on_s = _around(self._headings, time_us)
+        heading = first[1] + part * wrap_pi(second[1] - first[1]) + on_s * second[2]
+        return Sight((place[0], place[1], place[2]), wrap_pi(heading))
+
+    def mean_place(self, seconds: float) -> Vec3 | None:
+        """Return the mean place (m, local frame) over the last `seconds`, None while nothing is known."""
+        late = [place for _, place, _ in self._late(self._places, seconds)]
+        if not late:
+            return None
+        north, east, down = (sum(values) / len(late) for values in zip(*late, strict=True))
+        return (north, east, down)
+
+    def mean_range(self, seconds: float) -> float | None:
+        """Return the mean of the rangefinder (m) over the last `seconds`, None where there is none that is heard."""
+        late = [range_m for _, range_m in self._late(self._ranges, seconds)]
+        return sum(late) / len(late) if late else None
+
+    def _late(self, reports: deque[Report], seconds: float) -> list[Report]:
+        since_us = self._places[-1][0] - round(seconds * 1e6) if self._places else 0
+        return [report for report in reports if report[0] >= since_us]
+
+
+def _keep(reports: deque[Report], report: Report) -> None:
+    """Append a report and drop what is too old; an older clock begins a new track."""
+    if reports and report[0] < reports[-1][0]:
+        reports.clear()
+    if reports and report[0] == reports[-1][0]:
+        reports.pop()
+    reports.append(report)
+    while reports[0][0] < report[0] - KEPT_US:
+        reports.popleft()
+
+
+def _around(reports: deque[Report], time_us: int) -> tuple[Report, Report, float, float]:
+    """Return the reports before and after a time, how far between them it is (0 … 1), and how far beyond (s)."""
+    k = bisect_right(reports, time_us, key=lambda report: report[0])
+    if k == 0:
+        return reports[0], reports[0], 0.0, 0.0
+    if k == len(reports):
+        return reports[-1], reports[-1], 0.0, min(time_us - reports[-1][0], AHEAD_US) / 1e6
+    before, after = reports[k - 1], reports[k]
+    return before, after, (time_us - before[0]) / (after[0] - before[0]), 0.0

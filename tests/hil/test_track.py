@@ -1,0 +1,59 @@
+import math
+
+import pytest
+
+from hil.track import Track
+
+
+def told(*, places=(), headings=()):
+    track = Track()
+    for time_us, north, speed in places:
+        track.place(time_us, (north, 0.0, -2.0), (speed, 0.0, 0.0))
+    for time_us, yaw, yaw_rate in headings:
+        track.heading(time_us, yaw, yaw_rate)
+    return track
+
+
+STANDING = [(1_000_000, 0.0, 0.0)]
+
+
+def test_a_picture_is_looked_up_between_two_reports():
+    track = told(places=[(1_000_000, 1.0, 0.0), (1_100_000, 2.0, 0.0)], headings=STANDING)
+    assert track.at(1_025_000).position_ned == pytest.approx((1.25, 0.0, -2.0))
+
+
+def test_a_heading_is_interpolated_by_the_shorter_way_round():
+    track = told(places=STANDING, headings=[(1_000_000, 3.1, 0.0), (1_100_000, -3.1, 0.0)])
+    assert abs(track.at(1_050_000).heading) == pytest.approx(math.pi)
+
+
+def test_a_picture_that_is_newer_than_the_newest_report_is_carried_on_for_a_moment_only():
+    track = told(places=[(1_000_000, 1.0, 1.2)], headings=[(1_000_000, 0.5, 1.0)])
+    assert track.at(1_050_000).position_ned[0] == pytest.approx(1.06)
+    assert track.at(1_050_000).heading == pytest.approx(0.55)
+    assert track.at(9_000_000).position_ned[0] == pytest.approx(1.24)
+
+
+def test_what_is_older_than_everything_known_is_where_the_oldest_was():
+    track = told(places=[(5_000_000, 1.0, 1.2)], headings=[(5_000_000, 0.5, 1.0)])
+    assert track.at(1_000_000).position_ned[0] == 1.0
+    assert track.at(1_000_000).heading == 0.5
+
+
+def test_nothing_is_known_before_place_and_heading_have_been_told():
+    assert told(places=STANDING).at(1_000_000) is None
+    assert told(headings=STANDING).at(1_000_000) is None
+
+
+def test_a_clock_that_begins_anew_begins_a_new_track():
+    track = told(places=[(90_000_000, 50.0, 0.0), (1_000_000, 1.0, 0.0)], headings=STANDING)
+    assert track.at(2_000_000).position_ned[0] == 1.0
+
+
+def test_the_mean_is_of_the_last_seconds_alone():
+    track = told(places=[(k * 1_000_000, float(k), 0.0) for k in range(8)], headings=STANDING)
+    assert track.mean_place(2.0) == pytest.approx((6.0, 0.0, -2.0))
+    assert track.mean_range(2.0) is None
+    track.range(1_000_000, 9.0)
+    track.range(6_500_000, 1.0)
+    assert track.mean_range(2.0) == 1.0
