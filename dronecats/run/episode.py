@@ -13,7 +13,7 @@ from dronecats.border.errors import DronecatsError, LinkError
 from dronecats.border.frames import Vec3
 from dronecats.border.mavlink import dialect
 from dronecats.border.setpoints import Hold
-from dronecats.judge.episode import outcome
+from dronecats.judge.episode import succeeded
 from dronecats.judge.files import read
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
@@ -86,7 +86,7 @@ def fly(
             link.settle_envelope()
             if link.limits and (what := unwatched(link.state, link.limits)):
                 say(f"      envelope: {what}")
-        agent = _begin(stage, pilot, folder, log, on_step)
+        agent = _begin(stage, pilot, folder, log, on_step, cap_s)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
@@ -175,12 +175,14 @@ def _average_position(link: Link) -> Vec3:
     return (sums[0] / count, sums[1] / count, sums[2] / count)
 
 
-def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None]) -> Agent:
+def _begin(
+    stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None], cap_s: float
+) -> Agent:
     for link in stage.links:
         link.fly(Hold())
         link.start_offboard()
     t0_us = stage.links[0].time_us
-    stage.begin(t0_us)
+    stage.begin(t0_us, cap_s)
     for link in stage.links:  # so that the first frame is younger than the episode
         link.wait(0.1)
     for link in stage.links:  # from now on the agent ticks them all in turn
@@ -215,8 +217,7 @@ class Watch:
         self._declared |= bool(decision.action and decision.action["action"] == "finished")
         if self._full or not self._declared:
             return False
-        result: dict[str, Any] = outcome(read(self._folder))
-        self.success = result["outcome"] == "success"
+        self.success = succeeded(read(self._folder))
         return self.success
 
 

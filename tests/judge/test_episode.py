@@ -5,39 +5,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from episode_logs import BEGIN, END, decision, frame, pose, write
+
 from dronecats.border.errors import UsageError
 from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
 from dronecats.judge.files import read
 
 
-def decision(step, frame, t, action="finished", drone=0):
-    return {"step": step, "drone": drone, "frame_id": frame, "t_frame": t - 0.5, "t_decided": t,
-            "reply": "", "action": {"action": action} if action else None, "error": None}  # fmt: skip
-
-
-def frame(frame_id, t, distance, visible=True, drone=0):
-    return {"kind": "frame", "frame_id": frame_id, "t": t, "drone": drone, "distance_m": distance, "visible": visible}
-
-
-def pose(t, distance, visible=True, drone=0):
-    return {"kind": "pose", "t": t, "drone": drone, "distance_m": distance, "visible": visible,
-            "position_ned": [t, 0.0, -2.0]}  # fmt: skip
-
-
-BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
-END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}
-
-
 @pytest.fixture
 def folder(tmp_path):
-    def write(decisions, truth, name="e"):
-        path = tmp_path / name
-        path.mkdir(exist_ok=True)
-        (path / "decisions.jsonl").write_text("".join(json.dumps(d) + "\n" for d in decisions))
-        (path / "truth.jsonl").write_text("".join(json.dumps(t) + "\n" for t in truth))
-        return path
-
-    return write
+    return lambda decisions, truth, name="e": write(tmp_path / name, decisions, truth)
 
 
 def test_measures_a_declaration_at_its_own_frame(folder):
@@ -57,7 +34,7 @@ def test_seven_declarations_of_a_shutdown_change_nothing(folder):
     late = [decision(i, i, 502.0 + 5 * i) for i in range(1, 8)]
     path = folder(
         [decision(0, 0, 299.0, "go"), *late],
-        [BEGIN, frame(0, 298.0, 7.0), *(frame(i, 500.0, 2.0) for i in range(1, 8)), END],
+        [BEGIN, frame(0, 298.5, 7.0), *(frame(i, 500.0, 2.0) for i in range(1, 8)), END],
     )
     verdict = judge_folder(path)
     assert verdict["outcome"] == "failure"
