@@ -1,4 +1,4 @@
-"""The diagnostics, held to a second implementation: naive, over a fine grid of time, from the table in docs/run-folder.md.
+"""The diagnostics held to a second implementation: naive, over a fine grid of time, from docs/run-folder.md.
 
 Times are sixteenths of a second, which a float holds exactly.
 """

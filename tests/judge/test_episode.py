@@ -2,10 +2,9 @@ import json
 from pathlib import Path
 
 import pytest
+from episode_logs import BEGIN, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from episode_logs import BEGIN, END, decision, frame, pose, write
 
 from dronecats.border.errors import UsageError
 from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
