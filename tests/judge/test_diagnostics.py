@@ -72,7 +72,7 @@ class Naive:
         before, after = [t for t in ticks if t <= tick], [t for t in ticks if t > tick]
         until = after[0] if after else self.end
         since = before[-1] if before else 0
-        if until - since > GAP_TICKS:
+        if not ticks or until - since > GAP_TICKS:
             return None
         at = before[-1] if before else after[0]
         same = [r for r in self.rows if r["t"] / TICK_S == at]
