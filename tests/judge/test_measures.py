@@ -43,6 +43,11 @@ def test_a_flight_not_seen_to_its_cap_might_still_have_declared():
     assert measures([at(1, 9), at(2, 9), at(3, 9)], whole=False).success_within_three is False
 
 
+def test_a_share_of_what_was_not_measured_is_not_known():
+    told = measures([at(1, 4), at(2, None, None), at(3, 9)])
+    assert told == Measures(True, True, None, None)
+
+
 @given(st.lists(declared, max_size=8), st.booleans())
 def test_known_or_not_is_what_any_truth_of_the_unmeasured_could_make_of_it(declarations, whole):
     told = measures(declarations, whole=whole)
