@@ -149,12 +149,14 @@ def _say(line: str) -> None:
 
 
 def _verdict(result: dict[str, Any]) -> str:
+    if result["outcome"] == "error":
+        return "ERROR: nobody's score"
     if result["success"] is None:
         return "NOT JUDGED: nobody measured the truth"
     if result["success"]:
         return f"SUCCESS: {result['ne_m']:.2f} m from the target at the deciding declaration"
     if result["ne_m"] is None:
-        return "FAILURE: no action was taken"
+        return "FAILURE: its distance at the last action was not measured"
     return f"FAILURE: {result['ne_m']:.2f} m from the target at the last action"
 
 

@@ -3,8 +3,9 @@
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
-AGREES = {True: "agrees with verdict.json", False: "DIFFERS from verdict.json", None: "nothing stored to compare"}
+DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -17,23 +18,51 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the verdicts; status 0 whatever they are."""
-    from dronecats.judge.distances import sentence
+    """Print the verdicts; status 0 whatever they are, and 4 when something stored does not agree with them."""
     from dronecats.judge.episode import judge_run
 
-    episodes = judge_run(args.run_dir, args.delta)
+    episodes = judge_run(args.run_dir, args.delta, reread)
     if args.json:
         print(json.dumps({"episodes": episodes}))
-        return 0
-    for episode, verdict in episodes.items():
-        ne_m = "     –" if verdict["ne_m"] is None else f"{verdict['ne_m']:6.2f}"
-        agrees = AGREES[verdict["stored_agrees"]]
-        print(
-            f"{episode:32} {verdict['outcome']:13} NE {ne_m} m  {verdict['steps']:3} steps"
-            f"  {verdict['declarations']:3} declarations  {agrees}"
-        )
-        if verdict.get("distances"):
-            print(f"{'':32} {sentence(verdict['distances'], args.delta)}")
-        if verdict["error"]:
-            print(f"{'':32} {verdict['error']}")
-    return 0
+    else:
+        for episode, verdict in episodes.items():
+            _print(episode, verdict)
+    doubtful = any(v["stored_agrees"] is False or v["contradictions"] for v in episodes.values())
+    return DIFFERS if doubtful else 0
+
+
+def reread(reply: str, drones: int) -> list[list[dict[str, Any] | None]]:
+    """Return, for each drone, the actions that a reply may be read as: one for each order of a point's axes."""
+    from dronecats.agent.action import ActionError, parse_fleet
+
+    read = zip(*(parse_fleet(reply, drones, order) for order in ("xy", "yx")), strict=True)
+    return [[None if isinstance(one, ActionError) else one.as_json() for one in each] for each in read]
+
+
+def _print(episode: str, verdict: dict[str, Any]) -> None:
+    from dronecats.judge.distances import sentence
+
+    ne_m = "     –" if verdict["ne_m"] is None else f"{verdict['ne_m']:6.2f}"
+    cut_off = ", cut off there" if verdict["outcome"] == "success" and verdict["censored"] else ""
+    print(
+        f"{episode:32} {verdict['outcome']:13} NE {ne_m} m  {verdict['steps']:3} steps"
+        f"  {verdict['declarations']:3} declarations{cut_off}  {_agreement(verdict)}"
+    )
+    if verdict["outcome"] == "censored":
+        print(f"{'':32} cut off at its first success: whether it would have been one at this radius is not known")
+    if verdict.get("distances"):
+        print(f"{'':32} {sentence(verdict['distances'], verdict['delta_m'])}")
+    for said in (verdict["error"], verdict["note"], *verdict["contradictions"]):
+        if said:
+            print(f"{'':32} {said}")
+
+
+def _agreement(verdict: dict[str, Any]) -> str:
+    """Return what verdict.json is beside the verdict."""
+    if verdict["stored_agrees"] is None:
+        return "nothing stored to compare"
+    version = ", stored by an older version" if verdict["stored_older"] else ""
+    if verdict["stored_agrees"]:
+        return f"agrees with verdict.json{version}"
+    names = f" in {', '.join(verdict['stored_differs'])}" if verdict["stored_differs"] else ", which is damaged"
+    return f"DIFFERS from verdict.json{names}{version}"

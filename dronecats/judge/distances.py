@@ -4,10 +4,14 @@ A success wants the target in view, and nobody measured that. What is within the
 of the distance, or it is open.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from dronecats.judge.files import Estimate, Logs, Row, finished
+from dronecats.judge.damage import Row
+from dronecats.judge.diagnostics import GAP_S
+from dronecats.judge.files import Estimate, Logs
+from dronecats.judge.measured import finished
 from dronecats.judge.verdict import CAP_S, DELTA_M
 
 SURE = 2.0  # standard deviations
@@ -18,7 +22,8 @@ def distances(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any] | None:
     estimate = logs.estimate
     if estimate is None or estimate.head.get("target") is None:
         return None
-    poses = [p for p in estimate.poses if p["t"] <= CAP_S and p.get("distance_m") is not None]
+    told = (p for p in estimate.poses if p["t"] <= CAP_S and p["distance_m"] is not None)
+    poses = sorted(told, key=lambda p: float(p["t"]))
     acted = [d for d in logs.decisions if d["t_decided"] <= CAP_S]
     return {
         "source": estimate.head.get("source"),
@@ -27,8 +32,14 @@ def distances(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any] | None:
         "closest": _told(min(poses, key=lambda p: p["distance_m"], default=None), delta_m),
         "last_action": _declared(acted[-1], estimate, delta_m) if acted else None,
         "declarations": [_declared(d, estimate, delta_m) for d in finished(logs) if d["t_decided"] <= CAP_S],
-        "dwell_s": round(sum(b["t"] - a["t"] for a, b in pairwise(poses) if a["distance_m"] <= delta_m), 3),
+        "dwell_s": round(_dwell(poses, delta_m), 3),
     }
+
+
+def _dwell(poses: Sequence[Row], delta_m: float) -> float:
+    """Return the seconds within the radius, in view or not."""
+    near = [float(b["t"] - a["t"]) for a, b in pairwise(poses) if a["distance_m"] <= delta_m]
+    return sum(seconds for seconds in near if seconds <= GAP_S)
 
 
 def _declared(decision: Row, estimate: Estimate, delta_m: float) -> dict[str, Any]:

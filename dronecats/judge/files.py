@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.border.errors import UsageError
-from dronecats.judge.verdict import CAP_S, Measured
+from dronecats.judge.damage import Row as Row
+from dronecats.judge.damage import decision_fault, estimate_fault, truth_fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +39,10 @@ class Logs:
 
 def read(folder: Path) -> Logs:
     """Return the logs of an episode folder. Raises UsageError when a file is missing or a line in it is damaged."""
-    truth = list(lines(folder / "truth.jsonl", _truth_fault))
+    truth = list(lines(folder / "truth.jsonl", truth_fault))
     logs = Logs(
-        decisions=tuple(lines(folder / "decisions.jsonl", _decision_fault)),
-        frames={(r["drone"], r["frame_id"]): r for r in truth if r["kind"] == "frame"},
+        decisions=tuple(lines(folder / "decisions.jsonl", decision_fault)),
+        frames=_frames(truth, folder / "truth.jsonl"),
         poses=tuple(r for r in truth if r["kind"] == "pose"),
         begin=next((r for r in truth if r["kind"] == "begin"), None),
         end=next((r for r in truth if r["kind"] == "end"), None),
@@ -63,18 +64,24 @@ def episode_folder(path: Path) -> Path:
 def _estimate(path: Path) -> Estimate | None:
     if not path.exists():
         return None
-    rows = list(lines(path, _estimate_fault))
+    rows = list(lines(path, estimate_fault))
     head = next((r for r in rows if r["kind"] == "estimate"), None)
     if head is None:
         raise UsageError(f"{path} is damaged: it does not say what it was derived from")
     return Estimate(
         head=head,
-        frames={(r["drone"], r["frame_id"]): r for r in rows if r["kind"] == "frame"},
+        frames=_frames(rows, path),
         poses=tuple(r for r in rows if r["kind"] == "pose"),
     )
 
 
-Row = dict[str, Any]
+def _frames(rows: list[Row], path: Path) -> dict[tuple[int, int], Row]:
+    frames: dict[tuple[int, int], Row] = {}
+    for row in rows:
+        if row["kind"] == "frame" and frames.setdefault((row["drone"], row["frame_id"]), row) != row:
+            which = f"frame {row['frame_id']} of drone {row['drone']}"
+            raise UsageError(f"{path} is damaged: it tells two truths of {which}")
+    return frames
 
 
 def lines(path: Path, fault: Callable[[Row], str | None] = lambda row: None) -> Iterator[Row]:
@@ -90,17 +97,17 @@ def lines(path: Path, fault: Callable[[Row], str | None] = lambda row: None) -> 
     for number, row in enumerate(rows, 1):
         if not row.strip():
             continue
+        reason: str | None
         try:
             value = json.loads(row, parse_constant=_refuse)
             reason = fault(value) if isinstance(value, dict) else "it is not a JSON object"
         except (ValueError, RecursionError):
+            if number == len(rows):
+                return  # no newline after it: the write was cut short
             reason = "it is not JSON"
-        if reason is None:
-            yield value
-        elif number < len(rows):
+        if reason is not None:
             raise UsageError(f"{path} line {number} is damaged: {reason}")
-        else:
-            return  # no newline after it: the write was cut short
+        yield value
 
 
 def json_object(path: Path) -> Row | None:
@@ -114,86 +121,3 @@ def json_object(path: Path) -> Row | None:
 
 def _refuse(constant: str) -> Any:
     raise ValueError(constant)
-
-
-def _decision_fault(row: Row) -> str | None:
-    action = row.get("action")
-    if not (action is None or (isinstance(action, dict) and isinstance(action.get("action"), str))):
-        return "its action is not an action"
-    return _not_whole(row, "step", "drone", "frame_id") or _not_number(row, "t_decided")
-
-
-def _truth_fault(row: Row) -> str | None:
-    kind = row.get("kind")
-    if kind == "end":
-        return None if isinstance(row.get("reason"), str) else "its reason is not text"
-    if kind not in ("pose", "frame"):
-        return None if isinstance(kind, str) else "it has no kind"
-    whole = ("drone", "frame_id") if kind == "frame" else ("drone",)
-    place = row.get("position_ned")
-    if kind == "pose" and not (isinstance(place, list) and len(place) == 3 and all(_is_number(v) for v in place)):
-        return "its position_ned is not three numbers"
-    if row.get("distance_m") is not None and not _is_number(row["distance_m"]):
-        return "its distance_m is not a number"
-    if row.get("visible") not in (True, False, None):
-        return "its visible is neither true nor false"
-    return _not_whole(row, *whole) or _not_number(row, "t")
-
-
-def _estimate_fault(row: Row) -> str | None:
-    std = row.get("distance_std_m")
-    if std is not None and not (_is_number(std) and std >= 0):
-        return "its distance_std_m is not a standard deviation"
-    if row.get("kind") == "end":
-        return "an estimate has no end"
-    return _truth_fault(row)
-
-
-def _not_whole(row: Row, *names: str) -> str | None:
-    bad = [name for name in names if not isinstance(row.get(name), int) or isinstance(row[name], bool)]
-    return f"its {bad[0]} is not a whole number" if bad else None
-
-
-def _not_number(row: Row, *names: str) -> str | None:
-    bad = [name for name in names if not _is_number(row.get(name))]
-    return f"its {bad[0]} is not a number" if bad else None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e12
-
-
-class UnmeasuredError(Exception):
-    """A decision refers to a frame whose truth was not logged."""
-
-
-def finished(logs: Logs) -> list[Row]:
-    """Return the decisions that declare arrival."""
-    return [d for d in logs.decisions if (d["action"] or {}).get("action") == "finished"]
-
-
-def declarations(logs: Logs) -> list[Measured]:
-    """Return the declarations with the truth at their frames. Raises UnmeasuredError for one that could count."""
-    return [measured(d, logs) for d in finished(logs) if d["t_decided"] <= CAP_S]
-
-
-def last_action(logs: Logs) -> Measured | None:
-    """Return the last action within the cap; of a fleet, the closest of the last step. Raises UnmeasuredError."""
-    acted = [d for d in logs.decisions if d["t_decided"] <= CAP_S]
-    if not acted:
-        return None
-    last = [measured(d, logs) for d in acted if d["step"] == acted[-1]["step"]]
-    return min(last, key=lambda m: m.distance_m)
-
-
-def measured(decision: dict[str, Any], logs: Logs) -> Measured:
-    """Return a decision with the truth at its own frame. Raises UnmeasuredError."""
-    frame = logs.frames.get((decision["drone"], decision["frame_id"]))
-    if frame is None or frame.get("distance_m") is None:
-        raise UnmeasuredError(
-            f"step {decision['step']} of drone {decision['drone']} was decided on frame {decision['frame_id']},"
-            " of which the logger has no truth"
-        )
-    return Measured(
-        decision["step"], decision["drone"], decision["t_decided"], frame["distance_m"], bool(frame["visible"])
-    )

@@ -23,9 +23,9 @@ class EstimateRecorder:
         self._t0_us: int | None = None
         self._next_pose = 0
 
-    def begin(self, t0_us: int) -> None:
+    def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         self._t0_us = t0_us
-        self._write({"kind": "begin", "t": 0.0, "t0_us": t0_us, "source": "estimate"})
+        self._write({"kind": "begin", "t": 0.0, "t0_us": t0_us, "cap_s": cap_s, "source": "estimate"})
 
     def end(self, reason: str, error: str | None = None) -> None:
         if self._t0_us is not None:

@@ -19,7 +19,7 @@ class EstimateLogger:
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
-            self._recorder.begin(arguments["t0_us"])
+            self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
         elif command == "end":
             self.turn()
             self._recorder.end(arguments["reason"], arguments.get("error"))

@@ -33,7 +33,7 @@ class Logger:
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         match command:
             case "begin":
-                self._recorder.begin(arguments["t0_us"])
+                self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
             case "end":
                 self.turn()
                 self._recorder.end(arguments["reason"], arguments.get("error"))

@@ -35,10 +35,10 @@ class Recorder:
         """How many drones have been heard."""
         return len(self._samples)
 
-    def begin(self, t0_us: int) -> None:
-        """The episode's clock is zero at this vehicle time."""
+    def begin(self, t0_us: int, cap_s: float | None = None) -> None:
+        """The episode's clock is zero at this vehicle time; it is flown for `cap_s` seconds at most."""
         self._t0_us = t0_us
-        self._write({"kind": "begin", "t": 0.0, "t0_us": t0_us})
+        self._write({"kind": "begin", "t": 0.0, "t0_us": t0_us, "cap_s": cap_s})
 
     def end(self, reason: str, error: str | None = None) -> None:
         """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""

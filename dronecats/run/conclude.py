@@ -4,15 +4,16 @@ import signal
 import statistics
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dronecats.agent.action import action_from
 from dronecats.agent.decisions import Decision
 from dronecats.agent.history import compact
 from dronecats.border.camera import CameraModel
-from dronecats.border.errors import DronecatsError, UsageError
-from dronecats.judge.episode import write_verdict
+from dronecats.border.errors import DronecatsError, InfrastructureError, UsageError
+from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.judge.files import lines
 from dronecats.run import folder as folders
 from dronecats.run.episode import Flown
@@ -20,6 +21,14 @@ from dronecats.run.landing import unexpected
 
 Say = Callable[[str], None]
 DECLARED = CameraModel()
+MEASURED = (  # of the verdict, as they are
+    "success_at_first",
+    "success_within_three",
+    "declaration_precision",
+    "false_declarations",
+    "censored",
+)
+Written = TypeVar("Written")
 
 
 def conclude(
@@ -45,8 +54,11 @@ def conclude(
     except Exception as bug:
         flown = Flown("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with undisturbed():
-        verdict = write_verdict(folder)
-        afterwards(flown)
+        verdict, unkept = _kept(lambda: write_verdict(folder), folder)
+        _, unwritten = _kept(lambda: afterwards(flown), folder)
+    verdict = verdict or verdict_of(folder)
+    if fault := flown.error or unkept or unwritten:
+        flown = replace(flown, error=fault)
     status = {"cap": 0, "decided": 0, "interrupted": 130}.get(flown.reason, 3)
     if flown.error:
         status = flown.error.exit_status
@@ -60,6 +72,7 @@ def conclude(
         "ne_m": verdict["ne_m"],
         "steps": flown.steps,
         "declarations": verdict["declarations"],
+        **{name: verdict[name] for name in MEASURED},
         "sim_seconds": round(flown.sim_seconds, 3),
         "wall_seconds": round(flown.wall_seconds, 3),
         "real_time_factor": round(flown.sim_seconds / flown.wall_seconds, 3) if flown.wall_seconds else 0.0,
@@ -68,6 +81,16 @@ def conclude(
         "reason": flown.reason,
         "status": status,
     }
+
+
+def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
+    """Write something of a flight that is over; a disk that refuses it is told, and costs nothing else."""
+    try:
+        return write(), None
+    except InfrastructureError as fault:
+        return None, fault
+    except OSError as fault:
+        return None, unexpected(fault, folder)
 
 
 @contextmanager

@@ -40,8 +40,8 @@ class ConnectedStage:
     def _to_logger(self, message: dialect.MAVLink_message) -> None:
         self._copy.send(bytes(message.get_msgbuf()))
 
-    def begin(self, t0_us: int) -> None:
-        self._logger.do("begin", t0_us=t0_us)
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)

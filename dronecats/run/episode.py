@@ -10,7 +10,7 @@ from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot
 from dronecats.border.errors import DronecatsError
 from dronecats.border.setpoints import Hold
-from dronecats.judge.episode import outcome
+from dronecats.judge.episode import succeeded
 from dronecats.judge.files import read
 from dronecats.run.ascent import Start, ascend
 from dronecats.run.landing import finish, unexpected
@@ -73,7 +73,7 @@ def fly(
             link.settle_envelope()
             if link.limits and (what := unwatched(link.state, link.limits)):
                 say(f"      envelope: {what}")
-        agent = _begin(stage, pilot, folder, log, on_step)
+        agent = _begin(stage, pilot, folder, log, on_step, cap_s)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
@@ -114,13 +114,15 @@ def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], 
             link.await_handover(say)
 
 
-def _begin(stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None]) -> Agent:
+def _begin(
+    stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None], cap_s: float
+) -> Agent:
     for link in stage.links:
         if not link.streaming:  # one that we have brought to its start pose goes on being held there
             link.fly(Hold())
         link.start_offboard()
     t0_us = max(link.time_us for link in stage.links)
-    stage.begin(t0_us)
+    stage.begin(t0_us, cap_s)
     for link in stage.links:  # so that the first frame is younger than the episode
         link.wait(0.1)
     for link in stage.links:  # from now on the agent ticks them all in turn
@@ -155,6 +157,5 @@ class Watch:
         self._declared |= bool(decision.action and decision.action["action"] == "finished")
         if self._full or not self._declared:
             return False
-        result: dict[str, Any] = outcome(read(self._folder))
-        self.success = result["outcome"] == "success"
+        self.success = succeeded(read(self._folder))
         return self.success

@@ -11,6 +11,7 @@ from typing import Any
 
 from dronecats import __version__
 from dronecats.border.errors import UsageError
+from dronecats.border.json_file import write_json as write_json
 from dronecats.judge.files import json_object
 
 OURS = ("dronecats", "autopilot", "vehicles", "episodes", "hil")
@@ -83,10 +84,3 @@ def write_run(run: Path, configuration: dict[str, Any]) -> None:
         except metadata.PackageNotFoundError:
             continue
     write_json(run / "run.json", {**configuration, "versions": versions})
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file so that a kill leaves the old one or the new one, never half of one."""
-    draft = path.with_name(path.name + ".part")
-    draft.write_text(json.dumps(value, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    draft.replace(path)

@@ -77,9 +77,9 @@ class LockstepStage:
             return ChatModel(PROVIDERS["local"], plan.pilot, self._server.base_url)
         return ChatModel(*split(plan.model or ""), plan.base_url)
 
-    def begin(self, t0_us: int) -> None:
+    def begin(self, t0_us: int, cap_s: float) -> None:
         self._simulation.begin(t0_us)
-        self._recorder.begin(t0_us)
+        self._recorder.begin(t0_us, cap_s)
         self.camera.begin(t0_us)
         if self._oracle:
             self._oracle.begin(t0_us)

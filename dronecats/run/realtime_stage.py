@@ -92,10 +92,10 @@ class RealtimeStage:
             while not link.transport.receive(0.5):
                 self._supervisor.check()
 
-    def begin(self, t0_us: int) -> None:
+    def begin(self, t0_us: int, cap_s: float) -> None:
         self._simulator.do("begin", t0_us=t0_us)
         self._camera_process.do("begin", t0_us=t0_us)
-        self._logger.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
         if isinstance(self.model, BusOracle):
             self.model.begin(t0_us)
 

@@ -11,7 +11,7 @@ from dronecats.agent.chat import ChatModel
 from dronecats.agent.loop import Pilot
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import split
-from dronecats.border.errors import DronecatsError
+from dronecats.border.errors import DronecatsError, InfrastructureError
 from dronecats.border.redaction import redacted
 from dronecats.run import folder as folders
 from dronecats.run.ascent import start_of
@@ -74,7 +74,10 @@ def fly_plan(
     afterwards: Callable[[Flown], None] = lambda flown: None,
 ) -> dict[str, Any]:
     """Fly a plan in an episode folder that stands, judge it, and return what `fly --json` prints."""
-    (folder / "episode.json").write_text(plan.record.to_json(), encoding="utf-8")
+    try:
+        (folder / "episode.json").write_text(plan.record.to_json(), encoding="utf-8")
+    except OSError as full:
+        raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
     return conclude(
         lambda: _fly(plan, prompt, folder, say, settings), folder, plan.record.id, plan.pilot_name, afterwards
     )

@@ -23,8 +23,11 @@ class Stage(Protocol):
     @property
     def executor(self) -> Executor: ...
 
-    def begin(self, t0_us: int) -> None:
-        """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets."""
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets.
+
+        `cap_s`: the length of the flight in seconds, for the log.
+        """
         ...
 
     def end(self, reason: str, error: str | None = None) -> None:

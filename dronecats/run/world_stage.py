@@ -85,9 +85,9 @@ class WorldStage:
             else asked(pilot, process, agreed.model, agreed.base_url, patience)
         )
 
-    def begin(self, t0_us: int) -> None:
+    def begin(self, t0_us: int, cap_s: float) -> None:
         self._camera_process.do("begin", t0_us=t0_us)
-        self._logger.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
         if isinstance(self.model, BusOracle):
             self.model.begin(t0_us)
 

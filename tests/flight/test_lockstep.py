@@ -51,8 +51,13 @@ def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
     verdict = json.loads(capsys.readouterr().out)["episodes"][result["episode"]]
     assert verdict["stored_agrees"] is True
     assert verdict["ne_m"] == result["ne_m"]
+    assert verdict["contradictions"] == []
+    assert verdict["censored"] is result["censored"] is True
+    assert verdict["false_declarations"] == result["false_declarations"] == result["declarations"] - 1
+    begin = json.loads((folder / "truth.jsonl").read_text().splitlines()[0])
+    assert (begin["kind"], begin["cap_s"]) == ("begin", 300.0)
     assert main(["judge", str(folder), "--delta", "0.5", "--json"]) == 0
-    assert not json.loads(capsys.readouterr().out)["episodes"][folder.name]["success"]
+    assert json.loads(capsys.readouterr().out)["episodes"][folder.name]["outcome"] == "censored"
 
 
 def test_one_seed_gives_the_same_bytes_and_another_gives_others(fly, capsys):

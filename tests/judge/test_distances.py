@@ -108,3 +108,9 @@ def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list
     with pytest.raises(UsageError, match=r"estimate\.jsonl"):
         judge_folder(folder)
     assert judge_run(tmp_path)["e"]["outcome"] == "error"
+
+
+def test_dwell_leaves_gaps_of_the_trace_out_and_takes_poses_in_the_order_of_their_times(tmp_path: Path) -> None:
+    poses = [row("pose", t, 3.0, 0.5) for t in (10.5, 0.0, 0.5, 1.0, 10.0)]
+    measured = judge_folder(flown(tmp_path / "e", [HEAD, *poses, *frames((9, 1))], []))["distances"]
+    assert measured["dwell_s"] == pytest.approx(1.5)

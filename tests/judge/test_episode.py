@@ -2,6 +2,7 @@ import json
 from pathlib import Path
 
 import pytest
+from episode_logs import BEGIN, DECIDED, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -10,34 +11,9 @@ from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verd
 from dronecats.judge.files import read
 
 
-def decision(step, frame, t, action="finished", drone=0):
-    return {"step": step, "drone": drone, "frame_id": frame, "t_frame": t - 0.5, "t_decided": t,
-            "reply": "", "action": {"action": action} if action else None, "error": None}  # fmt: skip
-
-
-def frame(frame_id, t, distance, visible=True, drone=0):
-    return {"kind": "frame", "frame_id": frame_id, "t": t, "drone": drone, "distance_m": distance, "visible": visible}
-
-
-def pose(t, distance, visible=True, drone=0):
-    return {"kind": "pose", "t": t, "drone": drone, "distance_m": distance, "visible": visible,
-            "position_ned": [t, 0.0, -2.0]}  # fmt: skip
-
-
-BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
-END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}
-
-
 @pytest.fixture
 def folder(tmp_path):
-    def write(decisions, truth, name="e"):
-        path = tmp_path / name
-        path.mkdir(exist_ok=True)
-        (path / "decisions.jsonl").write_text("".join(json.dumps(d) + "\n" for d in decisions))
-        (path / "truth.jsonl").write_text("".join(json.dumps(t) + "\n" for t in truth))
-        return path
-
-    return write
+    return lambda decisions, truth, name="e": write(tmp_path / name, decisions, truth)
 
 
 def test_measures_a_declaration_at_its_own_frame(folder):
@@ -57,7 +33,7 @@ def test_seven_declarations_of_a_shutdown_change_nothing(folder):
     late = [decision(i, i, 502.0 + 5 * i) for i in range(1, 8)]
     path = folder(
         [decision(0, 0, 299.0, "go"), *late],
-        [BEGIN, frame(0, 298.0, 7.0), *(frame(i, 500.0, 2.0) for i in range(1, 8)), END],
+        [BEGIN, frame(0, 298.5, 7.0), *(frame(i, 500.0, 2.0) for i in range(1, 8)), END],
     )
     verdict = judge_folder(path)
     assert verdict["outcome"] == "failure"
@@ -140,6 +116,60 @@ def test_any_damage_is_judged_or_named(folder, key, value, truth_key, truth_valu
     verdict = judge_run(folder(decisions, truth))["e"]
     assert verdict["outcome"] in ("success", "failure", "error")
     json.dumps(verdict, allow_nan=False)
+
+
+def test_a_success_stands_whatever_else_was_not_measured(folder):
+    """Flown: the logger was stopped after four good declarations, and the pilot went on."""
+    good = [decision(n, n, 10.0 + n) for n in range(4)]
+    later = [decision(4, 4, 20.0), decision(5, 5, 23.0, "go")]
+    verdict = judge_folder(folder([*good, *later], [BEGIN, *(frame(n, 9.5 + n, 4.0 - n) for n in range(4))]))
+    assert (verdict["outcome"], verdict["ne_m"], verdict["note"]) == ("success", 4.0, None)
+    assert (verdict["success_at_first"], verdict["declaration_precision"]) == (True, None)
+
+
+def test_a_success_after_what_was_not_measured_says_so(folder):
+    path = folder([decision(0, 0, 5.0), decision(1, 1, 9.0)], [BEGIN, frame(1, 8.5, 4.0), END])
+    verdict = judge_folder(path)
+    assert (verdict["outcome"], verdict["ne_m"], verdict["deciding"]["step"]) == ("success", 4.0, 1)
+    assert "step 0 of drone 0 was decided on frame 0, of which the logger has no truth" in verdict["note"]
+    assert (verdict["success_at_first"], verdict["success_within_three"]) == (None, True)
+
+
+def test_an_unmeasured_declaration_without_a_success_is_an_error(folder):
+    path = folder([decision(0, 0, 5.0), decision(1, 1, 9.0)], [BEGIN, frame(1, 8.5, 6.0), END])
+    verdict = judge_folder(path)
+    assert (verdict["outcome"], verdict["ne_m"]) == ("error", None)
+    assert "no truth" in verdict["error"]
+
+
+def test_an_unmeasured_last_action_costs_the_navigation_error_and_not_the_verdict(folder):
+    path = folder([decision(0, 0, 5.0), decision(1, 1, 9.0, "go")], [BEGIN, frame(0, 4.5, 6.0), END])
+    verdict = judge_folder(path)
+    assert (verdict["outcome"], verdict["success"], verdict["ne_m"]) == ("failure", False, None)
+    assert "ne_m is not known" in verdict["note"]
+
+
+def test_of_a_fleets_last_step_the_closest_is_not_known_when_one_was_not_measured(folder):
+    steps = [decision(0, 0, 5.0, "go"), decision(0, 1, 5.0, "go", drone=1)]
+    measured = [frame(0, 4.5, 9.0), frame(1, 4.5, 7.0, drone=1)]
+    assert judge_folder(folder(steps, [BEGIN, *measured, END]))["ne_m"] == 7.0
+    assert judge_folder(folder(steps, [BEGIN, measured[0], END]))["ne_m"] is None
+
+
+def test_a_flight_that_was_cut_off_is_no_failure_at_another_radius(folder):
+    truth = [BEGIN, frame(0, 4.5, 9.0), frame(1, 8.5, 4.0)]
+    declared = [decision(0, 0, 5.0), decision(1, 1, 9.0)]
+    path = folder(declared, [*truth, DECIDED])
+    found = {delta_m: judge_folder(path, delta_m) for delta_m in (3.0, 5.0, 10.0)}
+    assert {d: (v["outcome"], v["success"], v["censored"]) for d, v in found.items()} == {
+        3.0: ("censored", None, True), 5.0: ("success", True, True), 10.0: ("success", True, True),
+    }  # fmt: skip
+    assert (found[3.0]["ne_m"], found[3.0]["deciding"], found[3.0]["error"]) == (None, None, None)
+    assert (found[3.0]["success_at_first"], found[3.0]["success_within_three"]) == (False, None)
+    whole = folder(declared, [*truth, END], "whole")
+    assert [(v["outcome"], v["censored"]) for v in (judge_folder(whole, 3.0), judge_folder(whole))] == [
+        ("failure", False), ("success", False),
+    ]  # fmt: skip
 
 
 def test_the_folder_one_stands_in_has_a_name(folder, monkeypatch):

@@ -1,0 +1,44 @@
+"""Logs of an episode as the agent and the logger write them, row by row."""
+
+import json
+from pathlib import Path
+
+from dronecats.judge.files import Logs
+
+BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
+END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}
+DECIDED = {**END, "reason": "decided", "t": 30.0}
+
+
+def decision(step, frame_id, t, action="finished", drone=0, **more):
+    return {"step": step, "drone": drone, "frame_id": frame_id, "t_frame": t - 0.5, "t_decided": t,
+            "reply": "", "action": {"action": action} if action else None, "error": None, **more}  # fmt: skip
+
+
+def frame(frame_id, t, distance_m, visible=True, drone=0, **more):
+    return {"kind": "frame", "frame_id": frame_id, "t": t, "drone": drone, "distance_m": distance_m,
+            "visible": visible, **more}  # fmt: skip
+
+
+def pose(t, distance_m, visible=True, drone=0, place=None, **more):
+    return {"kind": "pose", "t": t, "drone": drone, "distance_m": distance_m, "visible": visible,
+            "position_ned": place or [t, 0.0, -2.0], **more}  # fmt: skip
+
+
+def logs(decisions=(), truth=(), begin=BEGIN, end=END) -> Logs:
+    """Return the logs that hold these rows, frames and poses in `truth`."""
+    return Logs(
+        decisions=tuple(decisions),
+        frames={(r["drone"], r["frame_id"]): r for r in truth if r["kind"] == "frame"},
+        poses=tuple(r for r in truth if r["kind"] == "pose"),
+        begin=begin,
+        end=end,
+    )
+
+
+def write(folder: Path, decisions, truth) -> Path:
+    """Write the two logs of an episode folder, which is made where it is missing, and return it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
+    (folder / "truth.jsonl").write_text("".join(json.dumps(row) + "\n" for row in truth))
+    return folder

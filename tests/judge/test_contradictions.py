@@ -1,0 +1,113 @@
+"""Logs that do not hold together are nobody's score; what still is certain stands."""
+
+import pytest
+from episode_logs import BEGIN, DECIDED, END, decision, frame, logs, pose, write
+
+from dronecats.cli.judge import reread
+from dronecats.judge.contradictions import of_folder, of_logs, of_replies
+from dronecats.judge.episode import judge_folder, outcome
+
+GO = [decision(0, 0, 5.0, "go")]
+SEEN = [pose(0.0, 12.0), frame(0, 4.5, 9.0)]
+
+
+def said(decisions, truth, **more):
+    verdict = outcome(logs(decisions, truth, **more))
+    return verdict["outcome"], verdict["error"]
+
+
+def test_ended_as_decided_by_nothing():
+    for decisions in ([], GO, [decision(0, 0, 5.0)]):  # empty, cut, and one that does not qualify
+        assert said(decisions, SEEN, end=DECIDED) == (
+            "error",
+            "the flight was ended as decided, and no declaration in decisions.jsonl decides it",
+        )
+    assert said([decision(0, 0, 5.0)], [frame(0, 4.5, 4.0)], end=DECIDED)[0] == "success"
+
+
+@pytest.mark.parametrize(
+    ("cap_s", "end_s", "good"),
+    [(None, 300.0, True), (None, 295.0, True), (None, 294.9, False), (45.0, 45.1, True), (45.0, 39.9, False)],
+)
+def test_ended_at_the_cap_long_before_it(cap_s, end_s, good):
+    named, error = said(GO, SEEN, begin={**BEGIN, "cap_s": cap_s}, end={**END, "t": end_s})
+    assert named == ("failure" if good else "error")
+    assert good or f"and ends at {end_s:g} s" in error
+
+
+def test_flown_to_the_cap_without_one_decision_or_one_measurement():
+    assert said([], SEEN)[1] == "the flight was flown to its cap, and decisions.jsonl is empty"
+    assert said(GO, [pose(0.0, None, None)])[1] == "the logger measured nothing"
+
+
+def test_a_step_that_is_missing_or_there_twice():
+    truth = [*SEEN, frame(1, 8.5, 9.0), frame(2, 11.5, 9.0)]
+    assert said([*GO, decision(2, 2, 12.0, "go")], truth) == ("error", "decisions.jsonl lacks step 1")
+    assert said([decision(1, 1, 9.0, "go")], truth) == ("error", "decisions.jsonl lacks step 0")
+    assert said([*GO, *GO], truth) == ("error", "decisions.jsonl holds step 0 of drone 0 more than once")
+
+
+def test_a_contradiction_cannot_undo_a_success():
+    truth = [*SEEN, frame(2, 8.5, 4.0)]
+    for end in (None, {**END, "t": 20.0}, {**END, "reason": "error"}):
+        assert said([*GO, decision(2, 2, 9.0)], truth, end=end) == ("success", None)
+
+
+POSITIONS = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, 2.0]}  # 5 m apart
+
+
+@pytest.mark.parametrize(
+    "doubtful",
+    [
+        frame(1, 8.6, 4.0),  # of another instant than the decision says
+        frame(1, 8.5, 4.0, **POSITIONS),  # nearer than its own positions are
+    ],
+)
+def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(doubtful):
+    flight = logs([*GO, decision(1, 1, 9.0)], [*SEEN, doubtful])
+    assert outcome(flight)["outcome"] == "error"
+    assert len(of_logs(flight)) == 1
+    good = logs([*GO, decision(1, 1, 9.0)], [*SEEN, frame(1, 8.5, 5.0002, **POSITIONS)])
+    assert outcome(good, 5.001)["outcome"] == "success"
+    assert of_logs(good) == []
+
+
+def test_a_pose_is_held_to_its_positions_too():
+    here = pose(1.0, 5.0, place=[0.0, 0.0, -2.0], target_ned=[3.0, 0.0, 2.0])
+    assert of_logs(logs(GO, [*SEEN, here])) == []
+    assert "not as far from the target" in of_logs(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))[0]
+
+
+def replied(reply, action, drone=0):
+    return {**decision(0, drone, 5.0, drone=drone), "reply": reply, "action": action}
+
+
+def test_the_action_is_what_the_reply_says():
+    go = {"action": "go", "point": [100.0, 900.0], "depth_m": 4.0}
+    true = [
+        replied('{"action": "finished"}', {"action": "finished"}),
+        replied('so: {"action": "go", "point": [100, 900], "depth_m": 4}', go),
+        replied('{"action": "go", "point": [900, 100], "depth_m": 4}', go),  # of a model that says y first
+        replied("I cannot", None),
+    ]
+    for each in true:
+        assert of_replies(logs([each]), reread) == []
+        other = {**each, "action": {"action": "think"}}
+        assert len(of_replies(logs([other]), reread)) == 1
+    assert len(of_replies(logs([replied("I cannot", {"action": "finished"})]), reread)) == 1
+
+
+def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
+    reply = '[{"action": "think"}, {"action": "finished"}]'
+    fleet = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
+    assert of_replies(logs(fleet), reread) == []
+    swapped = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
+    assert len(of_replies(logs(swapped), reread)) == 1
+
+
+def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):
+    folder = write(tmp_path / "a-01", GO, [BEGIN, *SEEN, END])
+    (folder / "episode.json").write_text('{"id": "b-02"}')
+    assert judge_folder(folder)["contradictions"] == of_folder("a-01", {"id": "b-02"})
+    (folder / "episode.json").write_text('{"id": "a-01"}')
+    assert judge_folder(folder)["contradictions"] == []

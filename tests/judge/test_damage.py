@@ -1,0 +1,123 @@
+"""Whatever a log has become, it is judged or its damage is named in a sentence."""
+
+import json
+
+import pytest
+from episode_logs import BEGIN, END, decision, frame, pose, write
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dronecats.border.errors import UsageError
+from dronecats.judge.contradictions import of_logs
+from dronecats.judge.episode import judge_run, outcome, write_verdict
+from dronecats.judge.files import read
+
+DECISIONS = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0), decision(2, 2, 12.0, None)]
+TARGET = {"target_ned": [10.0, 0.0, 0.0]}
+TRUTH = [
+    {**BEGIN, "cap_s": 300.0, "source": None},
+    frame(0, 4.5, 9.0, position_ned=[1.0, 0.0, 0.0], **TARGET),
+    frame(1, 8.5, 6.0, position_ned=[4.0, 0.0, 0.0], **TARGET),
+    pose(5.0, 9.0, place=[1.0, 0.0, 0.0], **TARGET),
+    pose(5.5, 9.0, place=[1.0, 0.0, 0.0], **TARGET),
+    frame(2, 11.5, 6.0),
+    END,
+]
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=4) | st.sampled_from(["begin", "pose"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["action", "t", "x"]), inner),
+    max_leaves=4,
+)
+GONE = object()
+PLACES = [(name, n, key) for name, rows in (("decisions", DECISIONS), ("truth", TRUTH)) for n, row in enumerate(rows)
+          for key in row]  # fmt: skip
+
+
+def changed(rows, number, key, value):
+    row = {name: old for name, old in rows[number].items() if name != key}
+    return [*rows[:number], row if value is GONE else {**row, key: value}, *rows[number + 1 :]]
+
+
+def judged(folder, name, number, key, value):
+    """Judge the logs with one key changed: by themselves, and beside an episode that is whole."""
+    decisions = changed(DECISIONS, number, key, value) if name == "decisions" else DECISIONS
+    truth = changed(TRUTH, number, key, value) if name == "truth" else TRUTH
+    write(folder / "whole", DECISIONS, TRUTH)
+    damaged = write(folder / "damaged", decisions, truth)
+    try:
+        logs = read(damaged)
+        for delta_m in (5.0, 7.0):
+            json.dumps(outcome(logs, delta_m), allow_nan=False)
+        of_logs(logs)
+        said = None
+    except UsageError as damage:
+        said = str(damage)
+    assert said is None or ("is damaged: " in said and "\n" not in said)
+    verdicts = judge_run(folder)
+    assert verdicts["whole"]["outcome"] == "failure"
+    return verdicts["damaged"]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=300)
+@given(st.sampled_from(PLACES), JSON)
+def test_any_value_at_any_place_is_judged_or_named(tmp_path, place, value):
+    judged(tmp_path, *place, value)
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda p: f"{p[0]}-{p[1]}-{p[2]}")
+def test_any_missing_key_is_judged_or_named(tmp_path, place):
+    verdict = judged(tmp_path, *place, GONE)
+    needed = place[2] not in ("reply", "error", "target_ned", "cap_s", "source") and not (
+        (place[2] == "position_ned" and TRUTH[place[1]]["kind"] == "frame") or place == ("truth", 0, "t")
+    )
+    assert ("is damaged" in (verdict["error"] or "")) == needed
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "reason"),
+    [
+        (("truth", 1, "visible"), 1, "its visible is neither true nor false"),
+        (("truth", 3, "visible"), 0, "its visible is neither true nor false"),
+        (("truth", 2, "distance_m"), -0.1, "its distance_m is not a distance"),
+        (("truth", 3, "distance_m"), True, "its distance_m is not a distance"),
+        (("truth", 6, "t"), "300", "its t is not a number"),
+        (("truth", 0, "t0_us"), 1.5, "its t0_us is not a whole number"),
+        (("truth", 0, "cap_s"), -1, "its cap_s is not a time"),
+        (("decisions", 1, "t_decided"), 8.4, "its t_decided is before its t_frame"),
+        (("decisions", 1, "drone"), 255, "its drone is not below 255"),
+        (("decisions", 1, "step"), -1, "its step is not a whole number"),
+    ],
+)
+def test_what_cannot_be_is_damage(tmp_path, place, value, reason):
+    assert judged(tmp_path, *place, value)["error"].endswith(reason)
+
+
+def test_a_fleets_frame_may_be_a_tick_younger_than_its_decision(tmp_path):
+    assert judged(tmp_path, "decisions", 0, "t_decided", 4.47)["error"] is None
+
+
+def test_a_damaged_last_line_is_not_a_torn_one(tmp_path):
+    folder = write(tmp_path / "e", DECISIONS, TRUTH)
+    (folder / "truth.jsonl").write_text((folder / "truth.jsonl").read_text() + json.dumps({**END, "t": None}))
+    with pytest.raises(UsageError, match="its t is not a number"):
+        read(folder)
+    (folder / "truth.jsonl").write_text((folder / "truth.jsonl").read_text()[:-1])
+    assert outcome(read(folder))["outcome"] == "failure"
+
+
+def test_two_truths_of_one_frame_are_damage(tmp_path):
+    folder = write(tmp_path / "e", DECISIONS, [*TRUTH, frame(2, 11.5, 6.0)])
+    assert outcome(read(folder))["outcome"] == "failure"
+    write(folder, DECISIONS, [*TRUTH, frame(2, 11.5, 5.0)])
+    with pytest.raises(UsageError, match="two truths of frame 2"):
+        read(folder)
+
+
+def test_damage_is_stored_as_an_error(tmp_path):
+    folder = write(tmp_path / "e", DECISIONS, [*TRUTH[:2], {"kind": "frame"}, *TRUTH[2:]])
+    assert write_verdict(folder)["outcome"] == "error"
+    stored = json.loads((folder / "verdict.json").read_text())
+    assert "line 3 is damaged" in stored["error"]
+    assert stored["success_at_first"] is None
+    assert judge_run(folder)["e"]["stored_agrees"] is True

@@ -1,0 +1,205 @@
+"""The diagnostics held to a second implementation: naive, over a fine grid of time, from docs/run-folder.md.
+
+Times are sixteenths of a second, which a float holds exactly.
+"""
+
+import math
+
+import pytest
+from episode_logs import BEGIN, END, decision, frame, logs, pose
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.judge.diagnostics import of_drones, of_fleet
+from dronecats.judge.episode import outcome
+
+TICK_S = 1 / 16
+GAP_TICKS = 12  # 0.75 s
+CAP_TICKS = 4800  # 300 s
+
+distance = st.none() | st.integers(0, 40).map(lambda n: n / 4)
+visible = st.sampled_from([True, True, False, False, None])
+place = st.tuples(*[st.integers(-8, 8).map(float)] * 3).map(list)
+between = st.sampled_from([8, 8, 8, 8, 4, 12, 13, 40])
+
+
+@st.composite
+def rows(draw, drone):
+    """A drone's poses and frames: gaps, parts that nobody measured, the beginning or the cap near by, out of order."""
+    told, at = [], draw(st.sampled_from([0, 1, 12, 13, CAP_TICKS - 40]))
+    for spacing, d, v, where in draw(st.lists(st.tuples(between, distance, visible, place), max_size=12)):
+        told.append(pose(at * TICK_S, d, v, drone, where))
+        at += spacing
+    at = draw(st.sampled_from([-1, 2, 30, CAP_TICKS - 30]))
+    for number, (spacing, d, v) in enumerate(draw(st.lists(st.tuples(between, distance, visible), max_size=5))):
+        told.append(frame(number, at * TICK_S, d, v, drone))
+        at += spacing
+    return draw(st.permutations(told))
+
+
+@st.composite
+def flights(draw):
+    truth = [row for drone in range(draw(st.integers(1, 3))) for row in draw(rows(drone))]
+    end = draw(st.sampled_from([END, {**END, "t": 302.0}, {**END, "t": 9.0, "reason": "decided"}, None]))
+    return logs((), truth, end=end)
+
+
+class Naive:
+    """One drone's diagnostics by the definition, tick by tick."""
+
+    def __init__(self, flight, drone, delta_m):
+        everything = [r for r in (*flight.poses, *flight.frames.values()) if r["t"] <= 300.0]
+        measured = [r for r in everything if not (r["distance_m"] is None and r["visible"] is None)]
+        end_s = max([r["t"] for r in measured] + ([flight.end["t"]] if flight.end else []), default=0.0)
+        self.end = round(min(300.0, end_s) / TICK_S)
+        self.delta_m = delta_m
+        self.rows = [r for r in measured if r["drone"] == drone]
+        self.poses = [p for p in flight.poses if p["drone"] == drone and p["t"] <= 300.0]
+        states = [self.state(tick + 0.5) for tick in range(self.end)]
+        self.dwell_s = TICK_S * sum(s is not None and s["visible"] is True and self.near(s) for s in states)
+        self.untraced_s = TICK_S * sum(s is None for s in states)
+        self.longest_loss_s, run = 0.0, 0.0
+        for state in states:
+            run = run + TICK_S if state is not None and state["visible"] is False else 0.0
+            self.longest_loss_s = max(self.longest_loss_s, run)
+
+    def near(self, row):
+        return row["distance_m"] is not None and row["distance_m"] <= self.delta_m
+
+    def state(self, tick):
+        """The row that speaks for this moment, None in a gap."""
+        ticks = sorted({r["t"] / TICK_S for r in self.rows})
+        before, after = [t for t in ticks if t <= tick], [t for t in ticks if t > tick]
+        until = after[0] if after else self.end
+        since = before[-1] if before else 0
+        if not ticks or until - since > GAP_TICKS:
+            return None
+        at = before[-1] if before else after[0]
+        same = [r for r in self.rows if r["t"] / TICK_S == at]
+        return next((r for r in same if (r["kind"] == "frame") == bool(before)), same[0])
+
+    def figures(self):
+        distances = [r["distance_m"] for r in self.rows if r["distance_m"] is not None]
+        by_time = sorted(self.rows, key=lambda r: (r["t"], r["kind"] == "frame"))
+        start = next((r["distance_m"] for r in by_time if r["distance_m"] is not None), None)
+        looked = any(r["visible"] is not None for r in self.rows)
+        path_m = 0.0
+        for p in self.poses:
+            later = [q for q in self.poses if q["t"] > p["t"]]
+            following = min(later, key=lambda q: q["t"], default=None)
+            if following and (following["t"] - p["t"]) / TICK_S <= GAP_TICKS:
+                path_m += (
+                    sum((a - b) ** 2 for a, b in zip(p["position_ned"], following["position_ned"], strict=True)) ** 0.5
+                )
+        return {
+            "min_distance_m": min(distances) if distances else None,
+            "start_distance_m": start,
+            "approach_ratio": (start - min(distances)) / start if start else None,
+            "oracle_success": any(d <= self.delta_m for d in distances) if distances else None,
+            "first_seen_s": min((r["t"] for r in self.rows if r["visible"]), default=None),
+            "dwell_s": self.dwell_s if looked and distances else None,
+            "longest_loss_s": self.longest_loss_s if looked else None,
+            "path_m": path_m,
+            "flown_s": max(r["t"] for r in self.rows),
+            "untraced_s": self.untraced_s,
+        }
+
+
+def assert_same(told, naive):
+    for name, value in naive.items():
+        assert getattr(told, name) == (None if value is None else pytest.approx(value, abs=6e-4)), name
+
+
+@settings(max_examples=150, deadline=None)
+@given(flights(), st.sampled_from([1.0, 5.0]))
+def test_every_drone_is_as_the_definition_has_it(flight, delta_m):
+    told = of_drones(flight, delta_m)
+    drones = {row["drone"] for row in (*flight.poses, *flight.frames.values())}
+    for drone in drones:
+        naive = Naive(flight, drone, delta_m)
+        assert (drone in told) == bool(naive.rows)
+        if naive.rows:
+            assert_same(told[drone], naive.figures())
+
+
+BEST = {
+    "min_distance_m": min, "start_distance_m": min, "approach_ratio": max, "oracle_success": max, "first_seen_s": min,
+    "dwell_s": max, "longest_loss_s": min, "path_m": sum, "flown_s": max, "untraced_s": max,
+}  # fmt: skip
+
+
+@settings(max_examples=50, deadline=None)
+@given(flights())
+def test_of_a_fleet_the_best_drone_counts_and_paths_add_up(flight):
+    told = of_drones(flight)
+    fleet = of_fleet(told)
+    assert (fleet is None) == (not told)
+    for name, best in BEST.items() if fleet else ():
+        values = [value for value in (getattr(each, name) for each in told.values()) if value is not None]
+        expected = best(values) if values else None
+        assert getattr(fleet, name) == (pytest.approx(expected, abs=1e-3) if expected is not None else None), name
+
+
+def trace(until_s, seen=lambda t: True, distance_m=lambda t: 9.0, drone=0):
+    return [pose(k / 2, distance_m(k / 2), seen(k / 2), drone) for k in range(int(2 * until_s) + 1)]
+
+
+def test_a_loss_that_never_ends_and_a_target_never_seen():
+    lost = of_drones(logs((), trace(300, lambda t: t < 10)))[0]
+    assert lost.longest_loss_s == 290.0
+    never = of_drones(logs((), trace(300, lambda t: False)))[0]
+    assert (never.longest_loss_s, never.first_seen_s) == (300.0, None)
+    late = of_drones(logs((), trace(300, lambda t: t >= 299.5)))[0]
+    assert late.longest_loss_s == 299.5  # next to never, and so is the number
+
+
+def test_one_drones_view_is_not_anothers():
+    flight = logs((), trace(20, lambda t: t < 5) + trace(20, lambda t: t >= 5, drone=1), end={**END, "t": 20.0})
+    told = of_drones(flight)
+    assert (told[0].longest_loss_s, told[1].longest_loss_s) == (15.0, 5.0)
+    assert of_fleet(told).longest_loss_s == 5.0
+
+
+def test_dwell_is_one_drones_and_not_the_fleets_together():
+    both = trace(10, distance_m=lambda t: 3.0) + trace(10, distance_m=lambda t: 4.0, drone=1)
+    assert of_fleet(of_drones(logs((), both, end={**END, "t": 10.0}))).dwell_s == 10.0
+
+
+def test_what_the_logger_did_not_trace_is_told():
+    flight = logs((), [row for row in trace(60) if not 10 < row["t"] < 40])
+    told = of_drones(flight)[0]
+    assert told.untraced_s == 30.0 + 240.0  # in between, and from the last pose to the cap
+    assert told.path_m == pytest.approx(30.0)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(0, 8), st.booleans(), st.sampled_from([10.0, 299.9, 300.0, 300.04])), min_size=1),
+    st.floats(0.5, 9),
+)
+def test_a_success_is_an_oracle_success_and_was_seen(declared, delta_m):
+    decisions = [
+        {**decision(n, n, 0.0), "t_frame": t, "t_decided": min(t, 300.0)} for n, (_, _, t) in enumerate(declared)
+    ]
+    truth = [frame(n, t, d, v) for n, (d, v, t) in enumerate(declared)]
+    verdict = outcome(logs(decisions, [pose(0.0, 20.0, False), *truth]), delta_m)
+    if verdict["outcome"] == "success":
+        assert verdict["diagnostics"]["oracle_success"]
+        assert verdict["diagnostics"]["first_seen_s"] is not None
+        assert verdict["diagnostics"]["min_distance_m"] <= verdict["ne_m"]
+
+
+def test_the_verdict_has_a_row_per_drone():
+    truth = [
+        *trace(300),
+        *trace(300, distance_m=lambda t: 4.0, drone=1),
+        frame(0, 9.5, 9.0),
+        frame(1, 9.5, 4.0, drone=1),
+    ]
+    decisions = [decision(0, 0, 10.0), decision(0, 1, 10.0, drone=1)]
+    verdict = outcome(logs(decisions, truth, begin=BEGIN))
+    first, second = verdict["drones"]
+    assert (first["drone"], first["declarations"], first["qualifying"], first["min_distance_m"]) == (0, 1, 0, 9.0)
+    assert (second["drone"], second["declarations"], second["qualifying"], second["dwell_s"]) == (1, 1, 1, 300.0)
+    assert verdict["diagnostics"]["path_m"] == pytest.approx(first["path_m"] + second["path_m"])
+    assert math.isclose(verdict["diagnostics"]["min_distance_m"], 4.0)

@@ -1,0 +1,99 @@
+"""verdict.json beside what the logs say, and the status that `dronecats judge` ends with."""
+
+import json
+
+import pytest
+from episode_logs import BEGIN, END, decision, frame, pose, write
+
+from dronecats.cli.main import main
+from dronecats.judge.episode import judge_folder, write_verdict
+
+DECISIONS = [decision(0, 0, 5.0, reply='{"action": "finished"}'), decision(1, 1, 9.0, "think", reply="{")]
+DECISIONS[1] = {**DECISIONS[1], "action": None}
+TRUTH = [BEGIN, *(pose(k / 2, 9.0 - k / 10) for k in range(30)), frame(0, 4.5, 4.0), frame(1, 8.5, 4.0), END]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    episode = write(tmp_path / "run" / "e", DECISIONS, TRUTH)
+    write_verdict(episode)
+    return episode
+
+
+def leaves(value, path=()):
+    """The path of every number, text and truth value in a JSON value."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    found = [leaf for key, child in inner for leaf in leaves(child, (*path, key))]
+    return found or ([path] if not isinstance(value, dict | list) else [])
+
+
+def forged(verdict, path, change):
+    copy = json.loads(json.dumps(verdict))
+    at = copy
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = change(at[path[-1]])
+    return copy
+
+
+def other(value):
+    return not value if isinstance(value, bool) else value + 0.01 if isinstance(value, int | float) else "forged"
+
+
+def test_every_single_thing_in_it_is_compared(folder, capsys):
+    stored = json.loads((folder / "verdict.json").read_text())
+    assert len(leaves(stored)) > 30
+    for path in leaves(stored):
+        if path != ("delta_m",):  # of another radius, and then there is nothing to compare
+            (folder / "verdict.json").write_text(json.dumps(forged(stored, path, other)))
+            assert judge_folder(folder)["stored_agrees"] is False, path
+    assert main(["judge", str(folder.parent)]) == 4
+    assert "DIFFERS from verdict.json in drones[0].untraced_s" in capsys.readouterr().out
+    (folder / "verdict.json").write_text(json.dumps(stored))
+    assert main(["judge", str(folder.parent)]) == 0
+    assert "agrees with verdict.json" in capsys.readouterr().out
+
+
+def test_numbers_agree_to_the_digit_that_they_are_rounded_to(folder):
+    stored = json.loads((folder / "verdict.json").read_text())
+    close = forged(stored, ("diagnostics", "dwell_s"), lambda s: s + 0.001)
+    (folder / "verdict.json").write_text(json.dumps(close))
+    assert judge_folder(folder)["stored_agrees"] is True
+    (folder / "verdict.json").write_text(json.dumps({**stored, "steps": 2.0}))
+    assert judge_folder(folder)["stored_agrees"] is True
+    (folder / "verdict.json").write_text(json.dumps({**stored, "success": 1}))
+    assert judge_folder(folder)["stored_differs"] == ["success"]
+
+
+OLD = {"outcome": "success", "success": True, "ne_m": 4.0, "delta_m": 5.0, "steps": 2, "declarations": 1,
+       "declarations_after_cap": 0, "deciding": {"step": 0, "drone": 0, "t": 5.0, "distance_m": 4.0}, "error": None,
+       "diagnostics": {"dwell_s": 0, "longest_loss_s": 0.5}}  # fmt: skip
+
+
+def test_what_an_older_version_stored_agrees_as_far_as_it_goes(folder, capsys):
+    (folder / "verdict.json").write_text(json.dumps(OLD))
+    assert main(["judge", str(folder)]) == 0
+    assert "agrees with verdict.json, stored by an older version" in capsys.readouterr().out
+    (folder / "verdict.json").write_text(json.dumps({**OLD, "outcome": "error", "success": False}))
+    assert main(["judge", str(folder)]) == 4
+    assert "DIFFERS from verdict.json in outcome, success, stored by an older version" in capsys.readouterr().out
+
+
+def test_half_a_verdict_differs(folder, capsys):
+    (folder / "verdict.json").write_text('{"outcome": "succ')
+    assert main(["judge", str(folder)]) == 4
+    assert "DIFFERS from verdict.json, which is damaged" in capsys.readouterr().out
+
+
+def test_nothing_stored_and_another_radius_are_nothing_to_differ_from(folder, capsys):
+    assert main(["judge", str(folder), "--delta", "4"]) == 0
+    (folder / "verdict.json").unlink()
+    assert main(["judge", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["episodes"]["e"]["stored_agrees"] is None
+
+
+def test_an_action_that_is_not_its_replys_is_told(folder, capsys):
+    write(folder, [DECISIONS[0], {**DECISIONS[1], "action": {"action": "finished"}}], TRUTH)
+    write_verdict(folder)  # forged together with the log
+    assert main(["judge", str(folder)]) == 4
+    assert "the reply of step 1 does not say the action that was taken" in capsys.readouterr().out
