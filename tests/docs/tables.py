@@ -54,7 +54,7 @@ RUNS = (
     Run(r"dronecats episodes check$", add="--rules residential-approaching-01 campus-searching-01"),
     Run(r"dronecats episodes new --map", add="--count 1"),
     Run(r"dronecats episodes audit$", add="residential-approaching-01"),
-    Run(r"dronecats episodes audit \[--suite S\]", add="residential-approaching-01", drop=r"--suite S"),
+    Run(r"dronecats episodes audit \[--suite S\]", add="residential-approaching-01", drop=r"--suite \S+"),
     Run(r"dronecats flightlog trace runs/c", slow=True),  # which is flown by the line above it
     Run(r"dronecats (maps (?!import$)|tune|judge|flightlog trace|doctor)", drop=r"--ulog \S+"),
     Run(r"dronecats compare RUN"),
