@@ -65,9 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     with Output(UNHEARD.get(_verb(arguments) or "")) as output:
         args = parse(arguments)
         status = _run(args)
-        sys.stdout.flush()
-        if output.fault and status == 0:
-            print(f"dronecats {args.verb}: the output cannot be written: {output.fault}", file=sys.stderr)
+        fault = output.fault()
+        if fault and status == 0:
+            print(f"dronecats {args.verb}: the output cannot be written: {fault}", file=sys.stderr)
             return 3
     return status
 

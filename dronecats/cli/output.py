@@ -58,14 +58,17 @@ class Output:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for stream in (sys.stdout, sys.stderr):
-            if stream is not None:
-                stream.flush()
+        self._flush()
         sys.stdout, sys.stderr = self._before
 
-    @property
+    def _flush(self) -> None:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # as after `>&-`
+                stream.flush()
+
     def fault(self) -> str | None:
-        """Why the output could not be written, for example a full disk; None when it was, or when its reader left."""
+        """Return why the output could not be written, such as a full disk; None when it was, or its reader left."""
+        self._flush()
         error = self._raw.fault if self._raw else None
         return (error.strerror or str(error)) if error else None
 

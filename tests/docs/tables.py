@@ -57,7 +57,7 @@ RUNS = (
     Run(r"dronecats episodes audit \[--suite S\]", add="residential-approaching-01", drop=r"--suite \S+"),
     Run(r"dronecats flightlog trace runs/c", slow=True),  # which is flown by the line above it
     Run(r"dronecats (maps (?!import$)|tune|judge|flightlog trace|doctor)", drop=r"--ulog \S+"),
-    Run(r"dronecats compare RUN"),
+    Run(r"dronecats compare RUN", add="--seconds 5"),  # the flight of the test lasts no minute
     Run(r"dronecats fly --sitl --speed max --pilot (blind|recorded)", slow=True),
     Run(r"dronecats fly --sitl --speed max --latency", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),

@@ -1,6 +1,7 @@
 """A reader of the output that goes away costs the words: neither the work, nor the truth of the exit status."""
 
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -29,8 +30,8 @@ def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
     assert said is None or [line for line in said.splitlines() if "the flight goes on" in line] == said.splitlines()
 
 
-def test_a_shell_sees_the_status_of_the_flight(tmp_path):
-    line = f"{sys.executable} -m dronecats.cli.main fly --sitl --speed nonsense 2>&1 | head -0; exit ${{PIPESTATUS[0]}}"
+def test_a_shell_sees_the_status_of_what_it_started():
+    line = f"{shlex.join(DRONECATS)} fly --sitl --speed nonsense 2>&1 | head -0; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], timeout=300, check=False).returncode == 2
 
 
@@ -47,7 +48,13 @@ def test_a_list_ends_well_and_quietly_when_its_reader_has_enough():
     assert process.wait(60) == 0
 
 
-def test_an_output_that_cannot_be_written_is_not_done(tmp_path):
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_who_closes_the_output_beforehand_is_served_without_it(closed):
+    line = f"exec {shlex.join([*DRONECATS, 'judge', '/nowhere'])} {closed}"
+    assert subprocess.run(["bash", "-c", line], timeout=60, check=False).returncode == 2
+
+
+def test_an_output_that_cannot_be_written_is_not_done():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [*DRONECATS, "episodes", "list"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
