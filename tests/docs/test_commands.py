@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import tables
-from pages import PAGES, ROOT, Command, commands
+from pages import PAGES, ROOT, commands
 
 from dronecats.cli.main import VERBS, parse
 
@@ -107,28 +107,28 @@ def shell(line: str, folder: Path) -> None:
     assert done.returncode == 0, f"{line}\nends with {done.returncode}\n{done.stdout[-1500:]}{done.stderr[-1500:]}"
 
 
-def lines(page: Path, slow: bool) -> list[tuple[Command, str]]:
-    """Return what is run of a page, in its order and each once, as it is run."""
-    found: dict[str, Command] = {}
-    for command in commands(page):
+def lines(slow: bool) -> dict[str, list[str]]:
+    """Return by page what is run, in the page's order; what several pages have is run for the first of them."""
+    found: dict[str, str] = {}
+    for command in ALL:
         try:
             row = tables.row(command.text)
         except LookupError:  # which has a test of its own
             continue
         if isinstance(row, tables.Run) and row.slow == slow:
             text = re.sub(row.drop, "", tables.filled(command.text)) if row.drop else tables.filled(command.text)
-            found.setdefault(f"{text} {row.add}".strip(), command)
-    return [(command, line) for line, command in found.items()]
+            found.setdefault(" ".join(f"{text} {row.add}".split()), command.page)
+    return {page: [line for line, of in found.items() if of == page] for page in dict.fromkeys(found.values())}
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if lines(p, False)], ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("page", lines(slow=False))
 def test_the_commands_of_a_page_run(page, workplace):
-    for _, line in lines(page, False):
+    for line in lines(slow=False)[page]:
         shell(line, workplace)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [p for p in PAGES if lines(p, True)], ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("page", lines(slow=True))
 def test_the_flights_of_a_page_run(page, workplace):
-    for _, line in lines(page, True):
+    for line in lines(slow=True)[page]:
         shell(line, workplace)
