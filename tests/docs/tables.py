@@ -58,8 +58,8 @@ RUNS = (
     Run(r"dronecats flightlog trace runs/c", slow=True),  # which is flown by the line above it
     Run(r"dronecats (maps (?!import$)|tune|judge|flightlog trace|doctor)", drop=r"--ulog \S+"),
     Run(r"dronecats compare RUN", add="--seconds 5"),  # the flight of the test lasts no minute
-    Run(r"dronecats fly --sitl --speed max --pilot (blind|recorded)", slow=True),
-    Run(r"dronecats fly --sitl --speed max --latency", slow=True),
+    Run(r"dronecats fly --sitl --speed max --pilot recorded", drop=r"--full", slow=True),
+    Run(r"dronecats fly --sitl --speed max --(latency|pilot blind)", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
     Run(r"python -m dronecats\.report\.optics_sheet", slow=True),
 )
