@@ -27,7 +27,9 @@ def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
     assert process.wait(300) == 0
     (verdict,) = (tmp_path / "run").glob("*/verdict.json")
     assert json.loads(verdict.read_text())["outcome"] == "success"
-    assert said is None or [line for line in said.splitlines() if "the flight goes on" in line] == said.splitlines()
+    if said is not None:
+        (note,) = said.splitlines()
+        assert "the flight goes on" in note
 
 
 def test_a_shell_sees_the_status_of_what_it_started():
