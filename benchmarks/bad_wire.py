@@ -1,6 +1,6 @@
 """A minute of scripted flight over bad wires: what our link survives, and how far it leads the vehicle astray.
 
-    python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--px4 COMMAND | --to URL --truth URL]
+    python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--short] [--px4 COMMAND | --to URL --truth URL]
 
 Every row is a whole flight in real time, all of it over the wire: connecting, arming, take-off, a minute of velocities,
 turns and holds, landing. `astray` is the farthest that the truth was from the flight over the perfect wire at the same
@@ -8,7 +8,8 @@ second of the minute, `end` the distance at its end, `cut speed` the speed two s
 is survived when the link comes back and finds the vehicle holding, which ends the agent's flight.
 Our own simulator flies, a fresh one for each row, under our autopilot or under the PX4 that COMMAND starts; with --to
 an autopilot that is running and landed. There `heading off` tells whether paths can be compared: PX4's own simulation
-has been 4° off one way and 4° the other.
+has been 4° off one way and 4° the other. `--short` flies a part of the minute over the perfect wire and one that loses,
+with our simulator at three times real time: whether it runs, and nothing to quote.
 """
 
 import argparse
@@ -48,6 +49,8 @@ LEG: tuple[tuple[Setpoint, float], ...] = (
     (Hold(), 3.5),
 )
 MINUTE = LEG * 5
+SHORT = ("perfect", "10 % loss")  # no delay, cut or baud rate, which the wall's clock counts
+SHORT_SPEED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +137,10 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
     with tempfile.TemporaryDirectory() as folder:
         supervisor = Supervisor(Path(folder))
         try:
+            speed = SHORT_SPEED if args.short else 1.0
             px4 = {"autopilot": "px4", "px4": args.px4, "log_dir": folder} if args.px4 else {}
             simulator = supervisor.start(
-                "simulator", {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": 1.0, **px4}
+                "simulator", {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": speed, **px4}
             )
             ports = simulator.ready()
             while px4 and not simulator.do("in step"):
@@ -158,6 +162,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
     """
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
+    moves = LEG if args.short else MINUTE
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
         near = connect("udpin://127.0.0.1:0")
         wire = ImpairedWire(near, connect(to), row.up, row.down, args.seed)
@@ -186,7 +191,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
                 t0_us, heading = truth.now_us(link.time_us), link.state.euler[2] if link.state.euler else 0.0
                 if row.cut:
                     wire.pull(wire.time_s + CUT_AT_S, CUT_S)
-                for setpoint, seconds in MINUTE:
+                for setpoint, seconds in moves:
                     link.fly(setpoint, seconds)
                     link.wait(seconds)
                 phase = "landing"
@@ -204,7 +209,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
             rescue(to)
         if t0_us is not None:
             start = truth.at(t0_us)
-            end_us = min(t0_us + 60_000_000, truth.samples[-1].time_us)
+            end_us = min(t0_us + round(1e6 * sum(seconds for _, seconds in moves)), truth.samples[-1].time_us)
             path = [_seen_from(start, heading, truth.at(time_us)) for time_us in range(t0_us, end_us, 100_000)]
             figures["heading_off_deg"] = round(math.degrees(wrap_pi(heading - quat_yaw(start.attitude))), 1)
             if row.cut:
@@ -243,6 +248,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="rows to fly; the perfect wire is flown first anyway")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--short", action="store_true", help="a leg over two wires: whether it runs")
     parser.add_argument(
         "--px4", metavar="COMMAND", help="starts a real PX4, which flies in our physics; see `fly --px4`"
     )
@@ -253,9 +259,12 @@ def main() -> None:
         parser.error("--to and --truth go together")
     if args.to and args.px4:
         parser.error("--px4 starts the autopilot that --to would name; choose one")
+    if args.short and (args.px4 or args.to):
+        parser.error("--short is flown in our own simulator; leave --px4 and --to out")
+    only = SHORT if args.short else args.only
     reference: Path3 = []
     for row in ROWS:
-        if args.only and row.name not in args.only and row is not ROWS[0]:
+        if only and row.name not in only and row is not ROWS[0]:
             continue
         figures, path = fly(row, args)
         reference = reference or path

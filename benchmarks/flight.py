@@ -1,19 +1,20 @@
 """How fast our flight stack flies, and how well it holds real time.
 
-    python -m benchmarks.flight [--json] [--repeat N] [--seconds S] [--quick] [--peers --peers-dir DIR]
+    python -m benchmarks.flight [--json] [--repeat N] [--seconds S] [--quick] [--short] [--peers --peers-dir DIR]
 
 prints times faster than real time (`…_rtf`) for the plant with its autopilot, for the same flown through MAVLink by an
 agent-like client, and for a fleet of four; the memory of one simulator process; how long a first run compiles; and how
 well real-time mode holds its rate. The task is the same everywhere: hover and steps of 1 m/s.
 
 Every `…_rtf` is a median over the repetitions, of vehicle seconds per wall second; `…_rtf_cpu` beside it counts the
-seconds of processor time instead, which other programs on a shared machine disturb less.
+seconds of processor time instead, which other programs on a shared machine disturb less, and `…_rtf_x_loop` is that
+times `machine.python_loop_ms`, which tells little of the machine (`benchmarks/machine.py`). `--short` only shows, in
+seconds, that every figure can be had.
 """
 
 import argparse
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -21,14 +22,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import psutil
 
 from autopilot.modes.setpoint import FREE, NAN
 from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
 from benchmarks import flight_peers
+from benchmarks.machine import Machine
 from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.pace import RateKeeper
@@ -42,7 +43,7 @@ STEP_S = 2.0  # s each part of the task lasts
 STEPS_NED = ((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.0, -1.0))  # m/s
 MOVES: tuple[Setpoint, ...] = (Hold(), Velocity(1.0, None), Hold(), Turn(0.5), Hold(), Velocity(1.0, None))
 SETTLE_S = 25.0  # s for the estimator to find itself before a take-off
-PACE_LATE_S = 0.002
+FLIGHTS = ("core", "mavlink", "mavlink_onboard", "fleet4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +125,8 @@ class LinkedFlight:
         self.links = [Link(self.clock.transport(i, profile)) for i in range(count)]
         self.messages = 0
         for link in self.links:
+            link.on_wait = partial(self._keep_up_others, link)
+        for link in self.links:
             link.connect()
             link.listeners.append(self._count)
         for link in self.links:
@@ -136,6 +139,13 @@ class LinkedFlight:
             link.wait_for(lambda s: s.position_ned is not None and s.position_ned[2] < -1.5, 20.0, "climbing")
             link.fly(Hold())
             link.start_offboard()
+        for link in self.links:  # from now on `fly` ticks them all in turn
+            link.on_wait = lambda: None
+
+    def _keep_up_others(self, waiting: Link) -> None:
+        for link in self.links:
+            if link is not waiting:
+                link.keep_up()
 
     def _count(self, message: Any) -> None:
         self.messages += 1
@@ -228,17 +238,10 @@ def processes() -> dict[str, float]:
     }
 
 
-def python_loop() -> float:
-    """Return the processor seconds of a million turns of an empty loop, to compare machines and their moods by."""
-    began = time.process_time()
-    for _ in range(1_000_000):
-        pass
-    return time.process_time() - began
-
-
 def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
     """Return every figure of our own stack."""
     found: dict[str, Any] = {"seconds": seconds, "repeat": repeat, "airframe": "x500", "task": "hover and 1 m/s steps"}
+    machine = Machine()
     core = CoreFlight(1)
     found |= figures("core", [core.run(seconds) for _ in range(repeat)])
     linked = LinkedFlight(1, 1)
@@ -247,17 +250,15 @@ def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
     found["mavlink_messages_per_s"] = round(linked.messages / (repeat * seconds))
     found |= figures("mavlink_onboard", _runs(LinkedFlight(1, 1, "onboard"), repeat, seconds))
     found |= figures("fleet4", _runs(LinkedFlight(4, 1), repeat, seconds / 2))
+    machine.look()
+    for name in FLIGHTS:
+        found[f"{name}_rtf_x_loop"] = machine.rtf_x_loop(found[f"{name}_rtf_cpu"])
     if not quick:
         found |= processes()
         vehicle, port = linked.clock.simulation.vehicles[0], linked.clock.simulation.vehicles[0].autopilot.node.ports[0]
         found["pace_10ms"] = pace(10.0, TICK_US / 1e6, lambda: (vehicle.advance(), port.take()))
         found["pace_4ms"] = pace(10.0, 0.004, lambda: vehicle._fused.advance(4))
-    found["machine"] = {
-        "python_loop_ms": round(1e3 * python_loop(), 1),
-        "cpus": os.cpu_count(),
-        "load_1min": round(psutil.getloadavg()[0], 2),
-        "python": platform.python_version(),
-    }
+    found["machine"] = machine.figures()
     return found
 
 
@@ -271,9 +272,12 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5, help="repetitions of which the median is given")
     parser.add_argument("--seconds", type=float, default=20.0, help="vehicle seconds of one repetition")
     parser.add_argument("--quick", action="store_true", help="only how many times faster than real time")
+    parser.add_argument("--short", action="store_true", help="a second of each: whether it runs, not how fast")
     parser.add_argument("--peers", action="store_true", help="also the same task in other simulators, as ratios")
     parser.add_argument("--peers-dir", type=Path, default=Path(".peers"), help="folder with one venv per peer")
     chosen = parser.parse_args()
+    if chosen.short:
+        chosen.repeat, chosen.seconds, chosen.quick = 1, 1.0, True
     found = measure(max(1, chosen.repeat), max(1.0, chosen.seconds), chosen.quick)
     if chosen.peers:
         found["peers"] = flight_peers.compare(chosen.peers_dir, found["core_rtf"], found["core_rtf_cpu"])

@@ -1,17 +1,18 @@
 """How long a frame of the forward camera takes.
 
-    python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--peers --peers-dir DIR]
+    python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--short] [--peers --peers-dir DIR]
 
 prints, for each shipped map in a process of its own, the median milliseconds per frame at 1280×720 and 640×360, of four
-drones that share one world at 640×360, and the resident memory in MB. `cpu_ms…` counts all processors, which
-says more than the wall where other programs run too. The figures that stand first are the residential map's. `--peers`
-draws that map, from the same poses, with the software renderers of MuJoCo and PyBullet.
+drones that share one world at 640×360, and the resident memory in MB. `cpu_ms…` counts all processors, which says more
+than the wall where other programs run too; `…_per_loop` is that divided by `python_loop_ms`, which tells little of the
+machine (`benchmarks/machine.py`). The figures that stand first are the residential map's. `--peers` draws that map,
+from the same poses, with the software renderers of MuJoCo and PyBullet. `--short` only shows, in seconds, that every
+figure can be had: one round over the simplest map, which is then what the peers draw.
 """
 
 import argparse
 import json
 import math
-import os
 import statistics
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from typing import Any
 import psutil
 
 from benchmarks import render_peers
+from benchmarks.machine import Machine
 from benchmarks.render_export import export
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.frames import quat_from_euler
@@ -31,6 +33,8 @@ from episodes.render import Renderer
 from episodes.scene import Scene
 
 MAPS = ("residential", "campus", "blocks")
+SIMPLEST = "blocks"
+FIRST = ("ms_1280x720", "ms_640x360", "ms_fleet4_640x360", "cpu_ms_1280x720_per_loop", "rss_mb")
 FLEET = 4
 VIEWS = 8  # headings over which a figure is taken
 LARGE, SMALL = CameraModel(1280, 720), CameraModel(640, 360)
@@ -71,6 +75,7 @@ def measure(name: str, repeat: int, threads: int) -> dict[str, float | int]:
     """Return the figures of one map. Raises UsageError for a map that does not exist."""
     scene = maps.build(name)
     poses = headings(scene, VIEWS)
+    machine = Machine()
     begun = time.perf_counter()
     large = Renderer(scene, LARGE, threads)
     large.render(poses[0])
@@ -82,12 +87,16 @@ def measure(name: str, repeat: int, threads: int) -> dict[str, float | int]:
     ms_small, cpu_small = frame_ms(small, poses, repeat)
     ms_fleet = fleet_ms(small, headings(scene, FLEET, 4.0), 2 * repeat)
     small.close()
+    machine.look()
     return {
         "ms_1280x720": round(ms_large, 1),
         "ms_640x360": round(ms_small, 1),
         "ms_fleet4_640x360": round(ms_fleet, 1),
         "cpu_ms_1280x720": round(cpu_large, 1),
         "cpu_ms_640x360": round(cpu_small, 1),
+        "cpu_ms_1280x720_per_loop": machine.per_loop(cpu_large),
+        "cpu_ms_640x360_per_loop": machine.per_loop(cpu_small),
+        "python_loop_ms": round(machine.loop_ms, 1),
         "rss_mb": round(rss_mb),
         "ready_s": round(ready_s, 1),
         "triangles": sum(len(i.mesh.triangles) for i in scene.instances),
@@ -103,9 +112,9 @@ def measured_apart(name: str, repeat: int, threads: int) -> dict[str, Any]:
     return dict(json.loads(done.stdout)["maps"][name])
 
 
-def compared(folder: Path, repeat: int, threads: int) -> dict[str, Any]:
-    """Return the peers' figures on the residential map, ours taken just before each of theirs."""
-    scene = maps.build(MAPS[0])
+def compared(name: str, folder: Path, repeat: int, threads: int) -> dict[str, Any]:
+    """Return the peers' figures on a map, ours taken just before each of theirs."""
+    scene = maps.build(name)
     poses = headings(scene, VIEWS)
     with tempfile.TemporaryDirectory(prefix="dronecats-peers-") as kept:
         export(scene, poses, LARGE, Path(kept))
@@ -129,23 +138,27 @@ def main() -> None:
     parser.add_argument("--map", metavar="NAME", help="this map alone")
     parser.add_argument("--repeat", type=int, default=4, help="rounds over the poses")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--short", action="store_true", help="once over one map: whether it runs, not how fast")
     parser.add_argument("--peers", action="store_true", help="draw with MuJoCo and PyBullet as well")
     parser.add_argument("--peers-dir", type=Path, default=Path("peers"), metavar="DIR", help="their environments")
     chosen = parser.parse_args()
-    repeat = max(1, chosen.repeat)
+    repeat, drawn = max(1, chosen.repeat), MAPS[0]
+    if chosen.short:
+        repeat, chosen.map, drawn = 1, SIMPLEST, SIMPLEST
+    machine = Machine()
     if chosen.map:
         found = {chosen.map: measure(chosen.map, repeat, chosen.threads)}
     else:
         found = {name: measured_apart(name, repeat, chosen.threads) for name in MAPS}
     first = next(iter(found.values()))
     figures: dict[str, Any] = {
-        **{name: first[name] for name in ("ms_1280x720", "ms_640x360", "ms_fleet4_640x360", "rss_mb")},
+        **{name: first[name] for name in FIRST},
         "threads": chosen.threads,
-        "load": round(os.getloadavg()[0], 1),
+        "machine": machine.figures(),
         "maps": found,
     }
     if chosen.peers:
-        figures["peers"] = compared(chosen.peers_dir, repeat, chosen.threads)
+        figures["peers"] = compared(drawn, chosen.peers_dir, repeat, chosen.threads)
     if chosen.json:
         print(json.dumps(figures))
         return

@@ -2,12 +2,13 @@
 
 import argparse
 import importlib
-import io
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from dronecats import __version__
 from dronecats.border.errors import DronecatsError
+from dronecats.cli.output import Output
 
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
@@ -24,6 +25,9 @@ VERBS = {
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "say what works on this machine, what is missing and how to get it",
 }
+UNHEARD = {  # what is said where the work goes on for minutes after the reader of the output has gone
+    "fly": "dronecats fly: nobody reads the output any more; the flight goes on, its results are in the run folder",
+}
 
 
 class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
@@ -36,23 +40,43 @@ class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic fo
         return super().add_parser(name, **{**words, **kwargs})
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command line and return its exit status: 0 done, 2 wrong usage, 3 something broke, 130 interrupted."""
-    arguments = sys.argv[1:] if argv is None else argv
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return what a command line asks for, `run` in it to be called with it. Raises SystemExit as argparse does."""
     parser = argparse.ArgumentParser(
         prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, action=Verbs)
-    asked = next((a for a in arguments if not a.startswith("-")), None)
+    asked = _verb(arguments)
     for verb in VERBS:
         if verb == asked:
             importlib.import_module(f"dronecats.cli.{verb}").add_parser(verbs)
         else:
             verbs.add_parser(verb)
-    args = parser.parse_args(arguments)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal without ° or ≤ shows a question mark
+    return parser.parse_args(arguments)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status: 0 done, 2 wrong usage, 3 something broke, 130 interrupted.
+
+    A reader of the output that goes away, as `head` does, changes nothing of what is done and of its status.
+    """
+    arguments = sys.argv[1:] if argv is None else argv
+    with Output(UNHEARD.get(_verb(arguments) or "")) as output:
+        args = parse(arguments)
+        status = _run(args)
+        fault = output.fault()
+        if fault and status == 0:
+            print(f"dronecats {args.verb}: the output cannot be written: {fault}", file=sys.stderr)
+            return 3
+    return status
+
+
+def _verb(arguments: Sequence[str]) -> str | None:
+    return next((a for a in arguments if not a.startswith("-")), None)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         return int(args.run(args))
     except DronecatsError as error:
@@ -69,9 +93,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"dronecats {args.verb}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of our output went away, as `head` does
-        sys.stderr.close()
-        return 0
 
 
 if __name__ == "__main__":

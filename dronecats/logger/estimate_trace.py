@@ -75,16 +75,16 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     """Return how far estimate.jsonl is from the truth that was logged, whose frame begins at `map_origin` (°, °, m).
 
     `rms_m` and `max_m` are distances, `within_2_std` the share of coordinates that err by two standard deviations at
-    most. Raises UsageError when the two have no instant in common.
+    most. Raises UsageError when the two have no time in common.
     """
     logs, rows = read(folder), list(lines(folder / FILE))
-    true = {round(p["t"], 3): p["position_ned"] for p in logs.poses if p["drone"] == 0}
-    known = [r for r in rows if r["kind"] == "pose" and r["position_std_m"] and round(r["t"], 3) in true]
+    true = _TruePath(logs)
+    known = [r for r in rows if r["kind"] == "pose" and r["position_std_m"] and true.tells(r["t"])]
     origin = rows[0]["origin"]
     if not known or not origin:
         raise UsageError(f"{folder} tells no instant, or no origin, for which the estimate could be held to the truth")
     estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *r["position_ned"])) for r in known]
-    apart = np.subtract(estimated, [true[round(r["t"], 3)] for r in known])
+    apart = np.subtract(estimated, [true.at(r["t"]) for r in known])
     std = np.array([r["position_std_m"] for r in known])
     distance = np.linalg.norm(apart, axis=1)
     return {
@@ -93,6 +93,26 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
         "max_m": round(float(distance.max()), 4),
         "within_2_std": round(float((np.abs(apart) <= 2.0 * std).mean()), 4),
     }
+
+
+class _TruePath:
+    """The first drone's logged way. Its poses lie up to 20 ms after the half seconds of the estimate's."""
+
+    def __init__(self, logs: Logs) -> None:
+        poses = sorted((p["t"], *p["position_ned"]) for p in logs.poses if p["drone"] == 0)
+        self._path = np.array(poses, float).reshape(-1, 4)
+
+    def tells(self, t: float) -> bool:
+        """Return whether there are poses on both sides of a time (s), or one at it, with no gap between them."""
+        times = self._path[:, 0]
+        after = int(np.searchsorted(times, t))
+        if after == len(times) or (after == 0 and times[0] > t):
+            return False
+        return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_S)
+
+    def at(self, t: float) -> list[float]:
+        """Return the position at a time (s): (3,) m, NED in the map's frame."""
+        return [float(np.interp(t, self._path[:, 0], self._path[:, axis])) for axis in (1, 2, 3)]
 
 
 class _Rows:

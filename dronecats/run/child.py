@@ -2,8 +2,9 @@
 
     python -m dronecats.run.child KIND
 
-The first line is the configuration; `{"ready": …}` answers it. When standard input ends, the parent is gone, and so is
-the child: no process is ever orphaned, not even by a kill -9 of the parent.
+The first line is the configuration; `{"ready": …}` answers it. `{"alive": true}` is answered with itself between two
+turns, so that a part that hangs is found out. When standard input ends, the parent is gone, and so is the child: no
+process is ever orphaned, not even by a kill -9 of the parent.
 """
 
 import importlib
@@ -76,6 +77,9 @@ def main() -> int:
                 if line is None:
                     return 0
                 request = json.loads(line)
+                if "alive" in request:
+                    say(request)
+                    continue
                 say({"done": part.do(request.pop("do"), request)})
             part.turn()
     except BrokenPipeError:

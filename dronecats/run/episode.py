@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot

@@ -78,6 +78,22 @@ def test_killing_a_part_in_flight_is_status_3_with_a_sentence(fly, kind):
 
 
 @pytest.mark.slow
+def test_a_logger_that_hangs_in_flight_is_status_3_with_a_sentence(fly):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until("   0  t=")
+    logger = flight.child("logger")
+    os.kill(logger.pid, signal.SIGSTOP)
+    code, out, errors = flight.ends()
+    assert code == 3
+    (sentence,) = errors.strip().splitlines()
+    assert "the logger process hangs" in sentence
+    result = json.loads(out.splitlines()[-1])
+    assert sentence.endswith(f"see {result['run_dir']}/logger.log")
+    assert result["outcome"] == "error"
+    assert "landing" in out
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["waiting until", "taking off", "flying to the start pose", "   1  t="])
 def test_ctrl_c_lands_closes_everything_and_leaves_a_readable_folder(fly, when):
     flight = fly("--speed", "3", "--pilot", "blind")

@@ -43,6 +43,59 @@ def test_a_killed_child_is_named_with_the_signal(supervisor):
         supervisor.check()
 
 
+def looks(supervisor, until, limit_s=60):
+    """Check again and again, as a flight does, until something is so."""
+    deadline = time.monotonic() + limit_s
+    while not until():
+        assert time.monotonic() < deadline, "it never came to that"
+        supervisor.check()
+        time.sleep(0.01)  # the flight's tick, on which nothing here depends
+
+
+def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_path):
+    supervisor = Supervisor(tmp_path, answer_s=1.0)
+    child = supervisor.start("pilot", {"pilot": "blind"})
+    child.ready()
+    os.kill(child.pid, signal.SIGSTOP)
+    sentence = r"the pilot process hangs: no answer for 1 s; see .*pilot\.log"
+    with pytest.raises(InfrastructureError, match=sentence):
+        looks(supervisor, lambda: False)
+    with pytest.raises(InfrastructureError, match=sentence):
+        child.do("begin", 1e6)  # rather than for another eleven days
+    supervisor.close()
+    assert gone(child.pid)
+
+
+def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
+    child = supervisor.start("pilot", {"pilot": "blind"})
+    child.ready()
+    os.kill(child.pid, signal.SIGSTOP)
+    supervisor.check()
+    supervisor.check()
+    os.kill(child.pid, signal.SIGCONT)
+    looks(supervisor, lambda: child._heartbeat._answered_s is not None)
+
+
+def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
+    child = supervisor.start("pilot", {"pilot": "blind"})
+    child.ready()
+    for _ in range(3):
+        child._heartbeat._answered_s = None  # due at once
+        supervisor.check()
+        assert child.do("begin") is None
+        assert not child._answers
+
+
+def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
+    supervisor = Supervisor(tmp_path, answer_s=0.0)
+    child = supervisor.start("pilot", {"pilot": "blind"})
+    for _ in range(3):
+        supervisor.check()
+        time.sleep(0.01)
+    child.ready()
+    supervisor.close()
+
+
 def test_wrong_usage_in_a_child_is_wrong_usage_here(supervisor):
     first = supervisor.start("pilot", {"pilot": "blind"})
     port = int(first.ready()["base_url"].split(":")[2].split("/")[0])

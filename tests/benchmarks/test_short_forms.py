@@ -1,0 +1,76 @@
+"""Every benchmark runs and prints its figures. How large they are is the benchmarks' to say, on a quiet machine."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PARTS = {"machine", "flight_peers", "render_peers", "render_export"}  # which the others are made of: no command
+SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
+MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "fleet4_640x360")}
+
+
+def printed(module: str, *arguments: str) -> list[dict]:
+    """Return the objects that the short form of a benchmark prints, a line each."""
+    command = [sys.executable, "-m", f"benchmarks.{module}", "--short", "--json", *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def numbers(value: object) -> list[float]:
+    """Return every number that a JSON value holds, at any depth."""
+    if isinstance(value, dict):
+        return [n for held in value.values() for n in numbers(held)]
+    if isinstance(value, list):
+        return [n for held in value for n in numbers(held)]
+    return [value] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
+
+
+def assert_figures(found: dict, names: set[str]) -> None:
+    """Every name has a number above nothing, and nowhere is one that is none."""
+    assert {name for name in names if not found.get(name, 0.0) > 0.0} == set()
+    assert all(map(math.isfinite, numbers(found)))
+
+
+def test_every_benchmark_is_looked_at_here():
+    tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
+    assert {path.stem for path in (ROOT / "benchmarks").glob("[a-z]*.py")} - PARTS <= tested
+
+
+def test_flight(tmp_path):
+    (found,) = printed("flight", "--peers", "--peers-dir", str(tmp_path))
+    assert_figures(found, SPEEDS)
+    assert found["machine"]["python_loop_ms"] > 0.0
+    assert {peer["note"].split(":")[0] for peer in found["peers"].values()} == {"skipped"}
+
+
+def test_render(tmp_path):
+    (found,) = printed("render", "--peers", "--peers-dir", str(tmp_path))
+    assert_figures(found, MILLISECONDS | {"rss_mb"})
+    assert_figures(found["maps"]["blocks"], MILLISECONDS | {"cpu_ms_1280x720_per_loop", "cpu_ms_640x360_per_loop"})
+    assert found["machine"]["python_loop_ms"] > 0.0
+    assert {peer["note"].split(":")[0] for peer in found["peers"].values()} == {"absent"}
+
+
+def test_steps(tmp_path):
+    table = tmp_path / "page.md"
+    table.write_text("before\n<!-- steps begin -->\n<!-- steps end -->\nafter\n", encoding="utf-8")
+    (found,) = printed("steps", "--airframe", "x500", "--table", str(table), "--plots", str(tmp_path))
+    (rows,) = found["airframes"].values()
+    for name, row in rows.items():
+        assert_figures(row, {"drift_m", "drift_vertical_m"} if name == "hover" else {"rise_s"})
+    assert "| x500 |" in table.read_text(encoding="utf-8")
+    assert (tmp_path / "steps.png").stat().st_size > 0
+
+
+def test_bad_wire():
+    perfect, lossy = printed("bad_wire")
+    for flown in (perfect, lossy):
+        assert flown["survived"], flown["why"]
+        assert_figures(flown, set())
+        assert {"astray_m", "end_m", "heading_off_deg"} <= flown.keys()
+    assert "lost" not in perfect["up"]
+    assert "lost" in lossy["up"]
