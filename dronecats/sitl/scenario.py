@@ -9,11 +9,15 @@ from dronecats.border.truth import Origin
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
 from episodes import catalogue
+from episodes.assets.multirotor import outline
 from episodes.obstacles import obstacles
+from episodes.record import EpisodeRecord
 from episodes.world import World
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind
+
+AIRFRAME = "x500"  # if none is named
 
 
 def origin(world: World) -> Origin:
@@ -33,7 +37,7 @@ def ground_places(world: World) -> list[Place]:
 def build(
     world: World,
     *,
-    airframe: str = "x500",
+    airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
     state_dir: Path | None = None,
@@ -53,7 +57,7 @@ def built_of(
     make: Callable[..., V],
     world: World,
     *,
-    airframe: str = "x500",
+    airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
     wind: Wind = CALM,
@@ -89,6 +93,11 @@ def built_of(
     )
 
 
-def load_world(episode: str) -> World:
-    """Return the world of an episode id or file. Raises UsageError."""
-    return World(catalogue.load(episode))
+def load_world(episode: str, airframe: str | None = None, count: int | None = None) -> World:
+    """Return the world of an episode id or file, `count` vehicles of an airframe in its pictures. Raises UsageError."""
+    return world_of(catalogue.load(episode), airframe, count)
+
+
+def world_of(record: EpisodeRecord, airframe: str | None = None, count: int | None = None) -> World:
+    """Return the world of a record, as `load_world` does. Raises UsageError."""
+    return World(record, outline(airframes.load(airframe or AIRFRAME)), count)
