@@ -96,7 +96,8 @@ def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecor
             attitude = level(start.yaw_deg)
             spot = patch(one, one.position_ned, one.yaw, past, start.position_ned, attitude, CAMERA)
             fewest = min(fewest, spot.pixels)
-            highest = max(highest, letters_px(one, texts[one.name], past, start.position_ned, start.yaw_deg))
+            # letters that only a drone hides may be read as soon as it has gone
+            highest = max(highest, letters_px(one, texts[one.name], others, start.position_ned, start.yaw_deg))
     yield at_least("the least that a drone sees of a candidate", fewest, SPOTTED_PX, "pixels", 0)
     says = f"{highest:.2f} px high" if highest else "turned away"
     fine = highest < READABLE_PX

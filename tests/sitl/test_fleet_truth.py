@@ -103,6 +103,14 @@ def test_a_pose_is_measured_with_the_others_where_they_are_then_although_they_ar
     assert all(p["t"] == 0.0 for p in poses)
 
 
+def test_a_frame_that_is_announced_late_is_measured_with_the_others_as_it_shows_them(bus, log, world):
+    recorder, written = log
+    recorder.truth(bus.all(1_000_000, bus.in_the_way) + bus.all(1_020_000, bus.away))
+    sample = TruthSample(0, 1_000_000, bus.facing, STILL, bus.attitude)
+    recorder.truth(Packer(1, 100).pack(frame_message(FrameTaken(0, 0, 1_000_000), sample, origin(world))))
+    assert written("frame")[0]["visible_fraction"] == 0.0
+
+
 def test_nobody_waits_for_a_drone_that_is_silent(bus, log):
     recorder, written = log
     recorder.truth(bus.all(990_000, bus.away))
