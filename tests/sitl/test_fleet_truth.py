@@ -131,7 +131,7 @@ def test_what_still_waits_is_written_before_the_end(bus, log):
 def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
     newest = NewestTruth(origin(world))
     assert newest.together(0) is None
-    newest.feed(bus.all(20_000, bus.away) + bus.pose(0, 40_000, bus.facing))
+    newest.feed(bus.all(0, bus.in_the_way) + bus.all(20_000, bus.away) + bus.pose(0, 40_000, bus.facing))
     sample, others = newest.together(0)
     assert sample.time_us == 20_000
     assert {k: one.time_us for k, one in others.items()} == {1: 20_000, 2: 20_000, 3: 20_000}
