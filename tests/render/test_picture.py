@@ -105,6 +105,7 @@ def test_a_moved_thing_may_be_tilted_or_not_be_there(post):
     rows, columns = np.nonzero(rolled.ids == 2)  # its right has become its down, so its top points to the right
     assert np.ptp(columns) > 3.0 * np.ptp(rows)
     assert columns.mean() > CAMERA.width / 2 + CAMERA.focal_px * -2.0 / 19.0
+    assert (post.render(from_above(20.0)).ids == 2).any()
     gone = post.render(from_above(20.0), {2: None})
     assert not (gone.ids == 2).any()
     lit = ground_at(gone, 20.0, 8.0, -8.0)
