@@ -3,13 +3,17 @@
 An asset's origin is the centre of its footprint on the ground, so its vertices have z ≤ 0 (down is positive).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
+from dronecats.border.frames import Quat, Vec3
 from dronecats.border.terrain import HeightField
+
+# id → (position_ned m, yaw rad or attitude FRD → NED) of what is not where the scene has it; None: nowhere
+Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -32,6 +33,14 @@ class Sight:
     def visible(self) -> bool:
         """Whether enough is seen to count."""
         return self.fraction >= VISIBLE_FRACTION
+
+
+class Hides(Protocol):
+    """Whatever may stand in the way."""
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something lies between it and the origin."""
+        ...
 
 
 def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
@@ -194,14 +203,16 @@ def distance_to_mesh(mesh: Mesh, point: Array) -> float:
 class TargetView:
     """Answers how much of one target a camera sees past the solids."""
 
-    def __init__(self, mesh: Mesh, solids: Solids) -> None:
+    def __init__(self, mesh: Mesh, solids: Hides) -> None:
         self._points, self._normals = surface_samples(mesh)
         self._own = _embree(mesh.vertices[mesh.triangles])
         self._solids = solids
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
 
-    def sight(self, position_ned: Vec3, yaw: float, pose: CameraPose, camera: CameraModel) -> Sight:
-        """Return what the camera sees of the target standing at a pose.
+    def sight(
+        self, position_ned: Vec3, yaw: float, pose: CameraPose, camera: CameraModel, past: Hides | None = None
+    ) -> Sight:
+        """Return what the camera sees of the target standing at a pose, past the solids or past what is given.
 
         Each sample that the target shows towards the camera counts with the solid angle of the surface it stands for.
         """
@@ -225,7 +236,7 @@ class TargetView:
         points = self._points[shown] @ turned.T + origin
         seen = self._in_frame(points, pose, camera)
         if seen.any():
-            seen[seen] = ~self._solids.hidden(pose.position_ned, points[seen])
+            seen[seen] = ~(past or self._solids).hidden(pose.position_ned, points[seen])
         seen &= square[shown] <= RANGE_M**2
         if not seen.any():
             return Sight(0.0, None)

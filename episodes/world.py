@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -12,10 +12,12 @@ from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 from episodes import assets, maps
+from episodes.assets.multirotor import X500, Outline
+from episodes.fleet import DronePose, Fleet
 from episodes.record import EpisodeRecord, TargetRecord
-from episodes.scene import Instance, Scene
+from episodes.scene import Instance, Moved, Scene
 from episodes.target import Motion, motion
-from episodes.visibility import Solids, TargetView, Together, Without, turn
+from episodes.visibility import Hides, Solids, TargetView, Together, Without, turn
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)
@@ -37,8 +39,11 @@ class Measurement:
 class World:
     """The map of a record with its target and look-alikes. Time is seconds since the episode began."""
 
-    def __init__(self, record: EpisodeRecord) -> None:
-        """Build the scene. Raises UsageError for an unknown map, asset or paint, or a native target that is not so."""
+    def __init__(self, record: EpisodeRecord, drone: Outline = X500, drones: int | None = None) -> None:
+        """Build the scene; of a fleet, each drone looks like `drone`, and there are as many as the record has starts.
+
+        Raises UsageError for an unknown map, asset or paint, or a native target that is not so.
+        """
         self.record = record
         self._motion = motion(record.target)
         built = maps.build(record.map, record.map_seed)
@@ -52,6 +57,9 @@ class World:
         self.target_id: int = target.id
         added = others if native else (target, *others)
         self.scene: Scene = replace(built, instances=(*built.instances, *added))
+        self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
+        # what cameras see: the scene and the drones of a fleet
+        self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
         # what may hide the target: everything that stands but the target itself
         standing = solids(record.map, record.map_seed)
         if native:
@@ -73,19 +81,35 @@ class World:
         x, y, z = self._middle
         return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
-    def moved(self, t_s: float) -> Mapping[int, tuple[Vec3, float]]:
-        """Return id → (position_ned, yaw) of everything that moves, for the renderer."""
-        return {self.target_id: self._motion.pose(t_s)} if self._motion.speed_mps > 0.0 else {}
+    def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
+        """Return for the renderer where everything that moves is: of `scene`, or with `drones` of `filmed`.
 
-    def measure(self, t_s: float, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Measurement:
-        """Return the truth about a drone whose body origin and attitude (FRD → NED) are given."""
+        `drones` are those that are to be seen, by number: all but the one whose camera it is.
+        """
+        moved: Moved = {self.target_id: self._motion.pose(t_s)} if self._motion.speed_mps > 0.0 else {}
+        return moved if drones is None else {**moved, **self.fleet.moved(drones)}
+
+    def past(self, others: Iterable[DronePose]) -> Hides:
+        """Return what may hide the target: everything that stands, and drones at these poses among it."""
+        poses = tuple(others)
+        return self.fleet.among(self.solids, poses) if poses else self.solids
+
+    def measure(
+        self,
+        t_s: float,
+        position_ned: Vec3,
+        attitude: Quat,
+        camera: CameraModel,
+        others: Iterable[DronePose] = (),
+    ) -> Measurement:
+        """Return the truth about a drone whose body origin and attitude (FRD → NED) are given, other drones around."""
         place, yaw = self._motion.pose(t_s)
         centre = self.target_centre(t_s)
         local = turn(yaw).T @ (np.array(position_ned) - np.array(centre))
         beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
         lever = rotate(attitude, camera.offset_frd)
         eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
-        sight = self._view.sight(place, yaw, CameraPose(eye, attitude), camera)
+        sight = self._view.sight(place, yaw, CameraPose(eye, attitude), camera, self.past(others))
         toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
         return Measurement(
             target_ned=centre,

@@ -3,6 +3,8 @@
 The agent and the autopilot may not import this.
 """
 
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from dronecats.border.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized
@@ -10,6 +12,8 @@ from dronecats.border.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
+KEPT = 25  # samples of each drone: half a second at 50 Hz
+SILENT_US = 100_000  # µs; a drone that is not heard for longer is not waited for
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +66,46 @@ def truth_sample(message: dialect.MAVLink_message, origin: Origin) -> TruthSampl
     )
 
 
+def nearest(samples: Iterable[TruthSample], time_us: int) -> TruthSample:
+    """Return the sample of the time nearest to `time_us`. Raises ValueError when there is none."""
+    return min(samples, key=lambda sample: abs(sample.time_us - time_us))
+
+
 class NewestTruth:
     """Follows the truth bus and knows where each drone was last."""
 
     def __init__(self, origin: Origin) -> None:
         self._origin = origin
         self._parser = Parser()
-        self._newest: dict[int, TruthSample] = {}
+        self._heard: dict[int, deque[TruthSample]] = {}
 
     def feed(self, data: bytes) -> None:
         """Take bytes of the bus."""
         for message in self._parser.feed(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
                 sample = truth_sample(message, self._origin)
-                self._newest[sample.drone] = sample
+                self._heard.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
 
     def of(self, drone: int) -> TruthSample | None:
         """Return the newest sample of a drone, None while it has not been heard."""
-        return self._newest.get(drone)
+        heard = self._heard.get(drone)
+        return heard[-1] if heard else None
+
+    def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
+        """Return the newest sample of a drone at a time that all have reached, and the others' of that time, by number.
+
+        Whoever is silent for SILENT_US is not waited for and stays where it was heard last. None while the drone itself
+        has not been heard.
+        """
+        own = self._heard.get(drone)
+        if not own:
+            return None
+        reached = min(heard[-1].time_us for heard in self._heard.values())
+        sample = next((s for s in reversed(own) if s.time_us <= reached), own[-1])
+        if own[-1].time_us - sample.time_us > SILENT_US:
+            sample = own[-1]
+        others = {k: nearest(heard, sample.time_us) for k, heard in self._heard.items() if k != drone}
+        return sample, others
 
 
 def frame_message(taken: FrameTaken, sample: TruthSample, origin: Origin) -> dialect.MAVLink_message:

@@ -114,7 +114,14 @@ def run(args: argparse.Namespace) -> int:
             camera = None
             if args.camera is not None:
                 truth = f"udpout://127.0.0.1:{ports['truth']}"
-                config = {"episode": episode, "truth": truth, "port": args.camera, "optics": optics}
+                config = {
+                    "episode": episode,
+                    "airframe": args.airframe,
+                    "count": args.count or 1,
+                    "truth": truth,
+                    "port": args.camera,
+                    "optics": optics,
+                }
                 child = supervisor.start("camera", config)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)

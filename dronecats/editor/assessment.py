@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3, quat_from_euler
+from dronecats.border.frames import quat_from_euler
 from episodes.check import rules
 from episodes.check.finding import Finding
+from episodes.fleet import Fleet, hovering
 from episodes.record import EpisodeRecord, TargetRecord, parse
 from episodes.render import Renderer
 from episodes.render.pose import camera_pose
-from episodes.scene import Scene
+from episodes.scene import Moved, Scene
 from episodes.target import motion
 from episodes.world import World
 
@@ -37,6 +38,7 @@ class Look:
     seed: int
     target: tuple[str, str | None, str | None, str | None]  # asset, paint, inscription, native
     others: tuple[tuple[str, str | None, str | None, str | None], ...]
+    drones: int
 
 
 class Previews:
@@ -48,6 +50,7 @@ class Previews:
         self._look: Look | None = None
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
+        self._fleet: Fleet | None = None
 
     def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
         """Return the (360, 640, 3) sRGB picture of one drone at its start. Raises UsageError."""
@@ -55,17 +58,21 @@ class Previews:
         start = record.starts[drone]
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
         placed = [one for one in (record.target, *record.candidates) if one.native is None]
-        moved: dict[int, tuple[Vec3, float]] = {
-            number: motion(one).pose(t_s) for number, one in zip(self._ids, placed, strict=True)
-        }
+        moved: Moved = {number: motion(one).pose(t_s) for number, one in zip(self._ids, placed, strict=True)}
+        if self._fleet:
+            others = {k: hovering(one) for k, one in enumerate(record.starts) if k != drone}
+            moved = {**moved, **self._fleet.moved(others)}
         return renderer.render(camera_pose(start.position_ned, attitude, PREVIEW), moved).rgb
 
     def _ready(self, record: EpisodeRecord) -> Renderer:
-        look = Look(record.map, record.map_seed, _look(record.target), tuple(_look(one) for one in record.candidates))
+        others = tuple(_look(one) for one in record.candidates)
+        look = Look(record.map, record.map_seed, _look(record.target), others, len(record.starts))
         if self._renderer is None or look != self._look:
             if self._renderer is not None:
                 self._renderer.close()
-            scene, self._ids = _movable(World(record))
+            world = World(record)
+            scene, self._ids = _movable(world)
+            self._fleet = world.fleet
             self._renderer, self._look = Renderer(scene, PREVIEW, self._threads, shadow_cells=2048), look
         return self._renderer
 
@@ -81,9 +88,9 @@ def _look(one: TargetRecord) -> tuple[str, str | None, str | None, str | None]:
 
 
 def _movable(world: World) -> tuple[Scene, tuple[int, ...]]:
-    """Return a world's scene with everything that the record placed free to move, and the ids of that, target first."""
+    """Return what cameras see, free to move what the record placed, and the ids of its things, target first."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(one, movable=True) for one in world.scene.instances[len(plan) :])
     still = tuple(replace(one, movable=False) for one in plan)
-    return replace(world.scene, instances=(*still, *free)), tuple(one.id for one in free)
+    return replace(world.scene, instances=(*still, *free, *world.fleet.instances)), tuple(one.id for one in free)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.border.camera import CameraModel
+from dronecats.logger.measure import measured_in
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.run.listening import Listener
@@ -14,13 +15,8 @@ class Logger:
     """Part of a real-time flight."""
 
     def __init__(self, config: dict[str, Any]) -> None:
-        world = load_world(config["episode"])
-        self._recorder = Recorder(
-            Path(config["folder"]),
-            origin(world),
-            lambda t, s, camera: world.measure(t, s.position_ned, s.attitude, camera),
-            CameraModel(),
-        )
+        world = load_world(config["episode"], config.get("airframe"))
+        self._recorder = Recorder(Path(config["folder"]), origin(world), measured_in(world), CameraModel())
         self._drones = len(world.record.starts)
         self._truth = Listener(config["truth"], self._recorder.truth)
         self._telemetry = [Listener(url, self._recorder.telemetry) for url in config["telemetry"]]
@@ -51,5 +47,5 @@ class Logger:
 
 
 def create(config: dict[str, Any]) -> Logger:
-    """Return the logger for an episode file, an episode folder, and the URLs to listen on."""
+    """Return the logger for an episode file, its airframe, an episode folder, and the URLs to listen on."""
     return Logger(config)

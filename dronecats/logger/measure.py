@@ -1,11 +1,13 @@
 """How the logger relates a pose to the target: by the world's geometry where there is one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Vec3
 from dronecats.border.truth import TruthSample
+from episodes.fleet import DronePose
+from episodes.world import World
 
 
 class Measured(Protocol):
@@ -27,4 +29,15 @@ class Measured(Protocol):
     def oracle_depth_m(self) -> float | None: ...
 
 
-Measure = Callable[[float, TruthSample, CameraModel], Measured]  # (t in s, where the drone is, its camera)
+# (t in s, where the drone is, its camera, where the fleet's others are at that time)
+Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], Measured]
+
+
+def measured_in(world: World) -> Measure:
+    """Return the measure of an episode's world, in which the other drones stand before the target, too."""
+
+    def measure(t_s: float, sample: TruthSample, camera: CameraModel, others: Sequence[TruthSample]) -> Measured:
+        around = [DronePose(one.position_ned, one.attitude) for one in others]
+        return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
+
+    return measure

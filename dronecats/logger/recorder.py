@@ -10,8 +10,8 @@ from typing import Any, BinaryIO, TextIO
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import quat_yaw
 from dronecats.border.mavlink import Parser, dialect
-from dronecats.border.truth import Origin, TruthSample, frame_taken, truth_sample
-from dronecats.logger.measure import Measure
+from dronecats.border.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
+from dronecats.logger.measure import Measure, Measured
 
 POSE_S = 0.5  # s, 2 Hz
 KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
@@ -27,6 +27,7 @@ class Recorder:
         self._truth_parser, self._telemetry_parser = Parser(), Parser()
         self._samples: dict[int, deque[TruthSample]] = {}
         self._next_pose: dict[int, int] = {}
+        self._due: deque[TruthSample] = deque()  # poses to be written once it is known where the others are
         self._t0_us: int | None = None
         self._time_us = 0
 
@@ -43,6 +44,7 @@ class Recorder:
     def end(self, reason: str, error: str | None = None) -> None:
         """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""
         if self._t0_us is not None:
+            self._write_poses(waiting=False)
             self._write({"kind": "end", "t": self._t(self._time_us), "reason": reason, "error": error})
             self._t0_us = None
 
@@ -67,14 +69,29 @@ class Recorder:
     def _pose(self, sample: TruthSample) -> None:
         self._time_us = max(self._time_us, sample.time_us)
         self._samples.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
-        if self._t0_us is None:
-            return
+        if self._t0_us is not None:
+            self._keep(sample, self._t0_us)
+            self._write_poses(waiting=True)
+
+    def _keep(self, sample: TruthSample, t0_us: int) -> None:
+        """Have a pose written every POSE_S."""
         due = self._next_pose.setdefault(sample.drone, 0)
-        t = (sample.time_us - self._t0_us) / 1e6
-        if t < due * POSE_S:
-            return
-        self._next_pose[sample.drone] = math.floor(t / POSE_S) + 1
-        m = self._measure(t, sample, self._camera)
+        t = (sample.time_us - t0_us) / 1e6
+        if t >= due * POSE_S:
+            self._next_pose[sample.drone] = math.floor(t / POSE_S) + 1
+            self._due.append(sample)
+
+    def _write_poses(self, waiting: bool) -> None:
+        """Write the poses that are due; `waiting` for every drone's sample of that time, unless one has gone silent."""
+        while self._due:
+            time_us = self._due[0].time_us
+            reached = min(samples[-1].time_us for samples in self._samples.values())
+            if waiting and reached < time_us and self._time_us - time_us <= SILENT_US:
+                return
+            self._write_pose(self._due.popleft())
+
+    def _write_pose(self, sample: TruthSample) -> None:
+        m = self._measured(sample)
         self._write(
             {
                 "kind": "pose",
@@ -92,7 +109,7 @@ class Recorder:
         sample = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
         if sample is None:
             return  # a pose that never reached us: the verdict will find the frame's record missing and say so
-        m = self._measure(self._t(sample.time_us), sample, self._camera)
+        m = self._measured(sample)
         self._write(
             {
                 "kind": "frame",
@@ -107,6 +124,10 @@ class Recorder:
                 "oracle_depth_m": _rounded(m.oracle_depth_m),
             }
         )
+
+    def _measured(self, sample: TruthSample) -> Measured:
+        others = [nearest(heard, sample.time_us) for k, heard in self._samples.items() if k != sample.drone]
+        return self._measure(self._t(sample.time_us), sample, self._camera, others)
 
     def _where(self, sample: TruthSample) -> dict[str, Any]:
         return {

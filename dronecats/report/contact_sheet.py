@@ -16,6 +16,7 @@ from dronecats.border.terrain import FLAT
 from episodes import assets
 from episodes import geometry as g
 from episodes.assets import fixtures, scenery
+from episodes.assets.multirotor import X500, multirotor
 from episodes.assets.textures import surface
 from episodes.render.renderer import Renderer
 from episodes.scene import Instance, Mesh, Scene, Sun
@@ -31,6 +32,7 @@ SHADE = Sun((0.22, 0.62, -0.753))  # over the viewer's shoulder
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # in turn, row by row
 INSCRIPTIONS = {"sign": "GATE 7"}
 GROUND_M = 160.0
+DRONE, HOVER_M = "drone", 1.3  # of a fleet, which no record names; above the ground
 QUALITY = 80
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
@@ -38,8 +40,8 @@ Picture = NDArray[np.uint8]
 
 
 def names() -> list[str]:
-    """Return all that can be shown: the assets of episodes, the campus's fixtures, and what stands along streets."""
-    return [*assets.names(), *sorted(fixtures.MAKERS), *sorted(scenery.MAKERS)]
+    """Return all that can be shown: the assets of episodes, campus fixtures, what stands along streets, and a drone."""
+    return [*assets.names(), *sorted(fixtures.MAKERS), *sorted(scenery.MAKERS), DRONE]
 
 
 def contact_sheet(chosen: Sequence[str], out: Path) -> None:
@@ -67,15 +69,18 @@ def contact_sheet(chosen: Sequence[str], out: Path) -> None:
 def _mesh(name: str, paint: str) -> Mesh:
     if name in assets.names():
         return assets.build(name, paint, INSCRIPTIONS.get(name))
+    if name == DRONE:
+        return multirotor(X500)
     return (fixtures.MAKERS.get(name) or scenery.MAKERS[name])()
 
 
 def _stage(name: str, mesh: Mesh) -> Scene:
-    """Return the asset alone on a wide level ground."""
+    """Return the asset alone on a wide level ground; a drone hovers over it."""
     corner = [(GROUND_M * x, GROUND_M * y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     flat = g.soup([[corner[i] for i in (0, 1, 2)], [corner[i] for i in (0, 2, 3)]], surface("asphalt"), tile_m=4.0)
     ground = Instance(1, "ground", "ground", g.assemble([flat]), (0.0, 0.0, 0.0))
-    return Scene("stage", (ground, Instance(2, name, name, mesh, (0.0, 0.0, 0.0))), FLAT, SHADE, 47.0, 8.0, 400.0)
+    place = (0.0, 0.0, -HOVER_M if name == DRONE else 0.0)
+    return Scene("stage", (ground, Instance(2, name, name, mesh, place)), FLAT, SHADE, 47.0, 8.0, 400.0)
 
 
 def _row(name: str, paint: str) -> Picture:

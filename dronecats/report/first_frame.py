@@ -21,11 +21,12 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 def first_frame(record: EpisodeRecord, camera: CameraModel) -> NDArray[np.uint8]:
     """Return what the camera sees at t = 0, (H, W, 3) RGB; of a fleet all its pictures, two beside each other."""
     world = World(record)
-    renderer = Renderer(world.scene, camera)
+    renderer = Renderer(world.filmed, camera)
     views = []
-    for start in record.starts:
+    for drone, start in enumerate(record.starts):
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
-        views.append(renderer.render(camera_pose(start.position_ned, attitude, camera), world.moved(0.0)).rgb)
+        moved = world.moved(0.0, world.fleet.others(drone))
+        views.append(renderer.render(camera_pose(start.position_ned, attitude, camera), moved).rgb)
     renderer.close()
     if len(views) == 1:
         return views[0]

@@ -10,6 +10,7 @@ from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
 from dronecats.border.mavlink import dialect
+from dronecats.logger.measure import measured_in
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.pilots import roster
@@ -38,9 +39,7 @@ class LockstepStage:
         else:
             clock = Lockstep(build(world, airframe=plan.airframe, seed=plan.seed))
         self._simulation = clock.simulation
-        self._recorder = Recorder(
-            folder, origin(world), lambda t, s, c: world.measure(t, s.position_ned, s.attitude, c), camera
-        )
+        self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
         clock.follow(self._recorder.truth)
         for vehicle in () if self._px4 else self._simulation.vehicles:
             port = vehicle.open_port("minimal")

@@ -54,7 +54,8 @@ class RealtimeStage:
             Link(connect(f"{direction}://127.0.0.1:{port}"), limits=plan.limits, simulated=True)
             for port in ports["agent"]
         ]
-        camera = self._supervisor.start("camera", {"episode": plan.episode, "truth": truth, "optics": optics})
+        flown = {"episode": plan.episode, "airframe": plan.airframe, "truth": truth}
+        camera = self._supervisor.start("camera", {**flown, "optics": optics})
         if plan.autopilot == "px4":
             self._await_px4(ports["px4"], say)
             self._copies = [Copy(link) for link in self.links]
@@ -62,9 +63,8 @@ class RealtimeStage:
         self._logger = self._supervisor.start(
             "logger",
             {
-                "episode": plan.episode,
+                **flown,
                 "folder": str(folder),
-                "truth": truth,
                 "telemetry": [f"udpout://127.0.0.1:{port}" for port in log],
             },
         )

@@ -106,6 +106,7 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
 
 def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say, settings: dict[str, Any]) -> Flown:
     """Fly, and add to `settings` how well a flight in real time held it."""
+    from dronecats.sitl.scenario import world_of
     from episodes.world import World
 
     pace: Callable[[], dict[str, float]] | None = None
@@ -114,7 +115,7 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say, settings: dict[str,
         say("lockstep: loading the flight core and the camera; the first run compiles them, about a minute …")
         from dronecats.run.lockstep_stage import LockstepStage
 
-        world = World(plan.record)
+        world = world_of(plan.record, plan.airframe)
         stage: Stage = LockstepStage(plan, folder, world)
     else:
         from dronecats.run.realtime_stage import RealtimeStage

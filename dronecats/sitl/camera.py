@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from dronecats.border.frames import Vec3, quat_conjugate, quat_multiply
 from dronecats.border.mavlink import Packer, dialect
 from dronecats.border.truth import FrameTaken, NewestTruth, TruthSample, frame_message
 from dronecats.sitl.scenario import origin
+from episodes.fleet import DronePose
 from episodes.optics.camera import Motion, OpticalRenderer
 from episodes.optics.options import Optics
 from episodes.render.pose import camera_pose
@@ -43,7 +44,7 @@ class WorldCamera:
         self._announce = announce
         self._renderer: Renderer | OpticalRenderer | None = None
         if rendered:
-            self._renderer = OpticalRenderer(world.scene, camera, optics) if optics else Renderer(world.scene, camera)
+            self._renderer = OpticalRenderer(world.filmed, camera, optics) if optics else Renderer(world.filmed, camera)
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
@@ -80,34 +81,51 @@ class WorldCamera:
         place = (spawn[0], spawn[1], spawn[2] - 2.0)
         with self._lock:
             if self._renderer:
-                self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), 0.0, 0)
+                self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0)
 
     def newest(self, drone: int = 0) -> Frame:
-        """Return a frame of the newest truth. Raises CameraError while nothing is known of the drone."""
+        """Return a frame of the newest truth, of a fleet the newest that is known of all of it.
+
+        Raises CameraError while nothing is known of the drone.
+        """
         with self._lock:
-            sample = self._truth.of(drone)
-            if sample is None:
+            known = self._truth.together(drone)
+            if known is None:
                 raise CameraError(f"the camera has not heard where drone {drone} is")
+            sample, others = known
             t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
-            image = self._picture(sample, t_s, self._frames)
+            image = self._picture(sample, others, t_s, self._frames)
             taken = FrameTaken(drone, self._frames, sample.time_us)
             self._frames += 1
             self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
             return Frame(taken.frame_id, drone, taken.time_us, image)
 
-    def _picture(self, sample: TruthSample, t_s: float, frame_id: int) -> NDArray[np.uint8]:
-        """Return what the camera sees from `sample` when the target is where it is at `t_s`."""
+    def _picture(
+        self, sample: TruthSample, others: Mapping[int, TruthSample], t_s: float, frame_id: int
+    ) -> NDArray[np.uint8]:
+        """Return what the camera sees from `sample` with the other drones where they are and the target at `t_s`."""
         if self._renderer is None:
             return self._grey
         if isinstance(self._renderer, Renderer):
             pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
-            return self._renderer.render(pose, self.world.moved(t_s)).rgb
+            return self._renderer.render(pose, self.world.moved(t_s, _after(others, 0.0))).rgb
         rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
         motion = Motion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
-        return self._renderer.picture(motion, lambda t: self.world.moved(max(0.0, t)), frame_id)
+        return self._renderer.picture(
+            motion, lambda t: self.world.moved(max(0.0, t), _after(others, t - t_s)), frame_id
+        )
 
     def close(self) -> None:
         pass
+
+
+def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, DronePose]:
+    """Return where drones are a little later, at constant velocity."""
+    poses = {}
+    for number, sample in drones.items():
+        (n, e, d), (vn, ve, vd) = sample.position_ned, sample.velocity_ned
+        poses[number] = DronePose((n + vn * seconds, e + ve * seconds, d + vd * seconds), sample.attitude)
+    return poses
 
 
 def rates_between(before: TruthSample, after: TruthSample) -> Vec3:

@@ -28,7 +28,8 @@ class CameraPart:
     def __init__(self, config: dict[str, Any]) -> None:
         table = config.get("optics")
         optics = optics_of(table, "optics") if table else None
-        self._camera = WorldCamera(load_world(config["episode"]), CameraModel(), self._announce, optics=optics)
+        world = load_world(config["episode"], config.get("airframe"), config.get("count"))
+        self._camera = WorldCamera(world, CameraModel(), self._announce, optics=optics)
         self._bus = Listener(config["truth"], self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
         host, port = "127.0.0.1", int(config.get("port", 0))
@@ -102,5 +103,5 @@ def stamp(frame: Frame) -> dict[str, str]:
 
 
 def create(config: dict[str, Any]) -> CameraPart:
-    """Return the camera of an episode: keys episode, truth (URL), port, optics (a table or None)."""
+    """Return the camera of an episode: keys episode, truth (URL); airframe, count, port, optics (a table)."""
     return CameraPart(config)

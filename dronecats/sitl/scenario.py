@@ -11,11 +11,15 @@ from dronecats.border.truth import Origin
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
 from episodes import catalogue
+from episodes.assets.multirotor import outline
 from episodes.obstacles import obstacles
+from episodes.record import EpisodeRecord
 from episodes.world import World
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind
+
+AIRFRAME = "x500"  # if none is named
 
 
 def origin(world: World) -> Origin:
@@ -35,7 +39,7 @@ def ground_places(world: World) -> list[Place]:
 def build(
     world: World,
     *,
-    airframe: str = "x500",
+    airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
     state_dir: Path | None = None,
@@ -55,7 +59,7 @@ def built_of(
     make: Callable[..., V],
     world: World,
     *,
-    airframe: str = "x500",
+    airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
     wind: Wind = CALM,
@@ -100,6 +104,11 @@ def noise_seed(episode: int, flight: int, vehicle: int) -> int:
     return int(np.random.SeedSequence((episode, flight, vehicle)).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def load_world(episode: str) -> World:
-    """Return the world of an episode id or file. Raises UsageError."""
-    return World(catalogue.load(episode))
+def load_world(episode: str, airframe: str | None = None, count: int | None = None) -> World:
+    """Return the world of an episode id or file, `count` vehicles of an airframe in its pictures. Raises UsageError."""
+    return world_of(catalogue.load(episode), airframe, count)
+
+
+def world_of(record: EpisodeRecord, airframe: str | None = None, count: int | None = None) -> World:
+    """Return the world of a record, as `load_world` does. Raises UsageError."""
+    return World(record, outline(airframes.load(airframe or AIRFRAME)), count)

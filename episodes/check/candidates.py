@@ -28,7 +28,7 @@ from episodes.check.sight import CAMERA, level
 from episodes.check.solid import Standing, box_of
 from episodes.record import TargetRecord
 from episodes.scene import Instance
-from episodes.visibility import Solids, Together, turn
+from episodes.visibility import Hides, Solids, Together, turn
 from episodes.world import World, solids
 
 LETTER_M = {"sign": exhibits.LETTER_M}  # height of an inscription's letters, by asset …
@@ -91,10 +91,12 @@ def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecor
     fewest, highest, standing = math.inf, 0.0, solids(world.record.map, world.record.map_seed)
     for one in things:
         others = Together(standing, Solids(i for i in things if i is not one))
-        for start in world.record.starts:
+        for drone, start in enumerate(world.record.starts):
+            past = world.fleet.among(others, world.fleet.others(drone).values())
             attitude = level(start.yaw_deg)
-            spot = patch(one, one.position_ned, one.yaw, others, start.position_ned, attitude, CAMERA)
+            spot = patch(one, one.position_ned, one.yaw, past, start.position_ned, attitude, CAMERA)
             fewest = min(fewest, spot.pixels)
+            # letters that only a drone hides may be read as soon as it has gone
             highest = max(highest, letters_px(one, texts[one.name], others, start.position_ned, start.yaw_deg))
     yield at_least("the least that a drone sees of a candidate", fewest, SPOTTED_PX, "pixels", 0)
     says = f"{highest:.2f} px high" if highest else "turned away"
@@ -102,7 +104,7 @@ def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecor
     yield Finding("the best view of an inscription from a start", fine, says, f"< {READABLE_PX:g} px high at 640 px")
 
 
-def letters_px(one: Instance, text: str, others: Solids, origin: Vec3, yaw_deg: float) -> float:
+def letters_px(one: Instance, text: str, past: Hides, origin: Vec3, yaw_deg: float) -> float:
     """Return how high (px, in the picture of 640 px) an inscription's letters are; 0 when they do not face it."""
     tri = _written(one, text)
     attitude = level(yaw_deg)
@@ -115,7 +117,7 @@ def letters_px(one: Instance, text: str, others: Solids, origin: Vec3, yaw_deg: 
     facing = toward > FACING
     if not facing.any():
         return 0.0
-    shown = ~others.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points[facing])
+    shown = ~past.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points[facing])
     height = LETTER_M.get(one.kind, PLATE_LETTER_M)
     depths = [rotate_inverse(attitude, (float(w[0]), float(w[1]), float(w[2])))[0] for w in way[facing][shown]]
     return max((READING_FOCAL_PX * height / depth for depth in depths if depth > 0.5), default=0.0)

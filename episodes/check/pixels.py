@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Quat, Vec3, rotate
 from episodes.scene import Instance
-from episodes.visibility import NEAR_M, Solids, turn
+from episodes.visibility import NEAR_M, Hides, turn
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ NOTHING = Patch(0, 0.0, 0.0)
 
 
 def patch(
-    target: Instance, place: Vec3, yaw: float, solids: Solids, origin: Vec3, attitude: Quat, camera: CameraModel
+    target: Instance, place: Vec3, yaw: float, solids: Hides, origin: Vec3, attitude: Quat, camera: CameraModel
 ) -> Patch:
     """Return where a target standing at `place` with `yaw` is in the picture of a drone at `origin` (m, NED)."""
     axes = np.array([rotate(attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])

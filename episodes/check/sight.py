@@ -33,10 +33,11 @@ def rules(world: World) -> Iterator[Finding]:
     if record.cell != "commanding":
         said = between("the occupancy of the faced target", 100.0 * faced.box_share, OCCUPANCY_PERCENT, "%")
         yield Finding(said.rule, said.passed, f"{said.measured} ({100 * faced.share:.2f} % of the pixels)", said.wanted)
-    fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA).visible_fraction
+    others = world.fleet.others(0).values()
+    fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, others).visible_fraction
     yield at_least("the share of the faced target that nothing hides", fraction, FACED_FRACTION, "of it")
     yield way(world)
-    m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA)
+    m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA, others)
     if record.visible_at_start:
         says = f"{m.visible_fraction:.2f} of it"
         yield Finding("the target at the first frame", m.visible, says, "visible, as recorded", "visible_at_start")
@@ -50,9 +51,10 @@ def rules(world: World) -> Iterator[Finding]:
 
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
-    """Return where the target is in the first picture of a level drone."""
+    """Return where the target is in the first picture of the first drone, level, the others of its fleet around it."""
     place, yaw = world.target_pose(0.0)
-    return patch(world.target, place, yaw, world.solids, origin, level(yaw_deg), CAMERA)
+    past = world.past(world.fleet.others(0).values())
+    return patch(world.target, place, yaw, past, origin, level(yaw_deg), CAMERA)
 
 
 def withheld(world: World, off_deg: float, ahead_deg: float) -> Iterator[Finding]:

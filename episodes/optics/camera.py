@@ -1,7 +1,7 @@
 """The picture that a real camera would take: scene, haze, exposure, rain, lens, noise, in this order."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +16,7 @@ from episodes.optics.options import Lens, Optics, Rain, Sensor
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.render.sky import WHITE, daylight
-from episodes.scene import Scene, Sun
-
-Moved = Mapping[int, tuple[Vec3, float]]
+from episodes.scene import Moved, Scene, Sun
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Pictures of a scene from a pose."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from episodes.render.pose import depth_per_metre, eye_of
 from episodes.render.resolve import resolve_rows
 from episodes.render.shading import shade_rows
@@ -20,9 +19,9 @@ from episodes.render.shadow import CELLS, cast_movable, restore, sun_map
 from episodes.render.sky import daylight, display_table
 from episodes.render.triangles import lay_out, place_all
 from episodes.render.visibility import BAND, draw_bands, new_drawn, set_up, sort_into_bands
-from episodes.scene import Scene
+from episodes.scene import Moved, Scene
 
-NOTHING_MOVED: Mapping[int, tuple[Vec3, float]] = MappingProxyType({})
+NOTHING_MOVED: Moved = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,11 +67,12 @@ class Renderer:
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
         self._turn = threading.Lock()
 
-    def render(self, pose: CameraPose, moved: Mapping[int, tuple[Vec3, float]] = NOTHING_MOVED) -> View:
+    def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
         """Return what the camera at `pose` sees.
 
-        `moved` gives movable instances their position (m, NED) and yaw (rad) of this instant; those it leaves out stand
-        where the scene has them. Raises UsageError when it names an instance that cannot be moved.
+        `moved` gives movable instances their position (m, NED) and yaw (rad) or attitude of this instant, or None when
+        they are not there; those it leaves out stand where the scene has them. Raises UsageError when it names an
+        instance that cannot be moved.
         """
         eye = eye_of(pose, self.camera)
         shape = (self.camera.height, self.camera.width)
@@ -81,8 +81,7 @@ class Renderer:
         ids = np.empty(shape, np.int32)
         with self._turn:
             triangles, drawn, samples, light = self._layout.triangles, self._drawn, self._samples, self._light
-            place_all(self._layout, moved)
-            covered = cast_movable(self._sun, triangles, self._layout)
+            covered = cast_movable(self._sun, triangles, place_all(self._layout, moved))
             try:
                 self._together(set_up, triangles, eye, drawn)
                 start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))

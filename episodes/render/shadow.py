@@ -5,13 +5,14 @@ the places they covered are put back afterwards.
 """
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.border.compiled import njit
-from episodes.render.triangles import Layout, Triangles
+from episodes.render.triangles import Layout, MovablePart, Triangles
 from episodes.scene import Sun
 
 CELLS = 4096  # per side of the map
@@ -67,12 +68,14 @@ def sun_map(layout: Layout, sun: Sun, ground_ids: frozenset[int], cells: int = C
     return result
 
 
-def cast_movable(sun: SunMap, triangles: Triangles, layout: Layout) -> list[tuple[slice, slice, NDArray[np.float32]]]:
-    """Draw the movable things into the map and return what `restore` needs to take them out again."""
+def cast_movable(
+    sun: SunMap, triangles: Triangles, movable: Iterable[MovablePart]
+) -> list[tuple[slice, slice, NDArray[np.float32]]]:
+    """Draw the movable things that are there into the map; return what `restore` needs to take them out again."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
-    for part in layout.movable:
+    for part in movable:
         flat = triangles.position[part.triangles].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
         low = np.clip(np.floor(flat.min(axis=0) / sun.cell), 0, cells).astype(int)
         high = np.clip(np.ceil(flat.max(axis=0) / sun.cell) + 1, 0, cells).astype(int)

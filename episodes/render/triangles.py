@@ -1,7 +1,6 @@
 """The scene laid out for the kernels: one row per triangle, movable things last."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
+from dronecats.border.frames import Quat, Vec3, rotate
 from episodes.render.pose import as_floats
 from episodes.render.textures import Atlas, build_atlas
-from episodes.scene import Instance, Material, Mesh, Scene
+from episodes.scene import Instance, Material, Mesh, Moved, Scene
 
 CHUNK = 128  # triangles that are accepted or rejected together
+AXES: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Triangles(NamedTuple):
@@ -133,10 +133,13 @@ def lay_out(scene: Scene) -> Layout:
     return Layout(triangles, surfaces, atlas, tuple(movable), static_count)
 
 
-def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, yaw: float) -> None:
-    """Write the corners of one instance standing at `position_ned` (m) with `yaw` (rad) into `triangles`."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # row vectors: v @ turn
+def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: float | Quat) -> None:
+    """Write the corners of one instance at `position_ned` (m) into `triangles`, by its yaw (rad) or its attitude."""
+    if isinstance(turned, tuple):
+        turn = np.array([rotate(turned, axis) for axis in AXES])  # row vectors: v @ turn
+    else:
+        c, s = math.cos(turned), math.sin(turned)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     position = part.position @ turn + np.array(as_floats(position_ned))
     triangles.position[part.triangles] = position
     triangles.normal[part.triangles] = part.normal @ turn
@@ -150,17 +153,23 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, yaw: floa
         triangles.chunk_radius[chunk] = np.sqrt(((corners - center) ** 2).sum(axis=1).max()) * 1.0001 + 1e-3
 
 
-def place_all(layout: Layout, moved: Mapping[int, tuple[Vec3, float]]) -> None:
-    """Put every movable instance at its pose in `moved`, or where the scene has it.
+def place_all(layout: Layout, moved: Moved) -> list[MovablePart]:
+    """Put every movable instance at its pose in `moved`, or where the scene has it, and return those that are there.
 
     Raises UsageError when `moved` names an instance that the scene lacks or that is not movable.
     """
     known = {part.instance.id for part in layout.movable}
     if unknown := sorted(set(moved) - known):
         raise UsageError(f"instance {unknown[0]} cannot be moved: the scene's movable instances are {sorted(known)}.")
+    there = []
     for part in layout.movable:
-        at = (part.instance.position_ned, part.instance.yaw)
-        place(layout.triangles, part, *moved.get(part.instance.id, at))
+        at = moved.get(part.instance.id, (part.instance.position_ned, part.instance.yaw))
+        if at is None:
+            layout.triangles.chunk_radius[part.chunks] = -np.inf  # in nobody's view
+        else:
+            place(layout.triangles, part, *at)
+            there.append(part)
+    return there
 
 
 def face_normals(mesh: Mesh) -> NDArray[np.float32]:

@@ -84,6 +84,38 @@ def test_each_wrong_thing_turns_its_own_rule_red(change: Callable[[EpisodeRecord
     assert rule in red(change(SIGNS))
 
 
+def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> EpisodeRecord:
+    """Return the record with its second drone before the first one's lens, in the way to a candidate or beside it.
+
+    `which` is 0 for the target. The first drone faces it.
+    """
+    world = World(record)
+    things = [world.target, *(i for i in world.scene.instances if i.name.startswith("candidate-"))]
+    first, goal = record.starts[0], candidates.centre(things[which])
+    ahead = sight.bearing_deg(first.position_ned, goal)
+    c, s = math.cos(math.radians(ahead)), math.sin(math.radians(ahead))
+    x, _, z = sight.CAMERA.offset_frd
+    lens = (first.position_ned[0] + x * c, first.position_ned[1] + x * s, first.position_ned[2] + z)
+    share = 0.35 / math.dist(lens, goal)
+    north, east, down = (a + share * (b - a) for a, b in zip(lens, goal, strict=True))
+    there = Start((north - aside_m * s, east + aside_m * c, down), ahead)
+    return replace(record, starts=(replace(first, yaw_deg=ahead), there, *record.starts[2:]))
+
+
+@pytest.mark.parametrize(
+    ("which", "rule"),
+    [(0, "the share of the faced target that nothing hides"), (2, "the least that a drone sees of a candidate")],
+)
+def test_a_drone_in_the_way_hides_what_is_behind_it(which: int, rule: str) -> None:
+    def measured(aside_m: float) -> str:
+        found = check(World(second_drone_before(SIGNS, which, aside_m)))
+        return next(f.measured for f in found if f.rule == rule)
+
+    assert float(measured(0.0).split()[0]) == 0.0
+    assert rule in red(second_drone_before(SIGNS, which, 0.0))
+    assert float(measured(3.0).split()[0]) > 0.4
+
+
 def test_an_asset_without_an_inscription_is_no_candidate() -> None:
     bare = replace(SIGNS, target=replace(SIGNS.target, asset="quadrotor"))
     bare = replace(bare, candidates=tuple(replace(c, asset="quadrotor") for c in bare.candidates))

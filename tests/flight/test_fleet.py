@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from fleet_pictures import check
 
 from dronecats.cli.main import main
 
@@ -37,10 +38,15 @@ def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode
     for drone in waiting:  # those that only hover stay where they began
         places = [p["position_ned"] for p in poses if p["drone"] == drone]
         assert max(abs(a - b) for place in places for a, b in zip(place, places[0], strict=True)) < 0.8
+    seen, empty = check(tmp_path / "run" / episode, truth)
+    assert seen >= 2  # by those that stand behind
+    assert empty >= 2  # of those that stand before
 
 
 @pytest.mark.slow
 def test_a_fleet_flies_in_real_time_although_its_four_frames_take_a_while(tmp_path, capsys):
-    result, decisions, _ = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")
+    result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")
     assert result["success"]
+    seen, _ = check(tmp_path / "run" / "blocks-commanding-01", truth)
+    assert seen >= 2
     assert {d["drone"] for d in decisions} == {0, 1, 2, 3}

@@ -20,6 +20,7 @@ from render_scenes import (
 
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
+from dronecats.border.frames import quat_from_euler
 from episodes.render import Renderer
 from episodes.render.textures import build_atlas
 from episodes.scene import Material
@@ -93,6 +94,22 @@ def test_a_moved_thing_moves_with_its_shadow_and_comes_back(post):
     assert ground_at(away, 20.0, 5.0, -3.0) < 0.75 * ground_at(away, 20.0, 0.0, -3.0)
     assert away.ids[int(CAMERA.height / 2 - CAMERA.focal_px * 5.0 / 18.0), CAMERA.width // 2] == 2
     assert digest(post.render(from_above(20.0))) == digest(home)
+
+
+def test_a_moved_thing_may_be_tilted_or_not_be_there(post):
+    place = (3.0, -2.0, -1.0)
+    yawed = post.render(from_above(20.0), {2: (place, 0.7)})
+    level = post.render(from_above(20.0), {2: (place, quat_from_euler(0.0, 0.0, 0.7))})
+    assert (yawed.ids != level.ids).mean() < 1e-4
+    rolled = post.render(from_above(20.0), {2: (place, quat_from_euler(np.pi / 2, 0.0, 0.0))})
+    rows, columns = np.nonzero(rolled.ids == 2)  # its right has become its down, so its top points to the right
+    assert np.ptp(columns) > 3.0 * np.ptp(rows)
+    assert columns.mean() > CAMERA.width / 2 + CAMERA.focal_px * -2.0 / 19.0
+    assert (post.render(from_above(20.0)).ids == 2).any()
+    gone = post.render(from_above(20.0), {2: None})
+    assert not (gone.ids == 2).any()
+    lit = ground_at(gone, 20.0, 8.0, -8.0)
+    assert ground_at(gone, 20.0, 0.0, -3.0) == pytest.approx(lit, abs=4.0)  # nor its shadow
 
 
 def test_only_movable_things_can_be_moved(post):

@@ -1,0 +1,225 @@
+"""The drones of a fleet: as large as they are solid, where the truth has them in pictures, and in each other's way."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from dronecats.border.camera import CameraModel
+from dronecats.border.frames import quat_from_euler
+from dronecats.border.obstacles import OPEN
+from episodes import assets, catalogue
+from episodes.assets.multirotor import X500, multirotor, outline
+from episodes.fleet import DronePose, Fleet, hovering
+from episodes.render import Renderer, camera_pose
+from episodes.world import World
+from vehicles import airframe as airframes
+from vehicles.collision import CAMERA_RADIUS, solids_record
+from vehicles.multirotor import Multirotor
+
+HALF = CameraModel(640, 360)
+RECORDS = ("residential-commanding-01", "blocks-commanding-01")
+
+
+@pytest.fixture(scope="module", params=RECORDS)
+def world(request):
+    return World(catalogue.load(request.param))
+
+
+@pytest.fixture(scope="module")
+def renderer(world):
+    drawn = Renderer(world.filmed, HALF)
+    yield drawn
+    drawn.close()
+
+
+def turned(roll, pitch, yaw):
+    """Return the (3, 3) matrix body FRD → NED, by Euler's angles (rad), a second time beside `frames`."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return rz @ ry @ rx
+
+
+def projected(points, eye_place, eye_turned):
+    """Return the (N, 2) pixels of world points in the picture of a drone, and their (N,) depths: a pinhole by hand."""
+    eye = np.array(eye_place) + eye_turned @ np.array(HALF.offset_frd)
+    local = (np.asarray(points) - eye) @ eye_turned
+    focal = HALF.width / (2.0 * math.tan(math.radians(HALF.hfov_deg / 2)))
+    return np.array((HALF.width / 2, HALF.height / 2)) + focal * local[:, 1:] / local[:, :1], local[:, 0]
+
+
+def around(shape):
+    """Return the outermost points of a drone (N, 3): its discs' rims, feet and mast, and its camera."""
+    angles = np.arange(0.0, 2.0 * math.pi, math.pi / 8)
+    rims = [(x + shape.radius_m * math.cos(a), y + shape.radius_m * math.sin(a), z) for x, y, z in shape.hubs
+            for a in angles]  # fmt: skip
+    return np.array([*rims, *shape.touching, HALF.offset_frd])
+
+
+def test_the_default_drone_is_the_default_airframe():
+    assert outline(airframes.load("x500")) == X500
+
+
+@pytest.mark.parametrize("name", airframes.names())
+def test_what_is_drawn_is_what_is_solid(name):
+    """Every ball of the physics has something drawn in it, and nothing is drawn where a vehicle flies through."""
+    frame = airframes.load(name)
+    mesh = multirotor(outline(frame))
+    assert len(mesh.triangles) <= 1500
+    corners = mesh.vertices.astype(np.float64)
+    solid = solids_record(Multirotor(frame, seed=0, origin=(47.0, 8.0, 400.0)).params, OPEN, HALF.offset_frd)
+    balls = solid["ball"][: solid["balls"]]
+    gaps = np.linalg.norm(corners[:, None] - balls[None, :, :3], axis=2) - balls[:, 3]
+    assert (gaps.min(axis=0) <= 0.0).all()
+    body = frame.curve.radius_m + max(math.hypot(*rotor.position_frd) for rotor in frame.rotors)
+    far = np.linalg.norm(corners, axis=1) > body + 0.01
+    assert (np.linalg.norm(corners[far] - HALF.offset_frd, axis=1) < CAMERA_RADIUS).all()
+    for rotor in frame.rotors:  # blades reach to the rim
+        off = corners - np.array(rotor.position_frd)
+        blade = np.abs(off[:, 2]) <= 0.02 * frame.curve.radius_m
+        reach = np.linalg.norm(off[blade, :2], axis=1)
+        assert np.abs(reach - frame.curve.radius_m).min() < 0.01 * frame.curve.radius_m
+
+
+def test_a_drone_is_no_target_and_no_candidate(world):
+    assert "drone" not in assets.names()
+    assert {one.kind for one in world.fleet.instances} == {"drone"}
+    assert [one.name for one in world.fleet.instances] == ["drone-0", "drone-1", "drone-2", "drone-3"]
+    ids = [one.id for one in world.filmed.instances]
+    assert len(ids) == len(set(ids))
+    assert not any(one.kind == "drone" for one in world.scene.instances)
+
+
+def test_a_drone_alone_is_nowhere_and_its_scene_as_ever():
+    alone = World(catalogue.load("residential-approaching-01"))
+    assert alone.fleet.instances == ()
+    assert alone.filmed.instances == alone.scene.instances
+    assert alone.moved(0.0, {}) == {}
+
+
+def test_as_many_are_seen_as_fly():
+    start = catalogue.load("residential-approaching-01").starts
+    assert len(Fleet(start, 7, X500, 3).instances) == 3
+    assert [one.id for one in Fleet(start, 7, X500, 3).instances] == [7, 8, 9]
+    assert Fleet(catalogue.load(RECORDS[0]).starts, 7, X500, 1).instances == ()
+
+
+def test_every_drone_is_in_the_pictures_where_a_pinhole_has_it(world, renderer):
+    """Fleets at random, tilted places: ids against the projection of the airframe's points, pair by pair."""
+    rng = np.random.default_rng(4)
+    shape, checked, behind = around(X500), 0, 0
+    for _ in range(12):
+        poses = {}
+        for k, start in enumerate(world.record.starts):
+            place = np.array(start.position_ned) + rng.uniform((-5.0, -5.0, -3.0), (5.0, 5.0, 0.0))
+            tilt = (*rng.uniform(-0.35, 0.35, 2), math.radians(start.yaw_deg) + rng.uniform(-2.0, 2.0))
+            poses[k] = (tuple(float(v) for v in place), tuple(float(a) for a in tilt))
+        flown = {k: DronePose(place, quat_from_euler(*tilt)) for k, (place, tilt) in poses.items()}
+        for i in poses:
+            place, tilt = poses[i]
+            eye = camera_pose(place, flown[i].attitude, HALF)
+            view = renderer.render(eye, world.moved(0.0, {k: p for k, p in flown.items() if k != i}))
+            assert not (view.ids == world.fleet.instances[i].id).any()  # nobody sees himself
+            for j in poses:
+                if j == i:
+                    continue
+                points = np.array(poses[j][0]) + shape @ turned(*poses[j][1]).T
+                pixels, depth = projected(points, place, turned(*tilt))
+                mine = np.argwhere(view.ids == world.fleet.instances[j].id)[:, ::-1] + 0.5
+                if (depth < 0.0).all():
+                    assert len(mine) == 0
+                    behind += 1
+                    continue
+                inside = (depth > 0.6) & (np.abs(pixels - np.array((320, 180))) < np.array((320, 180))).all(axis=1)
+                between = world.past(p for k, p in flown.items() if k not in (i, j))
+                if not inside.all() or between.hidden(eye.position_ned, points).any():
+                    continue
+                low, high = pixels.min(axis=0), pixels.max(axis=0)
+                assert len(mine) > 0
+                thick = 1.0 + 0.03 * 320.0 / depth.min()  # px: half the camera's housing, for which one point stands
+                assert (mine.min(axis=0) > low - thick).all()
+                assert (mine.max(axis=0) < high + thick).all()
+                spread, wanted = np.ptp(mine, axis=0), high - low
+                assert (spread > 0.6 * wanted - 3.0).all()
+                at = view.depth[view.ids == world.fleet.instances[j].id]
+                assert at.min() > depth.min() - 0.02
+                assert at.max() < depth.max() + 0.02
+                checked += 1
+    assert checked >= 15
+    assert behind >= 15
+
+
+def test_who_stands_behind_sees_who_stands_before_in_its_first_picture(world, renderer):
+    starts = world.fleet.starts
+    for i, j in itertools.permutations(range(4), 2):
+        view = renderer.render(
+            camera_pose(starts[i].position_ned, starts[i].attitude, HALF), world.moved(0.0, world.fleet.others(i))
+        )
+        off = turned(0.0, 0.0, math.radians(world.record.starts[i].yaw_deg)).T @ (
+            np.array(starts[j].position_ned) - np.array(starts[i].position_ned)
+        )
+        pixels = int((view.ids == world.fleet.instances[j].id).sum())
+        if off[0] > 1.9 and abs(off[1]) < 0.1:
+            assert pixels > 1000
+        elif off[0] < 0.5:
+            assert pixels == 0
+
+
+def test_a_moved_drone_casts_a_shadow_and_one_that_is_not_there_none(world, renderer):
+    above = world.fleet.starts[0].position_ned
+    ground = world.ground_down(*above[:2])
+    low = DronePose((above[0], above[1], ground - 0.6), (1.0, 0.0, 0.0, 0.0))
+    eye = camera_pose((above[0], above[1], ground - 4.0), quat_from_euler(0.0, -math.pi / 2, 0.0), HALF)
+    bare, shown = (renderer.render(eye, world.moved(0.0, drones)) for drones in ({}, {1: low}))
+    mine = shown.ids == world.fleet.instances[1].id
+    assert 200 < mine.sum() < 8000
+    assert not (bare.ids == world.fleet.instances[1].id).any()
+    darker = (bare.rgb.mean(axis=2) > shown.rgb.mean(axis=2) + 8.0) & ~mine
+    if bare.rgb[mine].mean() > 60.0:  # where the sun reaches
+        assert darker.sum() > 50
+    again = renderer.render(eye, world.moved(0.0, {}))
+    np.testing.assert_array_equal(again.rgb, bare.rgb)
+
+
+def before_the_lens(world, gap_m, aside_m=0.0):
+    """Return a drone's pose facing the target 12 m before it, and another's with its hull `gap_m` before the lens."""
+    goal = world.target_centre(0.0)
+    start = np.array(world.record.starts[0].position_ned)
+    way = np.array(goal) - start
+    way /= np.linalg.norm(way)
+    yaw, pitch = math.atan2(way[1], way[0]), -math.asin(way[2])
+    body = turned(0.0, pitch, yaw)
+    attitude = quat_from_euler(0.0, pitch, yaw)
+    place = np.array(goal) - 12.0 * way - body @ np.array(HALF.offset_frd)
+    other = np.array(goal) - (12.0 - gap_m) * way + body @ np.array((0.0, aside_m, 0.0))
+    return tuple(place.tolist()), attitude, DronePose(tuple(other.tolist()), attitude)
+
+
+def test_a_drone_before_the_lens_hides_the_target_in_rays_as_in_ids():
+    world = World(catalogue.load("blocks-commanding-01"))  # its target is a sign, 1.2 m wide
+    camera = CameraModel()
+    drawn = Renderer(world.filmed, camera)
+    shares = []
+    for gap, aside in ((0.35, 0.0), (0.8, 0.0), (0.8, 0.1), (2.0, 0.0), (3.5, 0.1), (2.0, 3.0), (-1.0, 0.0)):
+        place, attitude, other = before_the_lens(world, gap, aside)
+        eye = camera_pose(place, attitude, camera)
+        open_view = drawn.render(eye, world.moved(0.0, {})).ids == world.target_id
+        seen = drawn.render(eye, world.moved(0.0, {1: other})).ids == world.target_id
+        without = world.measure(0.0, place, attitude, camera)
+        m = world.measure(0.0, place, attitude, camera, [other])
+        shares.append(m.visible_fraction / without.visible_fraction)
+        assert seen.sum() / open_view.sum() == pytest.approx(shares[-1], abs=0.04)
+        assert m.visible == (m.visible_fraction >= 0.05)
+    drawn.close()
+    assert shares[0] == 0.0
+    assert 0.05 < shares[1] < 0.9
+    assert shares[-2:] == [1.0, 1.0]  # beside the way, and behind the camera
+
+
+def test_hovering_is_where_the_record_has_the_start(world):
+    for start, pose in zip(world.record.starts, world.fleet.starts, strict=True):
+        assert pose == hovering(start)
+        assert pose.position_ned == start.position_ned
