@@ -41,6 +41,7 @@ class Drone:
     index: int
     vehicle: Vehicle
     history: History
+    thinks_next: bool = False  # its newest reply asked to reason at length in the next call
     segments: list[Segment] = field(default_factory=list)  # what is still to be flown of the current action
     segment_ends_s: float = 0.0
 
@@ -119,7 +120,7 @@ class Agent:
         for frame, jpeg in zip(frames, pictures, strict=True):
             suffix = f"_d{frame.drone}" if frame.drone else ""
             (self.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
-        thinking = any(isinstance(drone.history.last, actions.Think) for drone in self.drones)
+        thinking = any(drone.thinks_next for drone in self.drones)  # one call answers for all of them
         text = self.pilot.prompt.render(
             self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order, len(self.drones)
         )
@@ -155,6 +156,7 @@ class Agent:
                 rate_hz=None if rate_hz is None else round(rate_hz, 6),
             )
             self.log.write(decision)
+            drone.thinks_next = isinstance(action, actions.Think)
             if action is not None:
                 drone.history.append(action)
             drone.segments = list(plan(action, self.camera_model))
