@@ -10,6 +10,7 @@ from dronecats.agent.controller import Segment, plan
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.history import LENGTH as HISTORY_LENGTH
 from dronecats.agent.history import History
+from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Asking, Latency
 from dronecats.agent.model import Model, Request
 from dronecats.agent.picture import encode
@@ -32,6 +33,7 @@ class Pilot:
     latency: Latency
     axis_order: actions.AxisOrder = "xy"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
+    last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
 
 
 @dataclass(slots=True)
@@ -98,6 +100,8 @@ class Agent:
             if patience_s is not None and self.now_s > asked_s + patience_s:
                 raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
         if not asking.due(self.now_s):
+            if self.pilot.last_reply:
+                outlast(asking, self._tick, lambda: self.now_s - asked_s, patience_s)
             if not self.steps:
                 raise ModelError("the model did not answer once before the episode was over")
             return []  # the episode is over before the reply: whatever it says came too late to be an action
