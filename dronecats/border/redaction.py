@@ -95,13 +95,13 @@ def _spellings(secret: str) -> re.Pattern[str]:
 
 
 def _letter(letter: str) -> str:
-    code = ord(letter)
-    ways = [
-        r"\\{0,4}" + re.escape(letter),
+    code, pair = ord(letter), letter.encode("utf-16-be", "surrogatepass")
+    ways = [  # the longer ones first
         "".join(f"%(?:25){{0,4}}(?i:{byte:02x})" for byte in letter.encode("utf-8", "surrogatepass")),
-        rf"\\{{1,4}}u(?i:{code:04x})",
+        "".join(rf"\\{{1,4}}u(?i:{pair[i : i + 2].hex()})" for i in range(0, len(pair), 2)),
         rf"&#(?:0{{0,4}}{code}|[xX]0{{0,4}}(?i:{code:x}));",
         *([re.escape(html.escape(letter))] if html.escape(letter) != letter else []),
         *([r"\+"] if letter == " " else []),
+        r"\\{0,4}" + re.escape(letter),
     ]
     return "(?:" + "|".join(ways) + ")"
