@@ -56,6 +56,7 @@ class ActionError(ValueError):
 
 MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
 MAX_TRIES = 500  # places in a reply at which JSON may begin
+MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # read in vain after such places: nothing that is meant to be read needs more
 MAX_ROTATION_DEG = 3600.0  # ten turns: beyond it the number is noise, not an intention
 MAX_DEPTH_M = 100_000.0
 
@@ -160,13 +161,18 @@ def _first_array(reply: str) -> list[Any] | ActionError:
 
 
 def _values(reply: str, opening: str) -> list[Any]:
-    """Return the outermost JSON values of the text that start with `opening`, in order."""
+    """Return the outermost JSON values of the text that start with `opening`, in order.
+
+    Where a value breaks off the next one may begin inside it, which read again and again would take the square of the
+    reply's length: so what is read in vain is counted, and the search ends when it is too much.
+    """
     decoder = json.JSONDecoder()
-    text, values, at, tries = reply[:MAX_REPLY_CHARS], [], 0, 0
-    while (at := text.find(opening, at)) >= 0 and (tries := tries + 1) <= MAX_TRIES:
+    text, values, at, tries, vain = reply[:MAX_REPLY_CHARS], [], 0, 0, 0
+    while vain < MAX_VAIN_CHARS and (at := text.find(opening, at)) >= 0 and (tries := tries + 1) <= MAX_TRIES:
         try:
             value, end = decoder.raw_decode(text, at)
-        except (json.JSONDecodeError, RecursionError, ValueError):
+        except (ValueError, RecursionError) as error:  # only a JSONDecodeError says how far it came
+            vain += (error.pos if isinstance(error, json.JSONDecodeError) else len(text)) - at
             at += 1
             continue
         values.append(value)

@@ -33,10 +33,6 @@ class History:
     def append(self, action: Action) -> None:
         self._actions.append(action)
 
-    @property
-    def last(self) -> Action | None:
-        return self._actions[-1] if self._actions else None
-
     def render(self) -> str:
         """Return the numbered lines, oldest first, the newest tagged; or the sentence for the first step."""
         if not self._actions:

@@ -85,6 +85,11 @@ class Asking:
             return True
         return now_s >= self._asked_s + self._policy.charge(self.reply().latency_s) - 1e-9
 
+    @property
+    def answered(self) -> bool:
+        """Return whether the call has come back, with a reply or with an error."""
+        return self._future.done()
+
     def reply(self) -> Reply:
         """Return the reply. Raises what the model raised."""
         return self._future.result()
@@ -95,7 +100,7 @@ class Asking:
         What was charged, where that is how long it took to within the ticks of the clock; else how long it really
         took: always without a charge, and where the reply came later than the charge.
         """
-        elapsed_s = now_s - self._asked_s
+        elapsed_s = (now_s - self._asked_s) * self.reply().share  # attempts that failed are not the model's
         if self._policy.charge is None:
             return elapsed_s
         charged_s = self._policy.charge(self.reply().latency_s)

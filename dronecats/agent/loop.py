@@ -10,6 +10,7 @@ from dronecats.agent.controller import Segment, plan
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.history import LENGTH as HISTORY_LENGTH
 from dronecats.agent.history import History
+from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Asking, Latency
 from dronecats.agent.model import Model, Request
 from dronecats.agent.picture import encode
@@ -32,6 +33,7 @@ class Pilot:
     latency: Latency
     axis_order: actions.AxisOrder = "xy"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
+    last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
 
 
 @dataclass(slots=True)
@@ -41,6 +43,7 @@ class Drone:
     index: int
     vehicle: Vehicle
     history: History
+    thinks_next: bool = False  # its newest reply asked to reason at length in the next call
     segments: list[Segment] = field(default_factory=list)  # what is still to be flown of the current action
     segment_ends_s: float = 0.0
     seen: Sight | None = None  # where it was when the picture was taken on which it acts
@@ -101,6 +104,8 @@ class Agent:
             if patience_s is not None and self.now_s > asked_s + patience_s:
                 raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
         if not asking.due(self.now_s):
+            if self.pilot.last_reply:
+                outlast(asking, self._tick, lambda: self.now_s - asked_s, patience_s)
             if not self.steps:
                 raise ModelError("the model did not answer once before the episode was over")
             return []  # the episode is over before the reply: whatever it says came too late to be an action
@@ -123,7 +128,7 @@ class Agent:
         for frame, jpeg in zip(frames, pictures, strict=True):
             suffix = f"_d{frame.drone}" if frame.drone else ""
             (self.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
-        thinking = any(isinstance(drone.history.last, actions.Think) for drone in self.drones)
+        thinking = any(drone.thinks_next for drone in self.drones)  # one call answers for all of them
         text = self.pilot.prompt.render(
             self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order, len(self.drones)
         )
@@ -159,6 +164,7 @@ class Agent:
                 rate_hz=None if rate_hz is None else round(rate_hz, 6),
             )
             self.log.write(decision)
+            drone.thinks_next = isinstance(action, actions.Think)
             if action is not None:
                 drone.history.append(action)
             drone.segments = list(plan(action, self.camera_model))

@@ -20,9 +20,15 @@ class Reply:
     """One step's answer."""
 
     text: str
-    latency_s: float  # wall seconds from sending the request to having the answer
+    latency_s: float  # wall seconds from sending the request that was answered to having the answer
     tokens_in: int | None = None
     tokens_out: int | None = None
+    waited_s: float = 0.0  # wall seconds before that request: earlier ones that failed, and the pauses after them
+
+    @property
+    def share(self) -> float:
+        """Return which part, 0 … 1, of the time until the answer was the model's own."""
+        return self.latency_s / (self.latency_s + self.waited_s) if self.waited_s > 0.0 else 1.0
 
 
 class Model(Protocol):

@@ -1,5 +1,6 @@
 """The prompt: one template file in our own words, the only place where the action space is declared."""
 
+import difflib
 import hashlib
 import re
 from dataclasses import dataclass
@@ -9,8 +10,10 @@ from pathlib import Path
 from dronecats.agent.action import AxisOrder
 from dronecats.border.errors import UsageError
 
-FIELDS = ("instruction", "point_fmt", "history_len", "history", "situation", "answer", "closing")
+FIELDS = ("instruction", "point_fmt", "history_len", "history", "drones", "situation", "answer", "closing")
+NEEDED = ("instruction", "history")
 _FIELD = re.compile("{(" + "|".join(FIELDS) + ")}")
+_LIKE_A_FIELD = re.compile(r"{([A-Za-z_]\w*)}")
 ONE = {
     "situation": "You fly a multirotor. Your only sense is the picture attached to this message: the view straight"
     " ahead from the\ndrone's fixed forward camera.",
@@ -19,12 +22,17 @@ ONE = {
 }
 FLEET = {
     "situation": "You fly {n} multirotors at once, Drone 1 to Drone {n}. Your only sense is the pictures attached to"
-    " this message: the\nviews straight ahead from their fixed forward cameras, Drone 1's first. One drone that arrives"
-    " is enough, so divide\nwhat there is to look at among them.",
+    " this message: the\nviews straight ahead from their fixed forward cameras, Drone 1's first.",
     "answer": "Answer with one JSON array of {n} objects and nothing else: the actions of Drone 1 to Drone {n}, each"
     " judged in its\nown drone's picture. Every object holds one of these four actions:",
     "closing": "One JSON array of {n} objects, no other text.",
 }
+# around a template that knows of one drone only, so that it can be flown by a fleet
+FRAMED = (
+    "{situation} What follows is written for\none drone and holds for each of yours, in its own picture.\n\n",
+    "\n\nWhere it asks for one object, give one JSON array of {n} such objects: the actions of Drone 1 to Drone {n}."
+    "\n{closing}\n",
+)
 _POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
@@ -43,7 +51,12 @@ class Prompt:
             template = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(f"the prompt file {path} cannot be read: {error}") from None
-        missing = [name for name in ("instruction", "history") if f"{{{name}}}" not in template]
+        for name in _LIKE_A_FIELD.findall(template):
+            if name not in FIELDS:
+                near = difflib.get_close_matches(name, FIELDS, n=1)
+                hint = f"did you mean {{{near[0]}}}?" if near else f"fields are {', '.join(FIELDS)}"
+                raise UsageError(f"the prompt file {path} has {{{name}}}, which is no field; {hint}")
+        missing = [name for name in NEEDED if f"{{{name}}}" not in template]
         if missing:
             raise UsageError(f"the prompt file {path} lacks the field {{{missing[0]}}}")
         return cls(template)
@@ -51,18 +64,29 @@ class Prompt:
     @property
     def digest(self) -> str:
         """Return the SHA-256 of the template and of the words filled in with it; kept in every run."""
-        return hashlib.sha256("\0".join((self.template, *ONE.values(), *FLEET.values())).encode()).hexdigest()
+        words = (self.template, *ONE.values(), *FLEET.values(), *FRAMED)
+        return hashlib.sha256("\0".join(words).encode()).hexdigest()
+
+    @property
+    def knows_fleets(self) -> bool:
+        """Return whether the template itself asks a fleet for an array: one that names {answer} or {drones} does."""
+        return "{answer}" in self.template or "{drones}" in self.template
 
     def render(
         self, instruction: str, history: str, history_len: int, axis_order: AxisOrder = "xy", drones: int = 1
     ) -> str:
         """Return the text of one step, for one drone or for a fleet."""
-        words = ONE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
+        said = ONE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
+        template = self.template
+        if drones > 1 and not self.knows_fleets:
+            before, after = (text.replace("{n}", str(drones)) for text in FRAMED)
+            template = before + template.strip() + after
         values = {
-            **words,
+            **said,
             "instruction": instruction,
             "point_fmt": _POINT_FORMAT[axis_order],
             "history_len": str(history_len),
             "history": history,
+            "drones": str(drones),
         }
-        return _FIELD.sub(lambda match: values[match[1]], self.template)
+        return _FIELD.sub(lambda match: values[match[1]], template)

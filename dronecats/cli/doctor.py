@@ -15,6 +15,8 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
+from dronecats.agent.providers import PROVIDERS
+
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
 
@@ -36,7 +38,8 @@ PORTS = {
     14540: "offboard MAVLink, where an agent listens",
     14550: "ground station MAVLink, where QGroundControl listens",
 }
-KEYS = {"OPENAI_API_KEY": "openai", "OPENROUTER_API_KEY": "openrouter", "GEMINI_API_KEY": "gemini"}
+KEYS = {provider.key_variable: provider.name for provider in PROVIDERS.values() if provider.key_variable}
+HOSTED = [variable for variable, name in KEYS.items() if (PROVIDERS[name].base_url or "").startswith("https://")]
 DISK_WANTED_GB = 1.0  # a run keeps about 120 frames of 40 kB an episode; the rest is for compiled code
 
 
@@ -211,5 +214,5 @@ def _keys() -> Finding:
     present = [f"{name} ({provider})" for name, provider in KEYS.items() if os.environ.get(name)]
     if present:
         return Finding("model keys", OK, "set: " + ", ".join(present))
-    wanted = "set " + ", ".join(KEYS) + " to fly hosted models; local models and the built-in pilots need none"
+    wanted = "set " + " or ".join(HOSTED) + " to fly hosted models; local models and the built-in pilots need none"
     return Finding("model keys", NOTE, "none set", wanted)

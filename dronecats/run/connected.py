@@ -56,7 +56,14 @@ def fly_connected(args: argparse.Namespace, say: Say) -> dict[str, Any]:
             return fly(
                 stage,
                 [Start((0.0, 0.0, -HEIGHT_M), None)],
-                Pilot(stage.model, agreed.prompt, args.instruction, agreed.latency, patience_s=agreed.patience_s),
+                Pilot(
+                    stage.model,
+                    agreed.prompt,
+                    args.instruction,
+                    agreed.latency,
+                    patience_s=agreed.patience_s,
+                    last_reply=False,  # nothing is scored here, so nothing is worth staying up for
+                ),
                 folder,
                 cap_s=agreed.seconds,
                 authority=agreed.authority,

@@ -12,7 +12,7 @@ from dronecats.agent.loop import Pilot
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import split
 from dronecats.border.errors import DronecatsError, InfrastructureError
-from dronecats.border.redaction import redacted
+from dronecats.border.redaction import redacted_url
 from dronecats.run import folder as folders
 from dronecats.run.ascent import start_of
 from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
@@ -90,7 +90,7 @@ def configuration(plan: Plan, prompt: Prompt) -> dict[str, Any]:
         **({"map_sha256": of_map} if of_map else {}),
         "pilot": plan.pilot,
         "model": plan.model,
-        "base_url": redacted(plan.base_url) if plan.base_url else None,
+        "base_url": redacted_url(plan.base_url) if plan.base_url else None,
         "prompt_sha256": prompt.digest,
         "sampling": SAMPLING,
         "seed": plan.seed,

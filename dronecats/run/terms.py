@@ -11,7 +11,7 @@ from dronecats.agent.loop import CAP_S
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import split
 from dronecats.border.errors import UsageError
-from dronecats.border.redaction import redacted
+from dronecats.border.redaction import redacted_url
 from dronecats.pilots import roster
 from dronecats.run.episode import Authority
 from dronecats.run.plan import SAMPLING, latency_for
@@ -46,7 +46,7 @@ class Terms:
         return {
             "pilot": self.pilot,
             "model": self.model,
-            "base_url": redacted(self.base_url) if self.base_url else None,
+            "base_url": redacted_url(self.base_url) if self.base_url else None,
             "prompt_sha256": self.prompt.digest,
             "sampling": SAMPLING,
             "clock": "the vehicle's",

@@ -1,11 +1,23 @@
 import contextlib
+import gc
 import json
+import time
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, parse, parse_fleet
+from dronecats.agent.action import (
+    MAX_REPLY_CHARS,
+    ActionError,
+    Finished,
+    Go,
+    Rotate,
+    Think,
+    action_from,
+    parse,
+    parse_fleet,
+)
 
 
 @pytest.mark.parametrize(
@@ -102,3 +114,78 @@ def test_a_fleet_needs_one_action_per_drone():
     assert isinstance(bad, ActionError)
     assert all(isinstance(a, ActionError) for a in parse_fleet(reply, 3))
     assert all(isinstance(a, ActionError) for a in parse_fleet('{"action":"think"}', 4))
+
+
+def plainly(reply):
+    """What `parse` means: try every brace, skip what was read, and take the last object that has an action."""
+    values, at = [], 0
+    while (at := reply.find("{", at)) >= 0:
+        try:
+            value, at = json.JSONDecoder().raw_decode(reply, at)
+            values.append(value)
+        except (ValueError, RecursionError):
+            at += 1
+    if not values:
+        raise ActionError("no JSON object in the reply")
+    return action_from(next((v for v in reversed(values) if "action" in v), values[-1]))
+
+
+def outcome(read, reply):
+    try:
+        return read(reply)
+    except ActionError as error:
+        return str(error)
+
+
+PIECES = ["{", "}", "[", "]", '"', ":", ",", " ", "\\", "a", "7", "\n", '"a":', '{"action":"think"}', '"action"', '"{',
+          '{"action":"rotate","angle_deg":9}', '{"action":"finished"}', '}"', '\\"', '{"plan":[', "null"]  # fmt: skip
+
+
+@given(st.lists(st.sampled_from(PIECES), max_size=60).map("".join))
+@example('{"a": "{" {"action":"think"}')
+@example('{"plan":[{"action":"think"},{"action":"rotate","angle_deg":9}')
+@example('{"say":"{\\"action\\":\\"think\\"}","action":"finished"}')
+def test_a_reply_is_searched_as_a_plain_search_would(reply):
+    assert outcome(parse, reply) == outcome(plainly, reply)
+
+
+def test_the_inner_actions_of_a_long_reply_that_breaks_off_are_found():
+    reply = '{"plan":[' + '{"why":"' + "because " * 3000 + '"},' + '{"action":"rotate","angle_deg":9}'
+    assert parse(reply) == Rotate(9)
+
+
+def seconds(call):
+    """The processor's time for a call, the best of three, without what the collector does in a test run's heap."""
+    best = float("inf")
+    gc.disable()
+    try:
+        for _ in range(3):
+            began = time.process_time()
+            with contextlib.suppress(ActionError):
+                call()
+            best = min(best, time.process_time() - began)
+    finally:
+        gc.enable()
+    return best
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        ('{"a":' * 490 + "[", '{"a":{}},'),
+        ('{"a":' * 490 + "[", "[],"),
+        ('{"a":' * 490 + "[", "1,"),
+        ('{"a":' * 490, '"\\"'),
+        ("", '{"a":[' + "[]," * 130),
+        ("", '{"a":'),
+        ("", "["),
+        ("", '{"'),
+        ("", "[{"),
+    ],
+)
+def test_no_reply_takes_long_to_read(head, unit):
+    reply = (head + unit * MAX_REPLY_CHARS)[:MAX_REPLY_CHARS]
+    valid = "[" + '{"a":{}},' * (MAX_REPLY_CHARS // 9 - 2) + "0]"
+    once = seconds(lambda: json.loads(valid))
+    assert seconds(lambda: parse(reply)) < 100 * once
+    assert seconds(lambda: parse_fleet(reply, 4)) < 100 * once

@@ -1,10 +1,14 @@
+import re
+
 import pytest
+from paper_words import known, rows
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import History
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
 from dronecats.border.camera import CameraModel
 from dronecats.border.errors import UsageError
+from dronecats.pilots import briefing
 
 
 def test_history_is_five_lines_in_pixels_with_the_newest_tagged():
@@ -19,7 +23,6 @@ def test_history_is_five_lines_in_pixels_with_the_newest_tagged():
         "4. FINISHED",
         "5. GO x=640 y=360 depth=2.25m  <- latest",
     ]
-    assert history.last == Go(500, 500, 2.25)
 
 
 def test_prompt_fills_its_fields_and_nothing_else():
@@ -53,3 +56,65 @@ def test_a_fleet_is_asked_for_an_array_and_told_about_its_pictures():
     assert "4 multirotors" in text
     assert "{" not in text.split("# Answer")[0]
     assert "One JSON object" not in text
+
+
+@pytest.mark.parametrize("drones", [1, 4])
+def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
+    """Neither the radius, nor that one arrival settles a fleet's episode, nor how a fleet should go about it."""
+    text = " ".join(Prompt.load().render("go to the van", "(none)", 5, drones=drones).split()).lower()
+    assert not re.search(r"\b(five|5|5\.0)\s*(m|met\w+)\b", text)
+    told = r"\b(radius|enough|divide|share|split|spread|pool\w*|one drone|any drone|verif\w+|score\w*)\b"
+    assert not re.search(told, text)
+    assert "a few metres" in text
+
+
+def test_not_six_words_in_a_row_are_the_papers():
+    ours = rows("\n".join((Prompt.load().template, *ONE.values(), *FLEET.values(), *FRAMED)))
+    assert len(known()) > 800
+    assert [words for key, words in ours.items() if key in known()] == []
+
+
+ONE_OBJECT = """Fly there: {instruction}
+Say one of {"action":"go","point":{point_fmt},"depth_m":<m>}, {"action":"finished"}. One object only, please.
+Lately ({history_len}):
+{history}
+That was all. Only the object!
+"""
+
+
+def test_a_template_for_one_drone_asks_a_fleet_for_an_array(tmp_path):
+    path = tmp_path / "prompt.txt"
+    path.write_text(ONE_OBJECT)
+    prompt = Prompt.load(path)
+    alone = prompt.render("find the {n} van", "1. THINK", 5, "yx")
+    assert alone == ONE_OBJECT.replace("{instruction}", "find the {n} van").replace("{point_fmt}", "[y, x]").replace(
+        "{history_len}", "5"
+    ).replace("{history}", "1. THINK")
+    histories = "Drone 1:\n1. THINK\nDrone 2:\n1. FINISHED\nDrone 3:\n1. ROTATE angle=9deg"
+    fleet = prompt.render("find the {n} van", histories, 5, drones=3)
+    assert fleet.index("You fly 3 multirotors") < fleet.index("find the {n} van") < fleet.index("JSON array of 3")
+    assert fleet.rstrip().endswith("One JSON array of 3 objects, no other text.")
+    assert [[p.kind for p in past] for past in briefing.read(fleet).history] == [["think"], ["finished"], ["rotate"]]
+
+
+@pytest.mark.parametrize("knowing", ["{answer}", "You fly {drones} drones; answer with an array."])
+def test_a_template_that_knows_of_fleets_is_left_as_it_is(tmp_path, knowing):
+    path = tmp_path / "prompt.txt"
+    path.write_text(knowing + "\n{instruction}\n{history}")
+    text = Prompt.load(path).render("find it", "Drone 1:\n1. THINK", 5, drones=4)
+    assert text.endswith("find it\nDrone 1:\n1. THINK")
+    assert "4" in text
+
+
+@pytest.mark.parametrize(
+    ("field", "hint"),
+    [("{instrution}", "did you mean {instruction}?"), ("{point_format}", "{point_fmt}?"), ("{wind}", "fields are ")],
+)
+def test_a_field_that_there_is_not_is_refused(tmp_path, field, hint):
+    path = tmp_path / "prompt.txt"
+    path.write_text("{instruction} {history} " + field)
+    with pytest.raises(UsageError, match=re.escape(field)) as refused:
+        Prompt.load(path)
+    assert hint in str(refused.value)
+    path.write_text('{instruction} {history} {"action":"think"} { wind } {}')
+    Prompt.load(path)

@@ -1,10 +1,12 @@
 """The doctor looks at everything, hides every key, and its exit status says whether a flight is possible."""
 
 import json
+import re
 import socket
 
 import pytest
 
+from dronecats.agent.providers import PROVIDERS
 from dronecats.cli import doctor
 from dronecats.cli.main import main
 
@@ -34,6 +36,21 @@ def test_keys_are_named_and_never_shown(monkeypatch, capsys, flag):
     printed = capsys.readouterr().out
     assert "OPENAI_API_KEY" in printed
     assert "sk-top-secret" not in printed
+
+
+def test_only_keys_that_a_provider_uses_are_offered(monkeypatch):
+    used = {provider.key_variable for provider in PROVIDERS.values()} - {None}
+    for name in (*used, "GEMINI_API_KEY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("GEMINI_API_KEY", "of-no-use-here")
+    found = next(f for f in doctor.examine() if f.name == "model keys")
+    assert found.state == doctor.NOTE
+    offered = set(re.findall(r"[A-Z]+_API_KEY", found.detail + found.remedy))
+    assert offered == {"OPENAI_API_KEY", "OPENROUTER_API_KEY"}
+    for name in used:
+        monkeypatch.setenv(name, "x")
+    found = next(f for f in doctor.examine() if f.name == "model keys")
+    assert set(re.findall(r"[A-Z]+_API_KEY", found.detail)) == used
 
 
 def test_a_taken_port_is_a_note_and_no_obstacle():

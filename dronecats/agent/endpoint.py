@@ -1,0 +1,188 @@
+"""An HTTP endpoint that may be slow, busy, broken or hostile: an answer or a ModelError, and within a stated time."""
+
+import time
+import zlib
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as NotInTimeError
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from typing import TypeVar
+
+import httpx
+
+from dronecats.agent.latency import DaemonExecutor
+from dronecats.border.errors import ModelError, UsageError
+from dronecats.border.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
+
+GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses: an episode is no longer than that
+CONNECT_S = 10.0  # … of which to be connected, each time
+MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; one of 8192 tokens has some 40 kB
+MAX_SAID_CHARS = 100_000  # of a refusal, of which a sentence is shown
+MAX_PAUSE_S = 60.0  # whatever Retry-After asks for
+AGAIN = (408, 425, 429)  # and 5xx: answers that ask to be tried again
+HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long and how often an endpoint is asked."""
+
+    give_up_s: float = GIVE_UP_S  # wall s
+    attempts: int = 3
+    pause_s: float = 2.0  # wall s before the second attempt when the endpoint names no time, and double that each time
+
+
+DEFAULT = Patience()
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What came back with status 200."""
+
+    body: bytes  # decompressed
+    latency_s: float  # wall s, of the attempt that was answered
+    waited_s: float  # wall s before it
+
+
+class Endpoint:
+    """A base URL with its key. What it says of itself, and what it lets through of what came back, holds no secret."""
+
+    def __init__(self, base_url: str, key: str | None, secrets: tuple[str, ...], patience: Patience) -> None:
+        """Connect nothing yet. Raises UsageError for what is no URL, and for a key that cannot be sent."""
+        self.shown = redacted_url(base_url)
+        self.patience = patience
+        self._secrets = worth_hiding(key, *secrets, *secrets_of(base_url))
+        if key and not (key.isascii() and key.isprintable()):
+            raise UsageError(f"the API key for {self.shown} holds a character that cannot be sent; is it copied whole?")
+        try:
+            self._base = httpx.URL(base_url)
+            self._http = httpx.Client(headers={**HEADERS, **({"Authorization": f"Bearer {key}"} if key else {})})
+        except (httpx.InvalidURL, ValueError):
+            raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
+
+    def close(self) -> None:
+        self._http.close()
+
+    def url(self, path: str) -> httpx.URL:
+        """Return the address of `path` (no slash before it) below the base, whose query stays behind it."""
+        base, mark, query = self._base.raw_path.partition(b"?")
+        return self._base.copy_with(raw_path=base.rstrip(b"/") + b"/" + path.encode() + mark + query, fragment=None)
+
+    def hide(self, text: str) -> str:
+        """Return what came back without the secrets, and otherwise as it came."""
+        return without(text, *self._secrets)
+
+    def brief(self, text: str | bytes) -> str:
+        """Return the beginning of what came back, on one line, as it may be shown."""
+        said = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+        return redacted(" ".join(said[:MAX_SAID_CHARS].split()), *self._secrets)[:200] or "(empty)"
+
+    def check(self) -> None:
+        """Raise UsageError when nothing answers there; what it answers does not matter here."""
+
+        def look(until: float) -> None:
+            with self._http.stream("GET", self.url("models"), timeout=CONNECT_S):
+                pass
+
+        try:
+            self._within(CONNECT_S, look)
+        except httpx.UnsupportedProtocol:
+            raise UsageError(f"--base-url '{self.shown}' must start with http:// or https://") from None
+        except ModelError:
+            raise UsageError(f"the model endpoint {self.shown} has not answered for {CONNECT_S:g} s") from None
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise UsageError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
+
+    def post(self, path: str, content: bytes) -> Answer:
+        """Return the answer of status 200, after as many attempts as patience allows. Raises ModelError."""
+        return self._within(self.patience.give_up_s, lambda until: self._attempts(self.url(path), content, until))
+
+    def _within(self, seconds: float, call: Callable[[float], T]) -> T:
+        """Return what `call` returns, which is told until when it may take. Raises ModelError when that is over.
+
+        On a thread of its own, since neither the look-up of a name nor a header that trickles in can be timed.
+        """
+        coming: Future[T] = DaemonExecutor().submit(call, time.monotonic() + seconds)  # type: ignore[no-untyped-call]
+        try:
+            return coming.result(seconds)
+        except NotInTimeError:
+            raise self._silent(seconds) from None
+
+    def _silent(self, seconds: float) -> ModelError:
+        return ModelError(f"the model endpoint {self.shown} has not answered for {seconds:g} s")
+
+    def _attempts(self, url: httpx.URL, content: bytes, until: float) -> Answer:
+        asked = time.monotonic()
+        for attempt in range(1, self.patience.attempts + 1):
+            pause_s = self.patience.pause_s * 2.0 ** (attempt - 1)
+            began = time.monotonic()
+            try:
+                status, body, wish_s = self._exchange(url, content, until)
+            except (httpx.ReadTimeout, httpx.WriteTimeout):  # there was all the time that is left
+                raise self._silent(self.patience.give_up_s) from None
+            except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
+                said, again = f"broke off: {self._reason(error)}", isinstance(error, httpx.TransportError)
+                again &= not isinstance(error, httpx.UnsupportedProtocol)
+            else:
+                if status == 200:
+                    return Answer(body, time.monotonic() - began, began - asked)
+                said, again = self._refusal(status, body), status in AGAIN or status >= 500
+                pause_s = pause_s if wish_s is None else wish_s
+            if not again or attempt == self.patience.attempts or time.monotonic() + pause_s >= until:
+                break
+            time.sleep(pause_s)
+        raise ModelError(f"the model endpoint {self.shown} {said}")
+
+    def _exchange(self, url: httpx.URL, content: bytes, until: float) -> tuple[int, bytes, float | None]:
+        """Return (status, body, seconds that Retry-After asks for) of one request."""
+        left_s = max(until - time.monotonic(), 0.001)
+        timeout = httpx.Timeout(left_s, connect=min(CONNECT_S, left_s))
+        # a redirect is never followed: it would carry the key to wherever it points
+        with self._http.stream("POST", url, content=content, timeout=timeout, follow_redirects=False) as response:
+            return response.status_code, self._body(response, until), pause_asked_for(response.headers)
+
+    def _body(self, response: httpx.Response, until: float) -> bytes:
+        """Return the body, decompressed. Raises ModelError for one that trickles past the time, or is too long."""
+        encoding = response.headers.get("content-encoding", "identity").lower()
+        if encoding not in ("identity", "gzip", "deflate"):
+            raise ModelError(f"the model endpoint {self.shown} answers compressed, which it was asked not to")
+        inflate = None if encoding == "identity" else zlib.decompressobj(zlib.MAX_WBITS | 32)
+        body = bytearray()
+        for piece in response.iter_raw():
+            if time.monotonic() >= until:
+                raise self._silent(self.patience.give_up_s)
+            try:
+                body += inflate.decompress(piece, MAX_BODY_BYTES + 1 - len(body)) if inflate else piece
+            except zlib.error:
+                raise ModelError(f"the model endpoint {self.shown} answers what cannot be decompressed") from None
+            if len(body) > MAX_BODY_BYTES:
+                raise ModelError(f"the model endpoint {self.shown} answers more than {MAX_BODY_BYTES:,} bytes")
+        return bytes(body)
+
+    def _refusal(self, status: int, body: bytes) -> str:
+        if 300 <= status < 400:
+            return f"answered {status}, a redirect: none is followed, so that no key goes there; give the final address"
+        return f"answered {status}: {self.brief(body)}"
+
+    def _reason(self, error: Exception) -> str:
+        return self.brief(str(error)) if str(error) else type(error).__name__
+
+
+def pause_asked_for(headers: httpx.Headers, now: datetime | None = None) -> float | None:
+    """Return the seconds that Retry-After asks for, given as seconds or as a date, bounded; None where it says none."""
+    value = headers.get("retry-after")
+    if value is None:
+        return None
+    try:
+        seconds = float(value)
+    except ValueError:
+        try:
+            moment = parsedate_to_datetime(value)
+        except (ValueError, OverflowError):
+            return None
+        moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+        seconds = (moment - (now or datetime.now(UTC))).total_seconds()
+    return min(max(seconds, 0.0), MAX_PAUSE_S) if seconds == seconds else None

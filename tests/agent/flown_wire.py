@@ -1,0 +1,123 @@
+"""The agent's own loop before a real endpoint: what it asks, byte for byte, and what it makes of the answers."""
+
+import base64
+import contextlib
+import json
+import threading
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+
+from dronecats.agent.chat import ChatModel
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.latency import InlineExecutor, latency
+from dronecats.agent.loop import Agent, Pilot
+from dronecats.agent.prompt import Prompt
+from dronecats.agent.providers import PROVIDERS
+from dronecats.border.camera import CameraModel, Frame
+from dronecats.border.setpoints import Hold
+
+CAMERA = CameraModel()
+
+
+class Clock:
+    """A vehicle of which the agent needs the clock and nothing else."""
+
+    def __init__(self):
+        self.time_us = 0
+        self.flown = []
+
+    def fly(self, setpoint, seconds=None):
+        if not isinstance(setpoint, Hold):
+            self.flown.append(setpoint)
+
+    def listen(self):
+        pass
+
+    def tick(self):
+        self.time_us += 50_000
+
+
+class Views:
+    """A camera whose every frame is a picture of its own, too wide for the wire, and different for every drone."""
+
+    def __init__(self, height=720, width=1280):
+        self.size = (height, width)
+        self.taken = 0
+
+    def picture(self, frame_id):
+        coarse = np.random.default_rng(frame_id).integers(0, 255, (9, 16, 3), np.uint8)
+        rows = np.linspace(0, 8.99, self.size[0]).astype(int)
+        columns = np.linspace(0, 15.99, self.size[1]).astype(int)
+        return np.ascontiguousarray(coarse[rows][:, columns])
+
+    def newest(self, drone=0):
+        self.taken += 1
+        return Frame(self.taken, drone, 0, self.picture(self.taken))
+
+
+@dataclass
+class Endpoint:
+    """A server of chat completions that keeps every request and gives the replies in order, the last one for ever."""
+
+    replies: list[str]
+    bodies: list[dict] = field(default_factory=list)
+
+    def __enter__(self):
+        endpoint = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_POST(self):
+                body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+                said = endpoint.replies[min(len(endpoint.bodies), len(endpoint.replies) - 1)]
+                endpoint.bodies.append(body)
+                data = json.dumps({"choices": [{"message": {"content": said}}]}).encode()
+                self.send_response(200)
+                self.send_header("Content-Length", str(len(data)))
+                self.end_headers()
+                with contextlib.suppress(ConnectionError):
+                    self.wfile.write(data)
+
+            def log_message(self, *_):
+                pass
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+        self.url = f"http://127.0.0.1:{self._server.server_port}/v1"
+        return self
+
+    def __exit__(self, *_):
+        self._server.shutdown()
+        self._server.server_close()
+
+    @property
+    def texts(self):
+        return [body["messages"][0]["content"][0]["text"] for body in self.bodies]
+
+    @property
+    def jpegs(self):
+        """Per request the bytes of its pictures."""
+        urls = [[part["image_url"]["url"] for part in body["messages"][0]["content"][1:]] for body in self.bodies]
+        return [[base64.b64decode(url.partition(",")[2], validate=True) for url in several] for several in urls]
+
+
+def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None, axis_order="xy", prompt=None):
+    """Fly steps with the real loop, history, picture, prompt and client; return (decisions, camera, vehicles)."""
+    folder.mkdir(exist_ok=True)
+    views = views or Views()
+    vehicles = [Clock() for _ in range(drones)]
+    model = ChatModel(PROVIDERS[provider], "maker/model-1", endpoint.url)
+    log = DecisionLog(folder / "decisions.jsonl")
+    pilot = Pilot(model, prompt or Prompt.load(None), "go to the cyan SUV", latency("fixed:0"), axis_order=axis_order)
+    agent = Agent(
+        pilot=pilot, vehicles=vehicles, camera=views, camera_model=CAMERA, log=log,
+        frames_dir=folder, executor=InlineExecutor(), t0_us=0,
+    )  # fmt: skip
+    agent.fly(stop=lambda decision: decision.step + 1 == steps and decision.drone + 1 == drones)
+    log.close()
+    model.close()
+    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
+    return decisions, views, vehicles

@@ -1,0 +1,83 @@
+"""No spelling of a key survives, and what is no key stays readable."""
+
+import base64
+import html
+import json
+from urllib.parse import quote, quote_plus
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.border.redaction import redacted, redacted_url, secrets_of, without
+
+HEX = "0123456789abcdef0123456789abcdef01234567"
+
+
+@pytest.mark.parametrize(
+    ("url", "shown"),
+    [
+        ("http://127.0.0.1:8000/v1", "http://127.0.0.1:8000/v1"),
+        ("http://[::1]:80/v1/", "http://[::1]:80/v1/"),
+        ("https://gw.host/openai/deployments/gpt-4o?api-version=2024-05-01", "https://gw.host/openai/deployments/gpt-4o?api-version=***"),
+        (f"http://h:1/{HEX}/v1?api_key=s&b#{HEX}", "http://h:1/***/v1?api_key=***&***#***"),
+        ("http://h/sk-abc123456/v1", "http://h/***/v1"),
+        ("http://me:pw777@h/v1", "http://***@h/v1"),
+        ("http://me:p@w@h/v1", "http://***@h/v1"),
+        ("http://h/a%2Fb/v1", "http://h/***/v1"),
+        ("h:8000/v1?key=abc", "h:8000/v1?key=***"),
+        ("http://[nonsense", "http://***"),
+        ("udpin://me:pw@0.0.0.0:14540", "udpin://***@0.0.0.0:14540"),
+        ("serial:///dev/ttyUSB0?baud=57600", "serial:///dev/ttyUSB0?baud=57600"),
+    ],
+)  # fmt: skip
+def test_an_address_is_shown_without_what_may_be_a_key(url, shown):
+    assert redacted_url(url) == shown
+    if "://" in url:
+        assert redacted(f"it says ({url}).") == f"it says ({shown})."
+
+
+KEYS = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=6, max_size=40)
+SPELT = [
+    str,
+    quote,
+    lambda key: quote(key, safe=""),
+    quote_plus,
+    lambda key: quote(quote(key, safe=""), safe=""),
+    lambda key: "".join(f"%{byte:02x}" for byte in key.encode()),
+    lambda key: json.dumps(key)[1:-1],
+    lambda key: json.dumps(json.dumps(key))[3:-3],
+    lambda key: json.dumps(key, ensure_ascii=False)[1:-1].replace("/", "\\/"),
+    html.escape,
+]
+
+
+@settings(deadline=None, max_examples=40)
+@given(KEYS, st.sampled_from(SPELT), st.sampled_from(["", "ä ", "%2", "\\"]), st.sampled_from(["", " z", "%41", "&"]))
+def test_a_key_is_found_in_every_spelling(key, spell, before, after):
+    assert spell(key) not in without(before + spell(key) + after, key)
+    assert without(f"<{spell(key)}>", key) == "<***>"
+
+
+@settings(deadline=None, max_examples=40)
+@given(KEYS)
+def test_every_part_of_an_address_that_is_not_shown_is_a_secret_of_it(key):
+    key = HEX + key
+    spelt = quote(key, safe="")
+    for place in ("{}/v1", "v1?a=b&k={}", "v1?{}", "v1#{}"):
+        url = "http://h/" + place.format(spelt)
+        for echo in (url, spelt, key):
+            said = redacted(f"no such page: {echo}", *secrets_of(url))
+            assert key not in said
+            assert spelt not in said
+
+
+def test_basic_authentication_is_a_secret_too():
+    header = "Basic " + base64.b64encode(b"pilot:hush-hush").decode()
+    assert redacted(header, *secrets_of("http://pilot:hush-hush@h/v1")) == "Basic ***"
+
+
+def test_a_pilots_words_and_scraps_are_never_taken_for_keys():
+    url = "http://a:b@h/v1?mode=rotate&x=finished&n=500&d=depth_m&y=point"
+    reply = '{"action":"rotate","point":[500,500],"depth_m":9} finished a b'
+    assert without(reply, *secrets_of(url)) == reply
