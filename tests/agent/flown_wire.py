@@ -16,7 +16,7 @@ from dronecats.agent.loop import Agent, Pilot
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import PROVIDERS
 from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.setpoints import Hold
+from dronecats.border.setpoints import Hold, Sight
 
 CAMERA = CameraModel()
 
@@ -28,7 +28,12 @@ class Clock:
         self.time_us = 0
         self.flown = []
 
-    def fly(self, setpoint, seconds=None):
+    steady = True
+
+    def sight(self, time_us):
+        return Sight((0.0, 0.0, 0.0), 0.0)
+
+    def fly(self, setpoint, seconds=None, seen=None):
         if not isinstance(setpoint, Hold):
             self.flown.append(setpoint)
 

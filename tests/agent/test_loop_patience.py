@@ -18,7 +18,7 @@ class Vehicle:
 
     time_us = 0
 
-    def fly(self, setpoint, seconds=None):
+    def fly(self, setpoint, seconds=None, seen=None):
         pass
 
     def listen(self):
