@@ -43,6 +43,17 @@ def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode
     assert empty >= 2  # of those that stand before
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_no_reply_of_a_fleet_is_older_than_its_pictures(tmp_path, capsys, seconds):
+    arguments = ("--speed", "max", "--episode", "blocks-commanding-02", "--latency", f"fixed:{seconds:g}")
+    _, decisions, truth = fly(capsys, tmp_path / "run", *arguments)
+    taken = {f["frame_id"]: f["t"] for f in truth if f["kind"] == "frame"}
+    for decision in decisions:
+        assert decision["t_frame"] == pytest.approx(taken[decision["frame_id"]], abs=1e-6)
+        assert decision["t_decided"] >= decision["t_frame"] + seconds - 1e-6
+        assert decision["t_decided"] <= decision["t_frame"] + seconds + 0.15
+
+
 @pytest.mark.slow
 def test_a_fleet_flies_in_real_time_although_its_four_frames_take_a_while(tmp_path, capsys):
     result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")

@@ -69,6 +69,27 @@ def test_one_seed_gives_the_same_bytes_and_another_gives_others(fly, capsys):
         assert (first / name).read_bytes() != (other / name).read_bytes()
 
 
+def test_two_flights_with_nothing_asked_for_but_lockstep_are_the_same_bytes(fly, capsys):
+    _, first = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02")
+    _, second = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02", again=1)
+    assert json.loads((first.parent / "run.json").read_text())["latency"] == "fixed:0.5"
+    for name in ("truth.jsonl", "decisions.jsonl"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_the_records_own_seed_is_behind_the_noise_of_its_flights(fly, capsys, tmp_path):
+    from episodes import catalogue
+
+    record = json.loads(catalogue.load("residential-approaching-02").to_json())
+    drawn = []
+    for seed in (record["seed"], record["seed"] + 1):
+        path = tmp_path / f"{seed}.json"
+        path.write_text(json.dumps({**record, "id": "reseeded", "seed": seed}))
+        _, folder = fly(capsys, "--pilot", "oracle", "--episode", str(path))
+        drawn.append((folder / "truth.jsonl").read_bytes())
+    assert drawn[0] != drawn[1]
+
+
 def test_the_tlog_is_read_by_pymavlink(fly, capsys):
     from pymavlink import mavutil
 
