@@ -38,7 +38,8 @@ def replies(seed, count):
     for _ in range(count):
         kind = draw.choices(("go", "rotate", "think", "finished", "nonsense"), (55, 30, 6, 6, 3))[0]
         if kind == "go":
-            point, depth_m = [draw.uniform(0, 1000), draw.uniform(470, 530)], draw.choice([2.1, 3.0, 4.0, 6.0, 20.0])
+            across = draw.uniform(0, 1000) if draw.random() < 0.7 else draw.uniform(430, 570)  # no turn first
+            point, depth_m = [across, draw.uniform(470, 530)], draw.choice([2.1, 3.0, 4.0, 6.0, 20.0])
             made.append(json.dumps({"action": "go", "point": point, "depth_m": depth_m}))
         elif kind == "rotate":
             made.append(json.dumps({"action": "rotate", "angle_deg": draw.uniform(-90, 90)}))

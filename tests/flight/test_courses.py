@@ -54,7 +54,7 @@ def test_so_it_is_over_real_sockets_in_real_time(high_up, tmp_path, latency):
 BEGINNINGS = ("residential-approaching-01", "campus-searching-02", "campus-tracking-03", "residential-tracking-04")
 
 
-@pytest.mark.parametrize(("seed", "episode"), enumerate(BEGINNINGS))
+@pytest.mark.parametrize(("seed", "episode"), list(enumerate(BEGINNINGS)))
 def test_an_episode_begins_where_its_record_says(tmp_path, episode, seed):
     words = ["--speed", "max", "--pilot", "oracle", "--seed", str(seed), "--out", str(tmp_path / "run")]
     assert main(["fly", "--sitl", "--episode", episode, *words]) == 0
