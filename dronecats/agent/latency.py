@@ -81,8 +81,10 @@ class Asking:
         """Return whether the reply is there and its latency has passed on the vehicle's clock."""
         if not self._future.done():
             return False
-        if self._future.exception() is not None or self._policy.charge is None:
+        if self._future.exception() is not None:
             return True
+        if self._policy.charge is None:
+            return now_s >= self._asked_s - 1e-9  # a picture may be newer than what the vehicle has told since
         return now_s >= self._asked_s + self._policy.charge(self.reply().latency_s) - 1e-9
 
     @property

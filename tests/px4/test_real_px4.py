@@ -14,6 +14,8 @@ from pymavlink import mavutil
 
 from dronecats.border.frames import geodetic_to_ned
 from dronecats.sitl.px4_simulator import free_instance
+from episodes import catalogue
+from tests.flight.courses import measured, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")
 pytestmark = [
@@ -45,6 +47,21 @@ def estimate_errors(tlog, since_us):
     places = np.array([geodetic_to_ned(*origin, *place) for _, *place in truth])
     times, estimate = [t for t, *_ in truth], np.array([row for row in estimate if row[0] >= since_us / 1e6])
     return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
+
+
+def test_a_real_px4_flies_a_go_to_its_pixel_and_makes_its_turns(tmp_path):
+    pilot, out = record(tmp_path / "replies.jsonl", 5), tmp_path / "run"
+    episode = json.loads(catalogue.load("residential-approaching-01").to_json())
+    episode["id"], episode["starts"][0]["position_ned"][2] = "high-up", -25.0
+    (tmp_path / "high-up.json").write_text(json.dumps(episode))
+    words = ["--episode", str(tmp_path / "high-up.json"), "--pilot", f"recorded:{pilot}", "--latency", "fixed:1"]
+    fly = dronecats("fly", "--sitl", "--autopilot", "px4", "--speed", "max", "--full", "--out", str(out), *words)
+    flown = subprocess.run(fly, capture_output=True, text=True, timeout=800)
+    assert flown.returncode == 0, flown.stderr + flown.stdout
+    gone, turned = measured(out / "high-up")
+    assert len(gone) >= 15
+    assert sum(abs(go.off_deg) <= 3.0 for go in gone) >= 0.95 * len(gone)
+    assert [turn for turn in turned if abs(turn.off_deg) > 2.0] == []
 
 
 @pytest.mark.parametrize("speed", ["1", "max"])
