@@ -110,7 +110,7 @@ def flights(results: Iterable[Result]) -> dict[str, Flight]:
             steps=int(r["steps"]),
         )
         for r in results
-        if r["outcome"] in SCORED
+        if r["outcome"] in SCORED and r.get("success_at_first") is not None
     }
 
 

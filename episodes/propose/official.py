@@ -14,7 +14,7 @@ from episodes.record import EpisodeRecord
 BATCHES = (
     Batch("residential", "approaching", 1, 10, 11, kept="v1-residential-approaching-01"),
     Batch("residential", "searching", 1, 10, 1),
-    Batch("residential", "tracking", 1, 10, 1),
+    Batch("residential", "tracking", 1, 10, 3),
     Batch("residential", "search-and-track", 1, 10, 1),
     Batch("residential", "commanding", 1, 10, 1),
     Batch("campus", "approaching", 1, 10, 1),

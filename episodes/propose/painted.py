@@ -22,6 +22,7 @@ NOT_HERE = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # where the map does not say
 SPARE_M = 1.5  # of path beyond what the target covers
 BAY_M = 0.25  # kept to everything by a parked target
+REACH_M = 3.2  # from a target's middle towards the start: a bus end-on is run into before its middle is 5 m off
 STARTS = 2  # drafts of one target, at most
 
 # what kinds of free place an asset may be found on; everything else that drives stands at the kerb or on a drive
@@ -83,6 +84,8 @@ def _around(site: Site, cell: str, target: TargetRecord, share: Share, rng: rand
     distance = (low + high) / 2 if high - low < 2.0 else low + 0.5 + share.distance * (min(high, 30.0) - low - 0.5)
     height = ALTITUDES_M[0] + share.height * (ALTITUDES_M[1] - ALTITUDES_M[0])
     for place in site.starts(thing, distance, height, rng):
+        if thing.reach_m(bearing_deg(place, thing.centre_ned)) > REACH_M:
+            continue
         yaw = yaw_deg(cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
         if yaw is None:
             continue

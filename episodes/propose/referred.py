@@ -25,6 +25,7 @@ PAINT = "white"  # of what drives: the same that its look-alikes wear
 SPARE_M = 1.0
 ANYWHERE = ("nearest", "between")  # relations that hold wherever one stands: what is out of sight is told by these
 BARREN = 4  # rounds through all kinds without a draft, after which there is none to be had
+NEARER_SAID = 0.8  # of the things that only nearness tells are passed over
 STARTS = 12  # looked at before one thing
 
 
@@ -131,6 +132,8 @@ def _before(
                 best = (worth, draft)
         if best and best[0] == 2:
             return best[1]
+    if best and best[0] == 0 and rng.random() < NEARER_SAID:  # another thing may have more to be told by
+        return None
     return best[1] if best else None
 
 

@@ -5,6 +5,8 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate
@@ -41,6 +43,12 @@ class Thing:
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         n, e, d = turn(self.yaw) @ ((low + high) / 2)
         return (self.position_ned[0] + float(n), self.position_ned[1] + float(e), self.position_ned[2] + float(d))
+
+    def reach_m(self, bearing_deg: float) -> float:
+        """Return how far it reaches from its middle towards whoever sees it at a compass bearing."""
+        corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
+        way = math.radians(bearing_deg)
+        return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
 
     @property
     def size_m(self) -> tuple[float, float]:
