@@ -1,6 +1,7 @@
 """The audit's table against a second way of counting, the floor under it, and the blind flights that ship."""
 
 import dataclasses
+import json
 from collections import defaultdict
 from pathlib import Path
 
@@ -153,24 +154,70 @@ KEPT = blind.load()
 CELLS = sorted({name.rpartition("-")[0] for name in IDS})
 
 
-def test_every_pattern_has_flown_every_episode_or_none() -> None:
-    """A pilot's row stands for whole suites only; a hole would leave it out of the floor without a word."""
+flown_yet = pytest.mark.skipif(
+    not KEPT, reason="not flown yet: dronecats episodes audit --pilot blind:ring --write-blind"
+)
+
+
+def test_a_pattern_has_flown_the_whole_of_a_cell_or_nothing_of_it() -> None:
+    """A hole would leave a pilot out of the floor without a word."""
     for pilot, flown in KEPT.items():
         assert pilot.removeprefix("blind:") in PATTERNS
+        assert set(flown) <= set(catalogue.known())
         for cell in CELLS:
             of_cell = [name for name in IDS if name.rpartition("-")[0] == cell]
             assert len([name for name in of_cell if name in flown]) in (0, len(of_cell))
 
 
+@flown_yet
 @pytest.mark.parametrize("cell", CELLS)
-def test_who_knows_nothing_of_the_draw_stays_on_the_floor(cell: str) -> None:
-    """SR₃ 10 % at most in any cell, SR 20 % but for the sweeps. Those that know the 16 m are told of in the docs."""
+def test_every_cell_has_its_floor(cell: str) -> None:
     of_cell = [{"episode": name} for name in IDS if name.rpartition("-")[0] == cell]
+    assert floor(KEPT, cell, of_cell) is not None
+
+
+def too_good(table: blind.Table, cell: str) -> list[str]:
+    """Return the pilots that know nothing of the draw and are over SR₃ 10 % in a cell, or over SR 20 % and no sweep."""
+    of_cell, found = [{"episode": name} for name in IDS if name.rpartition("-")[0] == cell], []
     for name in UNAWARE:
-        flown = KEPT.get(f"blind:{name}", {})
-        under = floor({name: flown}, cell, of_cell)
+        under = floor({name: table.get(f"blind:{name}", {})}, cell, of_cell)
         if under is None:
             continue
         its = under.solved[1]
-        assert (its.within_three or 0) <= 0.10 * its.flown, name
-        assert PATTERNS[name].sweeps or its.solved <= 0.20 * its.flown, name
+        if (its.within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not PATTERNS[name].sweeps):
+            found.append(name)
+    return found
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_who_knows_nothing_of_the_draw_stays_on_the_floor(cell: str) -> None:
+    """Those that know the 16 m are told of in the docs: no draw of residential records can keep them there."""
+    assert too_good(KEPT, cell) == []
+
+
+def test_a_floor_that_rises_is_noticed() -> None:
+    cell = "campus-searching"
+    of_cell = [name for name in IDS if name.rpartition("-")[0] == cell]
+    luck = [Flight(True, False, True, 9, 8, 50), Flight(True, False, False, 9, 8, 50), a_flight()]
+    for pilot, flights_of, expected in (
+        ("fan", [luck[0]] * 1 + [luck[2]] * 9, []),
+        ("fan", [luck[0]] * 2 + [luck[2]] * 8, ["fan"]),
+        ("fan", [luck[1]] * 9 + [luck[2]] * 1, []),
+        ("straight", [luck[1]] * 2 + [luck[2]] * 8, []),
+        ("straight", [luck[1]] * 3 + [luck[2]] * 7, ["straight"]),
+    ):
+        assert too_good({f"blind:{pilot}": dict(zip(of_cell, flights_of, strict=True))}, cell) == expected
+
+
+@flown_yet
+@pytest.mark.slow
+def test_the_flights_that_ship_are_flown_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    chosen = ["residential-approaching-01", "residential-searching-01", "campus-tracking-01"]
+    pilot = "blind:straight"
+    arguments = [*chosen, "--pilot", pilot, "--jobs", "1", "--out", str(tmp_path / "run"), "--json"]
+    assert main(["episodes", "audit", *arguments]) == 0
+    unsolved = json.loads(capsys.readouterr().out)["unsolved"]
+    assert {name: name not in unsolved for name in chosen} == {name: KEPT[pilot][name].success for name in chosen}
+    for name in chosen:
+        verdict = json.loads((tmp_path / "run" / name / "verdict.json").read_text())
+        assert (verdict["steps"], verdict["declarations"]) == (KEPT[pilot][name].steps, KEPT[pilot][name].declarations)

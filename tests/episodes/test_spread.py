@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.border.camera import CameraModel
+from dronecats.border.frames import quat_from_euler
 from dronecats.cli.main import main
 from episodes import catalogue
 from episodes.check import framing, spread
@@ -136,6 +137,21 @@ def test_what_a_straight_flight_passes_is_what_is_ahead_of_it() -> None:
     turned = dataclasses.replace(world.record, starts=(dataclasses.replace(start, yaw_deg=start.yaw_deg + 40.0),))
     moved = layout(World(turned)).straight_deg
     assert {h - 40 for h in found.straight_deg} == set(moved)
+
+
+def test_whoever_passes_was_within_the_radius_and_saw_it() -> None:
+    """A second count, in steps of a decimetre and without the bounds on where to look."""
+    world = World(record(catalogue.DEFAULT))
+    found, start = layout(world), world.record.starts[0]
+    for heading in range(-40, 80, 2):
+        yaw = math.radians(start.yaw_deg + heading)
+        attitude, met = quat_from_euler(0.0, 0.0, yaw), False
+        for along in np.arange(9.0, 20.0, 0.1):
+            n, e, d = start.position_ned
+            place = (n + along * math.cos(yaw), e + along * math.sin(yaw), d)
+            if math.dist(place, world.target_centre(0.0)) <= 5.0:
+                met = met or world.measure(0.0, place, attitude, CameraModel()).visible
+        assert met or heading not in found.straight_deg
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=30))
