@@ -184,7 +184,8 @@ def too_good(table: blind.Table, cell: str) -> list[str]:
         if under is None:
             continue
         its = under.solved[1]
-        if (its.within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not PATTERNS[name].sweeps):
+        sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that fan out are a sweep
+        if (its.within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not sweeps):
             found.append(name)
     return found
 
