@@ -9,22 +9,33 @@ from episodes.record import EpisodeRecord
 
 DEFAULT = "residential-approaching-01"
 FOLDER = Path(__file__).parent / "records"
+FORMER = FOLDER / "v1"  # the first hundred, which results from before the second are about
 
 
 def ids() -> list[str]:
-    """Return the ids of all shipped episodes, sorted."""
+    """Return the ids of the benchmark's episodes, sorted."""
     return sorted(path.stem for path in FOLDER.glob("*.json"))
+
+
+def former() -> list[str]:
+    """Return the ids of the episodes of version 1, sorted; each begins with `v1-`."""
+    return sorted(path.stem for path in FORMER.glob("*.json"))
+
+
+def known() -> list[str]:
+    """Return the ids of everything that ships, what is flown now first."""
+    return [*ids(), *former()]
 
 
 def ships(record: EpisodeRecord) -> bool:
     """Return whether this is a shipped episode, and not merely one that bears the id of one."""
-    return record.id in ids() and load(record.id) == record
+    return record.id in known() and load(record.id) == record
 
 
 def must_exist(id_or_path: str | Path) -> None:
     """Raise UsageError when this is neither a shipped episode nor something on the disk that could be a record."""
     name = str(id_or_path)
-    if name not in ids() and _file(name) is None:
+    if name not in known() and _file(name) is None:
         raise UsageError(_unknown(name))
 
 
@@ -34,8 +45,9 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
     Raises UsageError when there is no such episode or its record is wrong.
     """
     name = str(id_or_path)
-    if name in ids():
-        return records.load(FOLDER / f"{name}.json")
+    for folder, names in ((FOLDER, ids()), (FORMER, former())):
+        if name in names:
+            return records.load(folder / f"{name}.json")
     path = _file(name)
     if path is None:
         raise UsageError(_unknown(name))
@@ -56,6 +68,6 @@ def _file(name: str) -> Path | None:
 
 
 def _unknown(name: str) -> str:
-    near = ", ".join(difflib.get_close_matches(name[:100], ids(), 3, 0.4) or (DEFAULT, "`dronecats episodes list`"))
+    near = ", ".join(difflib.get_close_matches(name[:100], known(), 3, 0.4) or (DEFAULT, "`dronecats episodes list`"))
     shown = name if len(name) <= 80 else name[:77] + "..."
     return f"episode {shown!r} is neither an id nor a record file: did you mean {near}?"

@@ -1,4 +1,4 @@
-"""What an audit says of a suite: how many of its episodes a pilot solved, and in how many steps."""
+"""What an audit says of a suite: how many episodes a pilot solved, how soon, at what price, in how many steps."""
 
 import statistics
 from collections.abc import Iterable, Mapping
@@ -6,27 +6,41 @@ from dataclasses import dataclass
 from typing import Any
 
 from episodes import suites
+from episodes.blind import Flight, Table
 from episodes.record import CELLS
 
-Result = Mapping[str, Any]  # keys episode, outcome, steps, ne_m; as `Runner.fly` returns them
+# keys episode, outcome, steps and those of the verdict's measures; as `Runner.fly` returns them
+Result = Mapping[str, Any]
+SCORED = ("success", "failure")
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the report."""
+    """One line of the report. A share that nothing was measured for is None."""
 
     name: str  # a suite, or a map and cell
-    solved: int
+    solved: int  # of `flown`: SR, the paper's criterion
     flown: int  # scored flights; errors of the infrastructure are nobody's
     errors: int
+    at_first: int | None  # solved by the first declaration: SR₁
+    within_three: int | None  # … by one of the first three: SR₃
+    precision: float | None  # 0 … 1, true declarations of all, mean over the flights that declared
+    false_declarations: float | None  # per flight, the mean
+    censored: int  # flights that ended with their first success, whose later declarations nobody knows
     steps: float | None  # median over the solved
 
     def as_json(self) -> dict[str, Any]:
+        """Return the row as `episodes audit --json` prints it."""
         return {
             "name": self.name,
             "solved": self.solved,
             "flown": self.flown,
             "errors": self.errors,
+            "solved_at_first": self.at_first,
+            "solved_within_three": self.within_three,
+            "precision": self.precision,
+            "false_declarations": self.false_declarations,
+            "censored": self.censored,
             "median_steps": self.steps,
         }
 
@@ -34,30 +48,107 @@ class Row:
 def row(name: str, results: Iterable[Result]) -> Row:
     """Return the line of these results."""
     results = list(results)
-    solved = [r for r in results if r["outcome"] == "success"]
-    errors = sum(r["outcome"] not in ("success", "failure") for r in results)
-    steps = statistics.median(r["steps"] for r in solved) if solved else None
-    return Row(name, len(solved), len(results) - errors, errors, steps)
+    scored = [r for r in results if r["outcome"] in SCORED]
+    solved = [r for r in scored if r["outcome"] == "success"]
+    precise = [r["declaration_precision"] for r in scored if r.get("declaration_precision") is not None]
+    false = [r["false_declarations"] for r in scored if r.get("false_declarations") is not None]
+    return Row(
+        name=name,
+        solved=len(solved),
+        flown=len(scored),
+        errors=len(results) - len(scored),
+        at_first=_count(scored, "success_at_first"),
+        within_three=_count(scored, "success_within_three"),
+        precision=round(statistics.fmean(precise), 4) if precise else None,
+        false_declarations=round(statistics.fmean(false), 4) if false else None,
+        censored=sum(bool(r.get("censored")) for r in scored),
+        steps=statistics.median(r["steps"] for r in solved) if solved else None,
+    )
+
+
+def _count(scored: list[Result], key: str) -> int | None:
+    """Return how many flights a measure holds of; None when it was not taken of all of them."""
+    if any(r.get(key) is None for r in scored):
+        return None
+    return sum(bool(r[key]) for r in scored)
 
 
 def table(results: Iterable[Result]) -> list[Row]:
     """Return a line per map and cell, one per suite that is among the results, and one for everything."""
+    return [row(name, members) for name, members in groups(results).items()]
+
+
+def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
+    """Return the results of each line of the table, in the table's order."""
     results = sorted(results, key=lambda r: str(r["episode"]))
-    groups: dict[str, list[Result]] = {}
+    cells: dict[str, list[Result]] = {}
     for result in results:
-        groups.setdefault(_group(str(result["episode"])), []).append(result)
-    rows = [row(name, groups[name]) for name in sorted(groups, key=_order)]
-    for suite in ("quick", "one-drone", "commanding"):
-        members = [r for r in results if suite in suites.of(str(r["episode"]))]
+        cells.setdefault(_group(str(result["episode"])), []).append(result)
+    found = {name: cells[name] for name in sorted(cells, key=_order)}
+    for suite in ("quick", "one-drone", "commanding", "v1"):
+        known = set(suites.ids(suite))
+        members = [r for r in results if str(r["episode"]) in known]
         if members:
-            rows.append(row(suite, members))
-    rows.append(row("all", results))
-    return rows
+            found[suite] = members
+    return {**found, "all": results}
 
 
 def pars(results: Iterable[Result]) -> dict[str, int]:
     """Return the steps of every solved episode by id."""
     return {str(r["episode"]): int(r["steps"]) for r in results if r["outcome"] == "success"}
+
+
+def flights(results: Iterable[Result]) -> dict[str, Flight]:
+    """Return the scored flights of a blind pilot by id, as they are kept."""
+    return {
+        str(r["episode"]): Flight(
+            success=r["outcome"] == "success",
+            first=bool(r["success_at_first"]),
+            within_three=bool(r["success_within_three"]),
+            declarations=int(r["declarations"]),
+            false_declarations=int(r["false_declarations"]),
+            steps=int(r["steps"]),
+        )
+        for r in results
+        if r["outcome"] in SCORED and r.get("success_at_first") is not None
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """The best that was reached on a line's episodes without looking."""
+
+    solved: tuple[str, Row]  # (pilot, its row), the one that solved most …
+    within_three: tuple[str, Row]  # … and the one that solved most with three declarations
+
+
+def floor(blind: Table, name: str, results: Iterable[Result]) -> Floor | None:
+    """Return the floor under these results; None when no blind pilot has flown all of their episodes."""
+    episodes = [str(r["episode"]) for r in results]
+    rows = [
+        (pilot, row(name, [_as_result(episode, flown[episode]) for episode in episodes]))
+        for pilot, flown in sorted(blind.items())
+        if all(episode in flown for episode in episodes)
+    ]
+    if not rows or not episodes:
+        return None
+    return Floor(
+        max(rows, key=lambda r: (r[1].solved, r[1].within_three or 0)),
+        max(rows, key=lambda r: (r[1].within_three or 0, r[1].solved)),
+    )
+
+
+def _as_result(episode: str, flight: Flight) -> Result:
+    told = flight.declarations
+    return {
+        "episode": episode,
+        "outcome": "success" if flight.success else "failure",
+        "steps": flight.steps,
+        "success_at_first": flight.first,
+        "success_within_three": flight.within_three,
+        "declaration_precision": (told - flight.false_declarations) / told if told else None,
+        "false_declarations": flight.false_declarations,
+    }
 
 
 def _group(episode: str) -> str:
@@ -72,11 +163,32 @@ def _order(group: str) -> tuple[int, str]:
     return (cells[-1] if cells else len(CELLS), group)
 
 
-def text(rows: Iterable[Row]) -> str:
-    """Return the report as text."""
-    lines = [f"{'':36} solved   steps (median)"]
+def text(rows: Iterable[Row], under: Mapping[str, Floor | None]) -> str:
+    """Return the report as text, under each of its lines the best blind pilots on the same episodes."""
+    lines = [f"{'':38} {'solved':>8} {'at first':>8} {'in three':>8} {'precision':>9} {'false':>6} {'steps':>6}"]
     for each in rows:
-        steps = f"{each.steps:g}" if each.steps is not None else "–"
-        errors = f"   {each.errors} error{'s' * (each.errors > 1)}, not scored" if each.errors else ""
-        lines.append(f"{each.name:36} {each.solved:3d}/{each.flown:<3d}  {steps}{errors}")
+        lines.append(_line(each.name, each))
+        below = under.get(each.name)
+        for pilot, its in dict.fromkeys((below.solved, below.within_three)) if below else ():
+            lines.append(_line(f"  {pilot}", its))
+    lines.append(
+        "solved, at first, in three: of the flights; false: declarations a flight; steps: median of the solved"
+    )
+    if not any(under.values()):
+        lines.append("no blind pilot has flown all of these episodes: --pilot blind:ring does")
     return "\n".join(lines)
+
+
+def _line(name: str, each: Row) -> str:
+    def of_all(count: int | None) -> str:
+        return "–" if count is None else f"{count}/{each.flown}"
+
+    precision = "–" if each.precision is None else f"{each.precision:.2f}"
+    false = "–" if each.false_declarations is None else f"{each.false_declarations:.1f}"
+    steps = "–" if each.steps is None else f"{each.steps:g}"
+    notes = f"   {each.errors} error{'s' * (each.errors > 1)}, not scored" if each.errors else ""
+    notes += f"   {each.censored} censored" if each.censored else ""
+    return (
+        f"{name:38} {of_all(each.solved):>8} {of_all(each.at_first):>8} {of_all(each.within_three):>8}"
+        f" {precision:>9} {false:>6} {steps:>6}{notes}"
+    )

@@ -6,42 +6,51 @@ import os
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
+
+if TYPE_CHECKING:
+    from episodes.blind import Flight
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the action."""
     parser = actions.add_parser("audit", help="fly episodes with a built-in pilot, in parallel, and report per suite")
     parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="these only (default: all that are shipped)")
-    parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick or all")
-    parser.add_argument("--pilot", default="oracle", metavar="NAME", help="oracle (default), vision or blind")
+    parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick, all or v1")
+    parser.add_argument("--pilot", default="oracle", metavar="NAME", help="oracle (default), vision or blind:NAME")
     parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
     parser.add_argument(
         "--latency", default="fixed:0.1", metavar="POLICY", help="fixed:SECONDS of vehicle time (default fixed:0.1)"
     )
-    parser.add_argument("--rendered", action="store_true", help="draw the frames for the oracle, too")
+    parser.add_argument("--rendered", action="store_true", help="draw the frames for pilots that do not look, too")
     parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default: one per core)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is gone on with")
     parser.add_argument("--write-par", action="store_true", help="keep the oracle's steps in episodes/par.json")
+    parser.add_argument(
+        "--write-blind", action="store_true", help="keep a blind pilot's flights in episodes/blind.json"
+    )
     parser.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
-    from dronecats.bench.audit import pars, table, text
+    from dronecats.bench.audit import flights, floor, groups, pars, row, text
     from dronecats.bench.batch import Batch
     from dronecats.bench.runner import Runner
     from dronecats.border.errors import UsageError
     from dronecats.run.folder import fresh_run
+    from episodes import blind
 
     signals.as_interrupts()
     if args.jobs is not None and not 1 <= args.jobs <= 64:
         raise UsageError(f"--jobs wants 1 to 64, got {args.jobs}")
     if args.write_par and args.pilot != "oracle":
         raise UsageError("--write-par keeps the oracle's steps; leave out --pilot")
+    if args.write_blind and not args.pilot.startswith("blind:"):
+        raise UsageError("--write-blind keeps a blind pilot's flights; add --pilot blind:NAME")
     chosen = _chosen(args.episodes, args.suite)
     settings, flight = _settings(args)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings)
@@ -62,15 +71,25 @@ def run(args: argparse.Namespace) -> int:
         raise
     finally:
         bar.close()
-    rows = table(results)
+    lines = groups(results)
+    rows = [row(name, members) for name, members in lines.items()]
     if args.write_par:
         _keep(pars(results))
+    if args.write_blind:
+        _keep_blind(args.pilot, flights(results))
+    under = {name: floor(blind.load(), name, members) for name, members in lines.items()}
     if args.json:
         unsolved = {r["episode"]: r["outcome"] for r in results if r["outcome"] != "success"}
         report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [r.as_json() for r in rows]}
+        report["blind"] = [
+            {"pilot": pilot, "best_by": kind, **its.as_json()}
+            for below in under.values()
+            if below
+            for kind, (pilot, its) in (("solved", below.solved), ("solved_within_three", below.within_three))
+        ]
         print(json.dumps({**report, "unsolved": unsolved}))
     else:
-        print(text(rows))
+        print(text(rows, under))
         print(f"run folder: {batch.run}")
     if rows[-1].errors:
         return 3
@@ -90,7 +109,7 @@ def _chosen(episodes: list[str], suite: str | None) -> list[str]:
     for episode, record in records.items():
         if times[record.id] > 1:
             raise UsageError(f"two of the episodes have the id '{record.id}', which each needs to itself")
-        if record.id in catalogue.ids() and not catalogue.ships(record):
+        if record.id in catalogue.known() and not catalogue.ships(record):
             raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; give yours another one")
     return chosen
 
@@ -98,6 +117,7 @@ def _chosen(episodes: list[str], suite: str | None) -> list[str]:
 def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return (what run.json holds, what the workers resolve their plans from). Raises UsageError."""
     from dronecats.agent.prompt import Prompt
+    from dronecats.pilots import roster
     from dronecats.run.plan import resolve
     from dronecats.run.simulated import configuration
 
@@ -106,10 +126,12 @@ def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]
         "factor": "max",
         "seed": args.seed,
         "latency": args.latency,
-        "rendered": args.rendered or args.pilot != "oracle",
+        "rendered": args.rendered or roster.looks(args.pilot),
+        # what a flight says of its declarations is said of the whole time; the oracle's par is settled by its first
+        "full": args.pilot != "oracle",
     }
     plan = resolve(**flight)
-    return configuration(plan, Prompt.load(None)), flight
+    return {**configuration(plan, Prompt.load(None)), "full": plan.full}, flight
 
 
 def _bar(total: int, done: int) -> Any:
@@ -130,6 +152,14 @@ def _keep(steps: dict[str, int]) -> None:
     from dronecats.run.folder import write_json
     from episodes import catalogue, par
 
-    known = catalogue.ids()
+    known = catalogue.known()
     table = {**par.load(), **steps}
     write_json(par.FILE, {episode: table[episode] for episode in known if episode in table})
+
+
+def _keep_blind(pilot: str, flown: "dict[str, Flight]") -> None:
+    """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
+    from dronecats.run.folder import write_json
+    from episodes import blind, catalogue
+
+    write_json(blind.FILE, blind.merged(blind.load(), pilot, flown, catalogue.known()))

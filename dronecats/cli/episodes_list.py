@@ -7,7 +7,7 @@ import json
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the action."""
     parser = actions.add_parser("list", help="one line per episode")
-    parser.add_argument("--suite", default="all", help="one-drone, commanding, quick or all (default: all)")
+    parser.add_argument("--suite", default="all", help="one-drone, commanding, quick, all (default) or v1")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 

@@ -188,7 +188,7 @@ def opened(what: str, folder: Path) -> tuple[Session, str]:
     try:
         catalogue.must_exist(what)
     except UsageError:
-        near = ", ".join(difflib.get_close_matches(what[:100], [*maps.names(), *catalogue.ids()], 3) or maps.names())
+        near = ", ".join(difflib.get_close_matches(what[:100], [*maps.names(), *catalogue.known()], 3) or maps.names())
         raise UsageError(f"{what[:80]!r} is no map, no episode and no record file: did you mean {near}?") from None
     record = catalogue.load(what)
     drafting = Drafting(maps.build(record.map, record.map_seed))

@@ -87,7 +87,7 @@ class Session:
         text = record.to_json()
         parse(text, f"episode '{record.id[:64]}'")  # the id is a plain name from here on
         path = self.path()
-        if record.id in catalogue.ids() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
+        if record.id in catalogue.known() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
             raise UsageError(f"'{record.id}' is the id of an episode that ships: give yours another one.")
         if path.exists() and not replace:
             raise UsageError(f"'{path}' exists already: give the episode another id, or replace the file.")

@@ -5,26 +5,40 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dronecats.border.errors import UsageError
+from dronecats.pilots.patterns import PATTERNS
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
-RECORDED = "recorded:"
+RECORDED, BLIND = "recorded:", "blind:"
 NAMES = (*SERVED, "oracle")
 
 
 def check(name: str) -> str:
     """Return `name` if there is such a pilot. Raises UsageError with the nearest names, or for a file it cannot say."""
-    if name in NAMES:
+    if name in NAMES or (name.removeprefix(BLIND) in PATTERNS and name.startswith(BLIND)):
         return name
     if name.startswith(RECORDED):
         answer(name)
         return name
+    if name.startswith(BLIND):
+        known = "; ".join(f"{one} {pattern.says}" for one, pattern in PATTERNS.items())
+        raise UsageError(f"there is no blind pilot '{name.removeprefix(BLIND)}'; there are: {known}")
     near = difflib.get_close_matches(name, NAMES, n=2, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(NAMES)} and {RECORDED}FILE"
+    hint = (
+        f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(NAMES)}, {BLIND}NAME, {RECORDED}FILE"
+    )
     raise UsageError(f"there is no pilot '{name}'; {hint}")
 
 
+def looks(name: str) -> bool:
+    """Return whether a pilot looks at the frames, which must be drawn for it then."""
+    return name not in ("oracle", "blind") and not name.startswith(BLIND)
+
+
 def answer(name: str) -> Callable[[str, list[bytes]], str]:
-    """Return the function (prompt, JPEGs) -> reply of a served pilot. Raises UsageError for a file that is none."""
+    """Return the function (prompt, JPEGs) -> reply of a served pilot, for one flight.
+
+    Raises UsageError for a file that holds no flight.
+    """
     if name.startswith(RECORDED):
         from dronecats.pilots.recorded import player
 
@@ -33,11 +47,13 @@ def answer(name: str) -> Callable[[str, list[bytes]], str]:
         from dronecats.pilots.vision import answer as vision
 
         return vision
-    from dronecats.pilots.blind import answer as blind
+    from dronecats.pilots import blind
 
-    return blind
+    return blind.pilot(name.removeprefix(BLIND)) if name.startswith(BLIND) else blind.answer
 
 
 def owner(name: str) -> str:
     """Return what a served pilot's endpoint says of itself to whoever lists its models."""
+    if name.startswith(BLIND):
+        return f"{SERVED['blind'][:-1]}: {PATTERNS[name.removeprefix(BLIND)].says})"
     return SERVED.get(name, "dronecats (replies of another flight said again, not a model)")

@@ -84,8 +84,10 @@ def resolve(
     airframes.load(airframe or "x500")
     if unlimited and envelope_file:
         raise UsageError("--no-envelope and --envelope FILE contradict each other; choose one")
-    if not rendered and (model or (pilot or "vision") != "oracle"):
-        raise UsageError("only the oracle can fly without rendering; every other pilot looks at the frames")
+    if not rendered and (model or roster.looks(pilot or "vision")):
+        raise UsageError(
+            "only the oracle and the blind can fly without rendering; every other pilot looks at the frames"
+        )
     if px4 and autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
     return Plan(

@@ -16,7 +16,8 @@ class Finding:
     @property
     def sentence(self) -> str:
         """Return the finding in one line, as a reason for a rejection."""
-        return f"field '{self.field}': {self.rule} is {self.measured}, wanted {self.wanted}"
+        about = f"field '{self.field}': " if self.field else ""
+        return f"{about}{self.rule} is {self.measured}, wanted {self.wanted}"
 
 
 def between(rule: str, value: float, limits: tuple[float, float], unit: str, digits: int = 2) -> Finding:

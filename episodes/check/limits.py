@@ -6,6 +6,9 @@ Limits = tuple[float, float]  # least and most, both allowed
 
 CAP_S = 300.0  # an episode's longest time
 OCCUPANCY_PERCENT: Limits = (0.40, 12.0)  # of the picture, when the target is faced from the start
+# The paper has 0.40 % in its words on the residential map. At the 48 m that it has on the campus no fixture takes so
+# much; a kiosk takes 0.27 %, which is 25 pixels either way of the picture that a model gets.
+CAMPUS_OCCUPANCY_PERCENT: Limits = (0.25, 12.0)
 ALTITUDE_M: Limits = (1.2, 2.2)  # above the ground under the start, on the maps that ship
 DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # between what a record says and what is measured
 REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
@@ -39,13 +42,13 @@ class MapRules:
     start_distance_m: Limits  # one drone, first frame, in three dimensions
     speed_mps: float | None = None  # of moving targets; None: any
     off_axes_deg: float = 0.0  # the least angle between the target's bearing and the map's axes
-    hidden_by_deg: tuple[float, ...] = ()  # yaw off the target, either way: the first that hides it; (): any
     altitude_m: Limits = ALTITUDE_M
+    occupancy_percent: Limits = OCCUPANCY_PERCENT
 
 
 RULES = {
-    "residential": MapRules((15.5, 16.5), 0.3, hidden_by_deg=(90.0,)),
+    "residential": MapRules((15.5, 16.5), 0.3),
     "blocks": MapRules((6.0, 100.0)),
-    "campus": MapRules((12.0, 48.0), 0.15, off_axes_deg=15.0, hidden_by_deg=(90.0, 135.0, 180.0)),
+    "campus": MapRules((12.0, 48.0), 0.15, off_axes_deg=15.0, occupancy_percent=CAMPUS_OCCUPANCY_PERCENT),
 }
 OF_OTHER_MAPS = MapRules((6.0, 100.0), altitude_m=(1.0, 30.0))

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from dronecats.border.errors import UsageError
 from episodes import catalogue
 from episodes.check.finding import Finding
+from episodes.check.layout import Layout, layout
 from episodes.check.rules import check
 from episodes.processes import share_out
 from episodes.world import World
@@ -19,6 +21,7 @@ class Report:
     asked: str  # id, file or folder
     findings: tuple[Finding, ...] = ()
     refused: str | None = None  # why it could not be read or built at all
+    layout: Layout | None = None  # for the rules about a suite
 
     @property
     def reason(self) -> str | None:
@@ -29,17 +32,18 @@ class Report:
         return f"{self.asked}: {failed}." if failed else None
 
 
-def check_one(asked: str) -> Report:
-    """Return the report on a record given by its id, its file or its folder."""
+def check_one(asked: str, laid_out: bool = False) -> Report:
+    """Return the report on a record given by its id, its file or its folder, its layout with it where asked for."""
     name = asked
     try:
         record = catalogue.load(asked)
         name = record.id
-        return Report(name, asked, tuple(check(World(record))))
+        world = World(record)
+        return Report(name, asked, tuple(check(world)), layout=layout(world) if laid_out else None)
     except UsageError as error:
         return Report(name, asked, refused=str(error))
 
 
-def check_all(asked: Sequence[str], jobs: int | None = None) -> Iterator[Report]:
+def check_all(asked: Sequence[str], jobs: int | None = None, laid_out: bool = False) -> Iterator[Report]:
     """Yield the reports as they are done, on `jobs` processes (default: one per core)."""
-    yield from share_out(check_one, asked, jobs)
+    yield from share_out(partial(check_one, laid_out=laid_out), asked, jobs)

@@ -23,6 +23,7 @@ class Patch:
     pixels: int  # that show it
     share: float  # 0 … 1 of the picture's pixels
     box_share: float  # 0 … 1 of the picture covered by the box around those pixels
+    cut: bool = False  # whether they reach an edge of the picture
 
 
 NOTHING = Patch(0, 0.0, 0.0)
@@ -56,7 +57,9 @@ def patch(
     row, column = np.divmod(met, len(across))
     box = (int(np.ptp(row)) + 1) * (int(np.ptp(column)) + 1)
     whole = camera.width * camera.height
-    return Patch(len(met), len(met) / whole, box / whole)
+    edges = {int(across[column].min()), int(across[column].max()) + 1 - camera.width}
+    edges |= {int(down[row].min()), int(down[row].max()) + 1 - camera.height}
+    return Patch(len(met), len(met) / whole, box / whole, cut=0 in edges)
 
 
 def _reach(

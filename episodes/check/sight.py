@@ -8,16 +8,14 @@ import numpy as np
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Quat, Vec3, quat_from_euler
 from episodes.check.finding import Finding, at_least, between
-from episodes.check.limits import BODY_M, OCCUPANCY_PERCENT, OF_OTHER_MAPS, RADIUS_M, RULES
+from episodes.check.limits import BODY_M, OF_OTHER_MAPS, RADIUS_M, RULES
 from episodes.check.pixels import Patch, patch
-from episodes.record import HIDDEN
 from episodes.world import World
 
 CAMERA = CameraModel()
 STEP_M = 0.5
 MOST_STEPS = 201  # a start that far off is red for its distance
 FACED_FRACTION = 0.5  # of the target's silhouette that must be open to view when it is faced
-YAW_OFF_DEG = 1.0
 
 
 def level(yaw_deg: float) -> Quat:
@@ -31,7 +29,8 @@ def rules(world: World) -> Iterator[Finding]:
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
     faced = seen(world, start.position_ned, ahead)
     if record.cell != "commanding":
-        said = between("the occupancy of the faced target", 100.0 * faced.box_share, OCCUPANCY_PERCENT, "%")
+        allowed = RULES.get(record.map, OF_OTHER_MAPS).occupancy_percent
+        said = between("the occupancy of the faced target", 100.0 * faced.box_share, allowed, "%")
         yield Finding(said.rule, said.passed, f"{said.measured} ({100 * faced.share:.2f} % of the pixels)", said.wanted)
     others = world.fleet.others(0).values()
     fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, others).visible_fraction
@@ -41,13 +40,14 @@ def rules(world: World) -> Iterator[Finding]:
     if record.visible_at_start:
         says = f"{m.visible_fraction:.2f} of it"
         yield Finding("the target at the first frame", m.visible, says, "visible, as recorded", "visible_at_start")
+        if record.cell != "commanding":
+            cut = seen(world, start.position_ned, start.yaw_deg).cut
+            yield Finding("the target in the first picture", not cut, "cut off" if cut else "whole", "whole")
         return
     shown = seen(world, start.position_ned, start.yaw_deg).pixels
     yield Finding(
         "the target at the first frame", shown == 0, f"{shown} pixels", "0 pixels, as recorded", "visible_at_start"
     )
-    if record.cell in HIDDEN:
-        yield from withheld(world, start.yaw_deg - ahead, ahead)
 
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
@@ -55,20 +55,6 @@ def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
     place, yaw = world.target_pose(0.0)
     past = world.past(world.fleet.others(0).values())
     return patch(world.target, place, yaw, past, origin, level(yaw_deg), CAMERA)
-
-
-def withheld(world: World, off_deg: float, ahead_deg: float) -> Iterator[Finding]:
-    """Yield whether the yaw is turned away as the map's rule says: by the first angle that shows no pixel."""
-    angles = RULES.get(world.record.map, OF_OTHER_MAPS).hidden_by_deg
-    if not angles:
-        return
-    origin = world.record.starts[0].position_ned
-    hiding = (a for a in angles if any(seen(world, origin, ahead_deg + s * a).pixels == 0 for s in (1, -1)))
-    wanted = next(hiding, None)
-    off = abs(math.remainder(off_deg, 360.0))
-    passed = wanted is not None and abs(off - wanted) <= YAW_OFF_DEG
-    wish = "a place where turning away hides it" if wanted is None else f"{wanted:g} ± {YAW_OFF_DEG:g}°"
-    yield Finding("the yaw's angle off the target", passed, f"{off:.1f}°", wish)
 
 
 def way(world: World) -> Finding:

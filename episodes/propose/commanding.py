@@ -3,11 +3,12 @@
 import itertools
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 from dronecats.border.frames import Vec3
 from episodes import assets
 from episodes.check.candidates import LETTER_M, PLATE_LETTER_M
+from episodes.check.framing import across_all, box_corners
 from episodes.check.limits import (
     CANDIDATES,
     GRID_SIDE_M,
@@ -18,29 +19,35 @@ from episodes.check.limits import (
     READING_FOCAL_PX,
     WIDEST_PAIR_M,
 )
-from episodes.check.sight import bearing_deg
+from episodes.check.sight import CAMERA, bearing_deg
 from episodes.check.solid import box_of
 from episodes.maps.places import Spot
 from episodes.propose import phrases
 from episodes.propose.draft import Draft, flight_seed
-from episodes.propose.site import ALTITUDES_M, Site, Thing, start
+from episodes.propose.site import Site, Thing, start
+from episodes.propose.spread import Share
 from episodes.record import TargetRecord
 from episodes.scene import Instance
 
 CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # their plates are 0.10 m and in sight from before and behind
 SPARE_M = 0.3  # kept off every limit
+ALTITUDES_M = (1.35, 2.05)  # over the ground in the middle of a grid: that under its corners differs
 GROUPS = 3000  # groups of four places tried for one draft
 GRIDS = 40  # places tried for the fleet of a group, by distances and room alone …
 VIEWS = 6  # … and of those, by what the drones see
 HALF_VIEW_DEG = 40.0  # of a picture that is 90° across, with room for the width of what stands there
 ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
+TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # of a square of drones, against the way to a candidate
+ABREAST_M = 0.4  # half of what a drone takes of another one's view, and a little
+HIDES = 0.4  # of a thing's width: so much of it may be behind another drone
 TURNED_DEG = 35.0  # that a sign may face past the fleet
 SEEN = 0.3  # of every candidate, from every drone …
 FACED = 0.6  # … and of the named one, from the first
 
 
-def drafts(site: Site, rng: random.Random) -> Iterator[Draft]:
-    """Yield drafts without end: looks in turn, places at random."""
+def drafts(site: Site, rng: random.Random) -> Generator[Draft | None, Share, None]:
+    """Yield drafts without end, each for the share that is sent: looks in turn, places at random."""
+    share = yield None
     signs = site.name != "residential"
     kinds = ["sign"] if signs else list(CARS)
     paints = list(assets.PAINTS) if signs else (site.free_paints() or list(assets.PAINTS))
@@ -54,14 +61,14 @@ def drafts(site: Site, rng: random.Random) -> Iterator[Draft]:
         asset, paint = kinds[turn % len(kinds)], paints[turn % len(paints)]
         texts = list(boards[turn % len(boards)]) if signs else phrases.plates(CANDIDATES, rng)
         rng.shuffle(texts)
-        made = next(_groups(site, spots, asset, paint, texts, rng), None)
+        made = next(_groups(site, spots, asset, paint, texts, share, rng), None)
         if made is None:
             return
-        yield made
+        share = yield made
 
 
 def _groups(
-    site: Site, spots: tuple[Spot, ...], asset: str, paint: str, texts: list[str], rng: random.Random
+    site: Site, spots: tuple[Spot, ...], asset: str, paint: str, texts: list[str], share: Share, rng: random.Random
 ) -> Iterator[Draft]:
     for _ in range(GROUPS):
         group = four(spots, rng)
@@ -82,7 +89,7 @@ def _groups(
         if any(_blocked(site, asset, thing) for thing in things):
             continue
         for middle in middles[:VIEWS]:
-            made = _draft(site, everyone, things, middle, rng)
+            made = _draft(site, everyone, things, middle, share, rng)
             if made is not None:
                 yield made
                 break
@@ -119,18 +126,28 @@ def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> b
 
 
 def _draft(
-    site: Site, everyone: list[TargetRecord], things: list[Thing], middle: tuple[float, float], rng: random.Random
+    site: Site,
+    everyone: list[TargetRecord],
+    things: list[Thing],
+    middle: tuple[float, float],
+    share: Share,
+    rng: random.Random,
 ) -> Draft | None:
     """Return the draft of a fleet before four things; None when none is at the target's distance or one is hidden."""
+    height = ALTITUDES_M[0] + share.height * (ALTITUDES_M[1] - ALTITUDES_M[0])
     bearings = [math.atan2(t.centre_ned[1] - middle[1], t.centre_ned[0] - middle[0]) for t in things]
-    turned = [math.remainder(b - bearings[0], 2.0 * math.pi) for b in bearings]
-    ahead = bearings[0] + (min(turned) + max(turned)) / 2.0
-    height = rng.uniform(ALTITUDES_M[0] + 0.2, ALTITUDES_M[1] - 0.2)
-    places = _grid(site, middle, ahead, (height, height))
-    if any(not site.on_map(p[0], p[1]) or not site.free(p) for p in places):
+    yaw = _yaw_deg(site, things, (*middle, site.ground(*middle) - height), share.turn)
+    if yaw is None:
         return None
-    yaw = math.degrees(ahead)
-    if any(site.seen(thing, place, yaw) < SEEN for thing in things for place in places):
+    for turned in rng.sample(TURNED_GRIDS_DEG, len(TURNED_GRIDS_DEG)):
+        places = _grid(site, middle, bearings[0] + math.radians(turned), (height, height))
+        if any(not site.on_map(p[0], p[1]) or not site.free(p) for p in places):
+            continue
+        if any(_in_the_way(k, places, things, yaw) for k in range(len(places))):
+            continue
+        if all(site.seen(thing, place, yaw) >= SEEN for thing in things for place in places):
+            break
+    else:
         return None
     low, high = GRID_TO_TARGET_M
     near = [
@@ -155,6 +172,28 @@ def _draft(
         seed=flight_seed(rng),
         candidates=others,
     )
+
+
+def _yaw_deg(site: Site, things: list[Thing], middle: Vec3, share: float) -> float | None:
+    """Return a yaw (deg) that shows every thing whole from the middle of the fleet; None when there is none."""
+    framings = [site.framed(thing, middle) for thing in things]
+    return across_all(framings, [bearing_deg(middle, thing.centre_ned) for thing in things], share)
+
+
+def _in_the_way(drone: int, places: list[Vec3], things: list[Thing], yaw_deg: float) -> bool:
+    """Return whether another drone of the fleet stands before most of a thing in a drone's picture."""
+    yaw, lever = math.radians(yaw_deg), CAMERA.offset_frd[0]
+    eye = (places[drone][0] + lever * math.cos(yaw), places[drone][1] + lever * math.sin(yaw))
+    for other in (place for k, place in enumerate(places) if k != drone):
+        way = math.atan2(other[1] - eye[1], other[0] - eye[0])
+        wide = math.asin(min(1.0, ABREAST_M / math.dist(eye, other[:2])))
+        for thing in things:
+            corners = box_corners(thing.mesh, thing.position_ned, thing.yaw)
+            beside = [math.remainder(math.atan2(e - eye[1], n - eye[0]) - way, 2.0 * math.pi) for n, e, _ in corners]
+            low, high = min(beside), max(beside)
+            if high - low < math.pi and min(high, wide) - max(low, -wide) > HIDES * (high - low):
+                return True
+    return False
 
 
 def _candidate(

@@ -4,9 +4,8 @@ import random
 from dataclasses import dataclass
 
 from dronecats.border.frames import Vec3
-from episodes.record import HIDDEN, Start, TargetRecord
-
-YAW_OFF_DEG = 15.0  # from the target, at most, where it is to be seen at the start
+from episodes.check.framing import Framing, across, away
+from episodes.record import HIDDEN, MAX_SEED, Start, TargetRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +22,15 @@ class Draft:
     candidates: tuple[TargetRecord, ...] = ()
 
 
-def yaw_deg(cell: str, ahead_deg: float, rng: random.Random) -> float:
-    """Return the yaw of a start: near the target's bearing, or 90° off where the cell withholds it."""
-    if cell in HIDDEN:
-        return ahead_deg + rng.choice((-90.0, 90.0))
-    return ahead_deg + rng.uniform(-YAW_OFF_DEG, YAW_OFF_DEG)
+def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float | None:
+    """Return the yaw of a start, at a share (0 … 1) of those that show the target whole, or that hide it.
+
+    None when there is no such yaw.
+    """
+    off = away(framed, share) if cell in HIDDEN else across(framed, share)
+    return None if off is None else ahead_deg + off
 
 
 def flight_seed(rng: random.Random) -> int:
     """Return the seed of a flight."""
-    return rng.randrange(1, 100_000)
+    return rng.randrange(1, MAX_SEED)

@@ -3,7 +3,7 @@
 import itertools
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 from episodes import assets
 from episodes.check.limits import CAP_S, OF_OTHER_MAPS, RULES
@@ -12,7 +12,8 @@ from episodes.check.solid import box_of
 from episodes.propose import phrases
 from episodes.propose.draft import Draft, flight_seed, yaw_deg
 from episodes.propose.lanes import stretch
-from episodes.propose.site import Site, start
+from episodes.propose.site import ALTITUDES_M, Site, start
+from episodes.propose.spread import Share
 from episodes.record import MOVING, STANDING, Path3D, TargetRecord
 from episodes.scene import Instance
 
@@ -21,6 +22,7 @@ NOT_HERE = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # where the map does not say
 SPARE_M = 1.5  # of path beyond what the target covers
 BAY_M = 0.25  # kept to everything by a parked target
+REACH_M = 3.2  # from a target's middle towards the start: a bus end-on is run into before its middle is 5 m off
 STARTS = 2  # drafts of one target, at most
 
 # what kinds of free place an asset may be found on; everything else that drives stands at the kerb or on a drive
@@ -29,8 +31,9 @@ ANY_GROUND = ("kerb", "drive")
 FOOTWAY = "pavement"  # in the name of a lane that nothing with wheels takes
 
 
-def drafts(site: Site, cell: str, rng: random.Random) -> Iterator[Draft]:
-    """Yield drafts without end: assets and paints in turn, places at random."""
+def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None, Share, None]:
+    """Yield drafts without end, each for the share that is sent: assets and paints in turn, places at random."""
+    share = yield None
     moving = cell in MOVING
     kinds = [name for name in assets.names() if name not in NOT_HERE and not (moving and name in STANDING)]
     paints = site.free_paints() or list(assets.PAINTS)
@@ -42,8 +45,12 @@ def drafts(site: Site, cell: str, rng: random.Random) -> Iterator[Draft]:
         paint = paints[turn % len(paints)]
         for _ in range(12):  # places, until one has room for it
             target = _moving(site, asset, paint, rng) if moving else _parked(site, asset, paint, rng)
-            made = list(itertools.islice(_around(site, cell, target, rng), STARTS)) if target else []
-            yield from made
+            made = list(itertools.islice(_around(site, cell, target, share, rng), STARTS)) if target else []
+            for one in made:
+                asked = share
+                share = yield one
+                if share != asked:  # the others are for the record before
+                    break
             if made:
                 break
 
@@ -71,16 +78,22 @@ def _moving(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
     return TargetRecord(asset, paint, path=Path3D(points, speed))
 
 
-def _around(site: Site, cell: str, target: TargetRecord, rng: random.Random) -> Iterator[Draft]:
+def _around(site: Site, cell: str, target: TargetRecord, share: Share, rng: random.Random) -> Iterator[Draft]:
     thing = site.placed(target)
     low, high = RULES.get(site.name, OF_OTHER_MAPS).start_distance_m
-    distance = (low + high) / 2 if high - low < 2.0 else rng.uniform(low + 0.5, min(high, 30.0))
-    for place in site.starts(thing, distance, rng):
+    distance = (low + high) / 2 if high - low < 2.0 else low + 0.5 + share.distance * (min(high, 30.0) - low - 0.5)
+    height = ALTITUDES_M[0] + share.height * (ALTITUDES_M[1] - ALTITUDES_M[0])
+    for place in site.starts(thing, distance, height, rng):
+        if thing.reach_m(bearing_deg(place, thing.centre_ned)) > REACH_M:
+            continue
+        yaw = yaw_deg(cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
+        if yaw is None:
+            continue
         yield Draft(
             target=target,
             place_ned=thing.position_ned,
             goal_ned=thing.centre_ned,
-            starts=(start(place, yaw_deg(cell, bearing_deg(place, thing.centre_ned), rng)),),
+            starts=(start(place, yaw),),
             visible=cell in ("approaching", "tracking"),
             instruction=phrases.instruction(cell, phrases.painted(target.asset, str(target.paint)), target.asset, rng),
             seed=flight_seed(rng),

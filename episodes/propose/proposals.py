@@ -2,17 +2,22 @@
 
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Vec3
 from episodes import catalogue, maps
+from episodes.check import spread
+from episodes.check.layout import Layout, layout
+from episodes.check.limits import SPOTTED_PX
 from episodes.check.rules import check
+from episodes.check.sight import bearing_deg
 from episodes.propose import commanding, painted, referred
-from episodes.propose.draft import Draft
-from episodes.propose.site import Site, no_room
-from episodes.record import CELLS, MAX_SEED, VERSION, EpisodeRecord
+from episodes.propose.draft import Draft, flight_seed, yaw_deg
+from episodes.propose.site import Site, no_room, start
+from episodes.propose.spread import Share, shares
+from episodes.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world import World
 
 MOST = 99  # records of one batch: their ids have two digits
@@ -31,6 +36,7 @@ class Batch:
     count: int
     seed: int
     map_seed: int = 1
+    kept: str | None = None  # id of a shipped record whose target, place and words the first one takes over
 
 
 def propose(batch: Batch) -> list[EpisodeRecord]:
@@ -42,20 +48,30 @@ def propose(batch: Batch) -> list[EpisodeRecord]:
     site = Site(batch.map, batch.map_seed)
     rng = random.Random(f"{batch.map} {batch.map_seed} {batch.cell} {batch.seed}")
     drafts = _source(site, batch.cell, rng)
+    next(drafts, None)
     found: list[EpisodeRecord] = []
     places: list[Vec3] = []
-    for number in range(batch.first, batch.first + batch.count):
+    layouts: list[Layout] = []
+    for number, share in enumerate(shares(batch.count, rng), batch.first):
         for tried in range(TRIES):
-            draft = next(drafts, None)
+            if batch.kept and number == batch.first:
+                draft = _kept(site, catalogue.load(batch.kept), share, rng)
+            else:
+                draft = _sent(drafts, share)
             if draft is None:
                 raise no_room(f"{batch.cell} episode on {batch.map}")
             if tried < EAGER and any(math.dist(draft.place_ned, other) < APART_M for other in places):
                 continue
             record = _record(batch, number, draft)
-            if all(finding.passed for finding in check(World(record))):
+            world = World(record)
+            if not all(finding.passed for finding in check(world)):
+                continue
+            layouts.append(layout(world))
+            if _evens(batch, layouts):
                 found.append(record)
                 places.append(draft.place_ned)
                 break
+            layouts.pop()
         else:
             raise no_room(f"{batch.cell} episode on {batch.map}")
     return found
@@ -79,8 +95,42 @@ def must_be_possible(batch: Batch) -> None:
         raise UsageError(f"--seed and --map-seed want a whole number from 0 to {MAX_SEED}.")
 
 
-def _source(site: Site, cell: str, rng: random.Random) -> Iterator[Draft]:
-    """Return the drafts of a cell, without end while the map has places."""
+def _evens(batch: Batch, layouts: list[Layout]) -> bool:
+    """Return whether a batch that is judged by its spread may still come to be even with these among its records."""
+    if batch.cell == "commanding":
+        return (layouts[-1].fewest_px or 0) >= SPOTTED_PX
+    limits = spread.passable(batch.cell not in HIDDEN, batch.count)
+    within = all(count <= limit for count, limit in zip(spread.passed(layouts), limits, strict=True))
+    return batch.count < spread.ENOUGH or within
+
+
+def _kept(site: Site, record: EpisodeRecord, share: Share, rng: random.Random) -> Draft | None:
+    """Return the draft of a record that stands, with a yaw that is drawn; None where the target fits no picture."""
+    thing, place = site.placed(record.target), record.starts[0].position_ned
+    yaw = yaw_deg(record.cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
+    if yaw is None:
+        return None
+    return Draft(
+        target=record.target,
+        place_ned=thing.position_ned,
+        goal_ned=thing.centre_ned,
+        starts=(start(place, yaw),),
+        visible=record.visible_at_start,
+        instruction=record.instruction,
+        seed=flight_seed(rng),
+    )
+
+
+def _sent(drafts: Generator[Draft | None, Share, None], share: Share) -> Draft | None:
+    """Return the next draft for a share; None when there are no more."""
+    try:
+        return drafts.send(share)
+    except StopIteration:
+        return None
+
+
+def _source(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None, Share, None]:
+    """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
     if cell == "commanding":
         return commanding.drafts(site, rng)
     if site.places.landmarks:  # a map whose own fixtures are the targets, told apart by where they stand

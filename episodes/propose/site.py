@@ -5,12 +5,15 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from dronecats.border.camera import CameraModel, CameraPose
 from dronecats.border.errors import UsageError
 from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate
 from episodes import assets, maps, world
 from episodes.check import scenery
-from episodes.check.limits import BODY_M, REACH_M
+from episodes.check.framing import Framing, box_corners, framing
+from episodes.check.limits import ALTITUDE_M, BODY_M, REACH_M
 from episodes.check.solid import Standing
 from episodes.maps.places import Places
 from episodes.record import Start, TargetRecord
@@ -19,7 +22,7 @@ from episodes.target import motion
 from episodes.visibility import TargetView, Without, turn
 
 CAMERA = CameraModel()
-ALTITUDES_M = (1.35, 2.1)  # within 1.2 … 2.2 m with room for ground that is not level
+ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
 EDGE_M = 3.0  # kept off the end of the terrain
 DIRECTIONS = 36  # tried around a target
 CLEAR_FRACTION = 0.8  # of the faced target that a proposal wants unhidden: more than the rules demand
@@ -40,6 +43,12 @@ class Thing:
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         n, e, d = turn(self.yaw) @ ((low + high) / 2)
         return (self.position_ned[0] + float(n), self.position_ned[1] + float(e), self.position_ned[2] + float(d))
+
+    def reach_m(self, bearing_deg: float) -> float:
+        """Return how far it reaches from its middle towards whoever sees it at a compass bearing."""
+        corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
+        way = math.radians(bearing_deg)
+        return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -102,7 +111,13 @@ class Site:
         heights = [down + k * (ground - down) / 6 for k in range(6)]
         return all(not self.standing.nearest((north, east, z), REACH_M + 0.05)[1] for z in heights)
 
-    def starts(self, thing: Thing, distance_m: float, rng: random.Random, off_axes_deg: float = 0.0) -> Iterator[Vec3]:
+    def framed(self, thing: Thing, place: Vec3) -> Framing:
+        """Return what becomes of a thing in the picture as a drone at a place turns."""
+        return framing(box_corners(thing.mesh, thing.position_ned, thing.yaw), place)
+
+    def starts(
+        self, thing: Thing, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
+    ) -> Iterator[Vec3]:
         """Yield places (m) at a 3-D distance from a thing from which it is seen well and the way to it is clear."""
         goal = thing.centre_ned
         turns = [360.0 * (k + rng.random()) / DIRECTIONS for k in range(DIRECTIONS)]
@@ -110,7 +125,7 @@ class Site:
         for angle in turns:
             if off_axes_deg and abs(math.remainder(angle, 90.0)) < off_axes_deg + 0.5:
                 continue
-            place = self._at(goal, distance_m, math.radians(angle), rng.uniform(*ALTITUDES_M))
+            place = self._at(goal, distance_m, math.radians(angle), height_m)
             if not self.on_map(place[0], place[1]) or not self.free(place):
                 continue
             if self.seen(thing, place, angle) >= CLEAR_FRACTION and self.clear(place, goal):

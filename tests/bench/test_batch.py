@@ -107,7 +107,7 @@ def test_errors_are_nobodys_score():
 def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
     names = [each.name for each in table(results())]
     assert names[:3] == ["campus-approaching", "residential-tracking", "residential-search-and-track"]
-    assert "1 error, not scored" in text(table(results()))
+    assert "1 error, not scored" in text(table(results()), {})
 
 
 def test_pars_are_of_solved_episodes_only():

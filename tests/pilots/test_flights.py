@@ -27,13 +27,13 @@ def oracle_of(world, camera):
 
 
 @pytest.mark.parametrize("episode", SINGLE)
-def test_the_oracle_arrives_within_four_metres_and_says_so_at_once(episode, fly_kinematic):
+def test_the_oracle_arrives_well_within_the_radius_and_says_so_at_once(episode, fly_kinematic):
     world = worlds.World(catalogue.load(episode))
     flown = fly_kinematic(world, oracle_of(world, CameraModel()))
     assert flown.success
     assert [d for _, d, _ in flown.declared] == [pytest.approx(flown.distances[-1])]
-    assert flown.distances[-1] <= oracle.ARRIVED_M
-    assert flown.declared[0][0] < 60.0
+    assert flown.distances[-1] <= 4.5  # by its own rule: 4 m, or 4.5 m where the shortest stride would be too long
+    assert flown.declared[0][0] < 90.0  # 48 m at 1.2 m/s, and turns
     assert min(flown.clearances) > 0.5  # neither into the ground nor into the target
 
 
