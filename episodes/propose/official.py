@@ -12,7 +12,7 @@ from episodes.propose.proposals import Batch, propose
 from episodes.record import EpisodeRecord
 
 BATCHES = (
-    Batch("residential", "approaching", 1, 10, 11, kept="v1-residential-approaching-01"),
+    Batch("residential", "approaching", 1, 10, 12, kept="v1-residential-approaching-01"),
     Batch("residential", "searching", 1, 10, 1),
     Batch("residential", "tracking", 1, 10, 3),
     Batch("residential", "search-and-track", 1, 10, 1),
