@@ -53,7 +53,7 @@ RUNS = (
     Run(r"dronecats episodes (list|show|sheet \S|probe|check \S)"),
     Run(r"dronecats episodes check$", add="--rules residential-approaching-01 campus-searching-01"),
     Run(r"dronecats episodes new --map", add="--count 1"),
-    Run(r"dronecats episodes audit$", add="residential-approaching-01"),
+    Run(r"dronecats episodes audit( --pilot blind:ring)?$", add="residential-approaching-01"),
     Run(r"dronecats episodes audit \[--suite S\]", add="residential-approaching-01", drop=r"--suite \S+"),
     Run(r"dronecats flightlog trace runs/c", slow=True),  # which is flown by the line above it
     Run(r"dronecats (maps (?!import$)|tune|judge|flightlog trace|doctor)", drop=r"--ulog \S+"),
@@ -82,6 +82,7 @@ ELSEWHERE = (
     (r"dronecats edit\b", "a browser's page, until it is interrupted; tests/editor does it"),
     (r"dronecats episodes audit --write-par", "the hundred, and rewrites a file that ships"),
     (r"dronecats episodes audit --pilot vision", "the hundred, every frame drawn: an hour"),
+    (r"dronecats episodes audit --pilot blind:NAME( --write-blind)?$", "the hundred to their caps, and keeps them"),
     (r"dronecats episodes new --official", "the hundred, minutes; tests/episodes makes some of them again"),
     (r"dronecats maps import$|dronecats episodes sheet$", "a verb, named; the page or another one has it in full"),
     (r"make px4_sitl", "in PX4's sources"),

@@ -148,8 +148,10 @@ def picture(world, said, drone=0, optics=None):
     return camera.newest(drone).image_rgb
 
 
-def test_the_camera_of_a_rear_drone_shows_the_drone_ahead(bus, world):
-    """From the starts of the record: one that stands two metres ahead is in the picture, in its middle."""
+def test_the_camera_of_a_rear_drone_shows_the_drone_ahead():
+    """From the starts of a record whose square faces its goal: one stands two metres ahead, in the picture's middle."""
+    world = load_world("v1-residential-commanding-01")
+    bus = Bus(world)
     starts = [one.position_ned for one in world.record.starts]
     yaw = math.radians(world.record.starts[0].yaw_deg)
     bus.attitude = quat_from_euler(0.0, 0.0, yaw)
