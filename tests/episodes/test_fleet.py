@@ -19,7 +19,7 @@ from vehicles.collision import CAMERA_RADIUS, solids_record
 from vehicles.multirotor import Multirotor
 
 HALF = CameraModel(640, 360)
-RECORDS = ("residential-commanding-01", "blocks-commanding-01")
+RECORDS = ("v1-residential-commanding-01", "v1-blocks-commanding-01")  # squares that face their goals
 
 
 @pytest.fixture(scope="module", params=RECORDS)
@@ -199,7 +199,7 @@ def before_the_lens(world, gap_m, aside_m=0.0):
 
 
 def test_a_drone_before_the_lens_hides_the_target_in_rays_as_in_ids():
-    world = World(catalogue.load("blocks-commanding-01"))  # its target is a sign, 1.2 m wide
+    world = World(catalogue.load("v1-blocks-commanding-01"))  # its target is a sign, 1.2 m wide
     camera = CameraModel()
     drawn = Renderer(world.filmed, camera)
     shares = []
