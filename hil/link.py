@@ -225,6 +225,8 @@ class Link(Conversation):
     def steady(self) -> bool:
         """Whether a turn has been made: the nose within 1° of its end and turning less than 5°/s, the place held."""
         state = self.state
+        if self.mute:
+            return True  # nothing will turn, so there is nothing to wait for
         if state.position_ned is None or state.euler is None:
             return False
         return self._stream.steady(state.position_ned, state.euler[2], state.yaw_rate or 0.0)

@@ -6,8 +6,6 @@ from typing import Protocol
 from dronecats.border.camera import CameraModel
 from dronecats.border.frames import Vec3
 from dronecats.border.truth import TruthSample
-from episodes.fleet import DronePose
-from episodes.world import World
 
 
 class Measured(Protocol):
@@ -31,13 +29,3 @@ class Measured(Protocol):
 
 # (t in s, where the drone is, its camera, where the fleet's others are at that time)
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], Measured]
-
-
-def measured_in(world: World) -> Measure:
-    """Return the measure of an episode's world, in which the other drones stand before the target, too."""
-
-    def measure(t_s: float, sample: TruthSample, camera: CameraModel, others: Sequence[TruthSample]) -> Measured:
-        around = [DronePose(one.position_ned, one.attitude) for one in others]
-        return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
-
-    return measure

@@ -10,9 +10,9 @@ from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
 from dronecats.border.camera import CameraModel
 from dronecats.border.mavlink import dialect
-from dronecats.logger.measure import measured_in
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
+from dronecats.logger.world_measure import measured_in
 from dronecats.pilots import roster
 from dronecats.pilots.oracle_model import OracleModel
 from dronecats.pilots.server import PilotServer

@@ -21,6 +21,7 @@ REACH_M = 500.0  # from the spawn, each way; beyond it the last height holds
 STEP_M = 0.25  # a kerb or a stair that is still ground, on top of a slope of 45°
 LAYERS = 24  # surfaces one above the other that a ray is followed through
 FACES_UP = 0.5  # of a unit normal: 60° from level
+ROOM_M = 0.3  # m over a surface, below which it is none that anything stands on
 HEADROOM_M = 2.0  # above a spawn whose height was not said
 _APART = 1e-3  # m, between a hit and where its ray goes on
 _ASIDE = np.array([1.7e-4, 2.3e-4])  # m: no ray runs along the edges of a map built on a round grid
@@ -119,7 +120,10 @@ def _grow(
         flat = HeightField(float(first[0]), float(first[1]), cell, np.full(shape, spawn_down))
         return Ground(flat, np.zeros(len(triangles), np.bool_), spawn_down)
     depth, which = depth[:layers], which[:layers]
-    depth = np.where((which >= 0) & (facing[which] > FACES_UP), depth, np.nan)
+    # what has less room than a step above it lies under the slab that one steps on; where the slab's underside rests on
+    # it, which of the two a ray tells of is a matter of the processor
+    room = np.diff(depth, axis=0, prepend=-np.inf)
+    depth = np.where((which >= 0) & (facing[which] > FACES_UP) & (room >= ROOM_M), depth, np.nan)
     label = _joined(depth.reshape(layers, *shape), STEP_M + cell).reshape(layers, -1)
     row, column = (min(max(round((spawn[k] - first[k]) / cell), 0), shape[k] - 1) for k in (0, 1))
     here = row * shape[1] + column

@@ -37,4 +37,5 @@ def frame_hashes(name: str, threads: int) -> list[str]:
 
 
 if __name__ == "__main__":
-    FILE.write_text(json.dumps({name: frame_hashes(name, 2) for name in MAPS}, indent=2) + "\n", encoding="utf-8")
+    fresh = {name: [[digest] for digest in frame_hashes(name, 2)] for name in MAPS}
+    FILE.write_text(json.dumps(fresh, indent=2) + "\n", encoding="utf-8")

@@ -10,8 +10,8 @@ from dronecats.border.camera import CameraModel
 from dronecats.border.frames import quat_from_euler
 from dronecats.border.mavlink import Packer
 from dronecats.border.truth import FrameTaken, NewestTruth, TruthSample, frame_message, truth_message
-from dronecats.logger.measure import measured_in
 from dronecats.logger.recorder import Recorder
+from dronecats.logger.world_measure import measured_in
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.scenario import load_world, origin
 from episodes.optics.options import Exposure, Optics

@@ -1,0 +1,19 @@
+"""The measure of a flight in an episode's world. Apart from the others, which log where no world is installed."""
+
+from collections.abc import Sequence
+
+from dronecats.border.camera import CameraModel
+from dronecats.border.truth import TruthSample
+from dronecats.logger.measure import Measure, Measured
+from episodes.fleet import DronePose
+from episodes.world import World
+
+
+def measured_in(world: World) -> Measure:
+    """Return the measure of an episode's world, in which the other drones stand before the target, too."""
+
+    def measure(t_s: float, sample: TruthSample, camera: CameraModel, others: Sequence[TruthSample]) -> Measured:
+        around = [DronePose(one.position_ned, one.attitude) for one in others]
+        return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
+
+    return measure
