@@ -93,7 +93,7 @@ def _fly(folder: Path, link: Link) -> None:
             action = {"action": "finished"} if step in (2, 7) else {"action": "think"}
             seen_s = (link.time_us - t0_us) / 1e6
             row = {"step": step, "drone": 0, "frame_id": 100 + step, "t_frame": seen_s, "t_decided": seen_s + 0.2}
-            decisions.write(json.dumps({**row, "reply": "", "action": action, "error": None}) + "\n")
+            decisions.write(json.dumps({**row, "reply": json.dumps(action), "action": action, "error": None}) + "\n")
             link.fly(setpoint, seconds)
             link.wait(seconds)
     recorder.end("cap")
