@@ -1,5 +1,6 @@
 """The flight controller above its compiled inner loop: commander, modes, failsafes, parameters and MAVLink ports."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -7,17 +8,17 @@ from autopilot.calibration import Calibration
 from autopilot.commander import Commander
 from autopilot.logging.directory import LogDirectory
 from autopilot.logging.flight_log import FlightLog
-from autopilot.mavlink import mission
-from autopilot.mavlink.mission import Uploads
+from autopilot.mavlink import dispatch, mission
 from autopilot.mavlink.node import Inject, Node
 from autopilot.mavlink.port import Port
+from autopilot.mavlink.uploads import Uploads
 from autopilot.mavlink.vehicle import Vehicle
 from autopilot.modes.setpoint import SetpointWriter
 from autopilot.parameters import Parameters
 from autopilot.plan.plans import Plans
 from autopilot.vehicle_state import VehicleState
 from autopilot.vibration import Vibration
-from dronecats.border.airframe import Airframe
+from foundation.airframe import Airframe
 
 COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and the inner loop have rates of their own
 
@@ -115,7 +116,7 @@ class Autopilot:
 
         Raises UsageError for another profile.
         """
-        port = Port(self.node, profile)
+        port = Port(self.node, profile, len(self.node.ports), partial(dispatch.handle, self.node))
         self.node.ports.append(port)
         self.node.find_shortest()
         return port

@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable
 
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import GRAVITY
-from dronecats.border.mavlink import dialect
+from foundation.frames import GRAVITY
+from foundation.mavlink import dialect
 
 DURATION_US = 2_000_000
 STEPS = 10  # progress is told in tenths

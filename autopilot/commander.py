@@ -16,14 +16,12 @@ from autopilot.modes.roster import behaviours
 from autopilot.modes.setpoint import IDLE, Setpoint, SetpointWriter
 from autopilot.modes.takeoff_ramp import TakeoffRamp, wants_climb
 from autopilot.parameters import Parameters
-from autopilot.plan import fence
-from autopilot.plan.checks import mission_failures
 from autopilot.plan.items import MISSION, Item
 from autopilot.stick_override import StickOverride, overridable
 from autopilot.supervision import Say, Supervision
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import MODES, dialect
+from foundation.frames import Vec3
+from foundation.mavlink import MODES, dialect
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
@@ -85,7 +83,7 @@ class Commander:
         if mode in NO_ARMING_MODES:
             return [f"mode {mode} cannot arm"]
         failures = preflight_failures(self.flight.state, self.parameters) + self._mode_failures(mode)
-        if self.parameters["GF_ACTION"] > Action.WARN and fence.breach(self.flight, self.flight.state.position_ned):
+        if self.parameters["GF_ACTION"] > Action.WARN and self.flight.breach():
             failures.append("outside the geofence")
         return failures
 
@@ -136,7 +134,7 @@ class Commander:
         return ACCEPTED
 
     def set_mode(self, mode: str) -> int:
-        """Ask for a flight mode by name (see `dronecats.border.mavlink.MODES`)."""
+        """Ask for a flight mode by name (see `foundation.mavlink.MODES`)."""
         if self.mode == "TERMINATION" and self.armed:
             return REJECTED
         if self.armed:
@@ -332,7 +330,7 @@ class Commander:
             home=self.flight.home is not None,
             sticks=self._sticks_fresh(),
             offboard=self._offboard_usable(),
-            mission=mission_failures(self.flight) if mode == "MISSION" else [],
+            mission=self.flight.mission_failures() if mode == "MISSION" else [],
         )
 
     def _mode_after_arming(self) -> str:

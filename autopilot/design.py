@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from autopilot.control.smoothing import RESPONSE
 from autopilot.mixer import allocation
-from dronecats.border.airframe import Airframe
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY, Vec3
+from foundation.airframe import Airframe
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, Vec3
 
 Response = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 

@@ -12,8 +12,8 @@ from autopilot.estimator_covariance import deviation, propagate
 from autopilot.estimator_fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness, pressure_altitude
 from autopilot.estimator_records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
 from autopilot.kernels import quat_advance, rotate
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY
+from foundation.compiled import njit
+from foundation.frames import GRAVITY
 
 COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every fourth sample at 1 kHz, each at 250 Hz
 PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample

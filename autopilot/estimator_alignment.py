@@ -5,8 +5,8 @@ import math
 from autopilot.estimator_covariance import initialise, trust_compass
 from autopilot.estimator_records import STATUS_RUNNING
 from autopilot.kernels import quat_from_euler, rotate
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY
+from foundation.compiled import njit
+from foundation.frames import GRAVITY
 
 REST_GYRO_STD = 0.05  # rad/s: more about the mean than noise makes, so the vehicle is being moved
 REST_ACCEL_ERROR = 0.5  # m/s² off gravity

@@ -13,7 +13,7 @@ import math
 
 from autopilot.estimator_records import MOTION, STATES
 from autopilot.kernels import quat_multiply, quat_normalized
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 
 
 @njit(cache=True)

@@ -10,8 +10,8 @@ from autopilot import estimator_covariance
 from autopilot.estimator_alignment import level
 from autopilot.estimator_records import HISTORY, MOTION, STATES
 from autopilot.kernels import geodetic_to_ned, quat_yaw, rotate, wrap_pi
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY
+from foundation.compiled import njit
+from foundation.frames import GRAVITY
 
 apply = estimator_covariance.apply
 forget = estimator_covariance.forget

@@ -12,9 +12,9 @@ from autopilot.estimator import update as estimate_motion
 from autopilot.estimator_records import HISTORY, STATES
 from autopilot.mixer import allocation
 from autopilot.records import ESTIMATE, KIND_IDLE, SETPOINT
-from dronecats.border.airframe import Airframe
-from dronecats.border.compiled import njit
-from dronecats.border.errors import UsageError
+from foundation.airframe import Airframe
+from foundation.compiled import njit
+from foundation.errors import UsageError
 
 control = cascade.update
 

@@ -1,13 +1,24 @@
 """The home position: where it is set, and when the vehicle has been carried away from it."""
 
 import math
+from dataclasses import dataclass
 
-from autopilot.modes.flight import Home
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 MOVED_HORIZONTAL_M = 1.0
 MOVED_VERTICAL_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where the vehicle returns to."""
+
+    position_ned: Vec3  # m, local frame
+    yaw: float  # rad
+    lat_deg: float
+    lon_deg: float
+    alt_m: float  # m above mean sea level
 
 
 def home_at(state: VehicleState, position_ned: Vec3 | None = None) -> Home | None:

@@ -1,7 +1,7 @@
-"""The conversions of `dronecats.border.frames`, compiled for this room's inner loop."""
+"""The conversions of `foundation.frames`, compiled for this room's inner loop."""
 
-from dronecats.border import frames
-from dronecats.border.compiled import njit
+from foundation import frames
+from foundation.compiled import njit
 
 rotate = njit(cache=True)(frames.rotate)
 rotate_inverse = njit(cache=True)(frames.rotate_inverse)

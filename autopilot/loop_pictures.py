@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.design import FREQUENCIES, Gains, Response, closed, loops
-from dronecats.border.airframe import Airframe
-from dronecats.border.errors import UsageError
+from foundation.airframe import Airframe
+from foundation.errors import UsageError
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.airframe import Airframe
-from dronecats.border.compiled import njit
-from dronecats.border.errors import UsageError
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.airframe import Airframe
+from foundation.compiled import njit
+from foundation.errors import UsageError
+from foundation.sensors import MAX_ROTORS
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 DEFAULTS: dict[str, int | float] = {
     # identity

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from autopilot.flight_core import FlightCore, update
 from autopilot.records import SETPOINT
-from dronecats.border.errors import UsageError
-from dronecats.border.sensors import ACTUATORS, SENSORS
+from foundation.errors import UsageError
+from foundation.sensors import ACTUATORS, SENSORS
 
 GROUPS = {  # what is sampled together: the time that tells a new sample, its fields, and whether half of them will do
     "imu": ("imu_time_us", ("accel_frd", "gyro_frd"), True),

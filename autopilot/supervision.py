@@ -18,8 +18,7 @@ from autopilot.failsafe import (
 from autopilot.failure_detector import AttitudeWatch
 from autopilot.modes.flight import Flight
 from autopilot.parameters import Parameters
-from autopilot.plan import fence
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 Say = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 # causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them
@@ -91,7 +90,7 @@ class Supervision:
             return
         self._looked_us = now
         self._accuracy.look(flight.state)
-        self.breach = fence.breach(flight, flight.state.position_ned) if flight.state.position_valid else self.breach
+        self.breach = flight.breach() if flight.state.position_valid else self.breach
         self._attitude.look(flight.state, controlled=mode != "ACRO")
         found = evaluate(
             self._conditions(flight, mode, offboard_signal, takeoff_us), self._parameters, self._overridden

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from autopilot.records import ESTIMATE
-from dronecats.border.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
+from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
 
 FARTHEST_M = 1e6  # a local position beyond this is no position
 RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster; three missed samples make it stale

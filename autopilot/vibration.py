@@ -3,7 +3,7 @@
 import math
 
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 SHARE = 0.02  # of a new sample in the metric: PX4's second of smoothing, at the commander's 50 Hz
 CLIPPED = 0.98 * 16.0 * 9.80665  # m/s², of an accelerometer with 16 g full scale

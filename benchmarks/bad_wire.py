@@ -24,13 +24,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import DronecatsError, InfrastructureError
-from dronecats.border.frames import quat_yaw, wrap_pi
-from dronecats.border.mavlink import Parser, dialect
-from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
-from dronecats.border.truth import TruthSample, truth_sample
 from dronecats.run.listening import Listener
 from dronecats.run.supervisor import Supervisor
+from foundation.errors import DronecatsError, InfrastructureError
+from foundation.frames import quat_yaw, wrap_pi
+from foundation.mavlink import Parser, dialect
+from foundation.setpoints import Hold, Setpoint, Turn, Velocity
+from foundation.truth import TruthSample, truth_sample
 from hil.impaired_wire import ImpairedWire
 from hil.impairment import Impairment
 from hil.link import Link, TakeoverError

@@ -30,10 +30,10 @@ from autopilot.modes.setpoint import FREE, NAN
 from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
 from benchmarks import flight_peers
 from benchmarks.machine import Machine
-from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.pace import RateKeeper
 from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle, Simulation
+from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from hil.link import Link
 from vehicles import airframe
 

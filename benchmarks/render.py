@@ -26,11 +26,11 @@ import psutil
 from benchmarks import render_peers
 from benchmarks.machine import Machine
 from benchmarks.render_export import export
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import quat_from_euler
 from episodes import maps
 from episodes.render import Renderer
 from episodes.scene import Scene
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import quat_from_euler
 
 MAPS = ("residential", "campus", "blocks")
 SIMPLEST = "blocks"

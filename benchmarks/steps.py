@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from autopilot.modes.setpoint import FREE, NAN
 from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
-from dronecats.border.frames import quat_yaw, wrap_pi
 from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle
+from foundation.frames import quat_yaw, wrap_pi
 from vehicles import airframe
 
 Array = NDArray[np.float64]

@@ -3,9 +3,9 @@
 import difflib
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
 from episodes import record as records
 from episodes.record import EpisodeRecord
+from foundation.errors import UsageError
 
 DEFAULT = "residential-approaching-01"
 FOLDER = Path(__file__).parent / "records"

@@ -9,11 +9,11 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate
 from episodes.assets.multirotor import X500, Outline, multirotor
 from episodes.record import Start
 from episodes.scene import Instance, Moved
 from episodes.visibility import Hides
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
-from dronecats.border.obstacles import OPEN, Box, Obstacles
 from episodes.scene import Instance, Scene
 from episodes.visibility import turn
+from foundation.frames import Vec3
+from foundation.obstacles import OPEN, Box, Obstacles
 
 CELL_M = 2.0
 BATCH = 4096  # triangles sorted at a time: bounds the memory that sorting takes

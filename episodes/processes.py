@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from dronecats.border.errors import InfrastructureError
+from foundation.errors import InfrastructureError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from episodes import assets, maps
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 VERSION = 1
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")

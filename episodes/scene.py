@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Quat, Vec3
-from dronecats.border.terrain import HeightField
+from foundation.frames import Quat, Vec3
+from foundation.terrain import HeightField
 
 # id → (position_ned m, yaw rad or attitude FRD → NED) of what is not where the scene has it; None: nowhere
 Moved = Mapping[int, tuple[Vec3, float | Quat] | None]

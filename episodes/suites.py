@@ -2,8 +2,8 @@
 
 import difflib
 
-from dronecats.border.errors import UsageError
 from episodes import catalogue
+from foundation.errors import UsageError
 
 NAMES = ("one-drone", "commanding", "quick", "all", "v1")
 

@@ -5,8 +5,8 @@ import itertools
 import math
 from dataclasses import dataclass
 
-from dronecats.border.frames import Vec3
 from episodes.record import TargetRecord
+from foundation.frames import Vec3
 
 # Distance (m) between the two points of the path that the heading is drawn through: a vehicle's wheelbase, and about
 # a step of what walks.

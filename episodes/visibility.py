@@ -10,9 +10,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import Vec3, rotate_inverse
 from episodes.scene import Instance, Mesh
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Vec3, rotate_inverse
 
 SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
 NEAR_M = 0.05  # as the renderer's near plane

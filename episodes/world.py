@@ -8,9 +8,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 from episodes import assets, maps
 from episodes.assets.multirotor import X500, Outline
 from episodes.fleet import DronePose, Fleet
@@ -18,6 +15,9 @@ from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Moved, Scene
 from episodes.target import Motion, motion
 from episodes.visibility import Hides, Solids, TargetView, Together, Without, turn
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)

@@ -2,7 +2,7 @@
 
 import math
 
-from dronecats.border.frames import Vec3, wrap_pi
+from foundation.frames import Vec3, wrap_pi
 from hil.telemetry import VehicleState
 
 NEAR_M = 0.06

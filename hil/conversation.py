@@ -5,8 +5,8 @@ import math
 import time
 from collections.abc import Callable
 
-from dronecats.border.errors import LinkError
-from dronecats.border.mavlink import PX4_AUTOPILOT, Packer, Parser, dialect
+from foundation.errors import LinkError
+from foundation.mavlink import PX4_AUTOPILOT, Packer, Parser, dialect
 from hil.firmware import Firmware, firmware, kind_name
 from hil.statustext import StatusTexts
 from hil.streams import TICK_US, Streams

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from dronecats.border.frames import Vec3, wrap_pi
+from foundation.frames import Vec3, wrap_pi
 
 GAP_US = 200_000  # µs between two looks at a turn, beyond which the time is not counted as turned
 

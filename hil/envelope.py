@@ -9,8 +9,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dronecats.border.errors import LinkError
-from dronecats.border.frames import Vec3, geodetic_to_ned, wrap_pi
+from foundation.errors import LinkError
+from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
 from hil.offboard import PositionTarget, Target, VelocityTarget
 from hil.telemetry import VehicleState
 

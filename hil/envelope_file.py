@@ -6,7 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from hil.envelope import Limits
 
 NUMBERS = {field.name for field in fields(Limits)} - {"exclusions", "exclusions_geodetic"}

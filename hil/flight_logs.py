@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import LinkError, UsageError
-from dronecats.border.redaction import redacted
+from foundation.errors import LinkError, UsageError
+from foundation.redaction import redacted
 
 SCHEMES = {  # ours -> MAVSDK's
     "udpin": "udpin", "udp": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpout": "tcpout", "serial": "serial",

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from dronecats.border.errors import LinkError
+from foundation.errors import LinkError
 from hil.impairment import Channel, Impairment
 from hil.transport import Transport
 

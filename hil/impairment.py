@@ -10,7 +10,7 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 LATE_S = 0.1  # s that a unit out of order comes late: two ticks of the agent, so others do overtake it
 BITS_A_BYTE = 10  # 8N1: a start bit, eight, a stop bit

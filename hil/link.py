@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable
 
-from dronecats.border.errors import LinkError
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import MODES, dialect
-from dronecats.border.setpoints import Hold, Setpoint, Sight
+from foundation.errors import LinkError
+from foundation.frames import Vec3
+from foundation.mavlink import MODES, dialect
+from foundation.setpoints import Hold, Setpoint, Sight
 from hil.arrival import Arrival
 from hil.conversation import SILENCE_S, Conversation
 from hil.course import Turning

@@ -6,9 +6,9 @@ A body velocity of vz = 0 drifts 0.1–0.3 m/s on a real PX4, so whatever holds 
 import math
 from dataclasses import dataclass, replace
 
-from dronecats.border.frames import Vec3, wrap_pi
-from dronecats.border.mavlink import dialect
-from dronecats.border.setpoints import Hold, Setpoint, Sight, Turn, Velocity
+from foundation.frames import Vec3, wrap_pi
+from foundation.mavlink import dialect
+from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
 from hil.course import Line, Turning
 
 MASK_VELOCITY_YAW_RATE = 0x5C7  # vx, vy, vz, yaw rate

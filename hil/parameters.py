@@ -7,8 +7,8 @@ it says nothing; ours and newer ones answer PARAM_ERROR. Both are None here.
 import struct
 from collections.abc import Iterable
 
-from dronecats.border.errors import LinkError, UsageError
-from dronecats.border.mavlink import dialect
+from foundation.errors import LinkError, UsageError
+from foundation.mavlink import dialect
 from hil.link import Link
 
 Value = int | float

@@ -4,7 +4,7 @@ import contextlib
 import time
 from collections.abc import Callable
 
-from dronecats.border.errors import DronecatsError, LinkError
+from foundation.errors import DronecatsError, LinkError
 from hil.transport import Transport
 
 RETRY_S = 0.5  # wall seconds between two attempts

@@ -9,8 +9,8 @@ import contextlib
 import time
 from collections.abc import Callable
 
-from dronecats.border.errors import LinkError, UsageError
-from dronecats.border.mavlink import Packer, Parser, dialect
+from foundation.errors import LinkError, UsageError
+from foundation.mavlink import Packer, Parser, dialect
 from hil.simulator_interface import HIL_ENABLED, SENSOR_BYTES
 from hil.transport import Transport
 

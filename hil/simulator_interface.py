@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dronecats.border.mavlink import dialect
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.mavlink import dialect
+from foundation.sensors import MAX_ROTORS
 
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -33,7 +33,7 @@ class Told:
 def sensor_message(sensors: Any, time_us: int, told: Told) -> dialect.MAVLink_hil_sensor_message:
     """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with the groups marked that are newer than `told`.
 
-    `sensors` is a record of `dronecats.border.sensors.SENSORS`. With nothing new it still carries PX4's clock onward.
+    `sensors` is a record of `foundation.sensors.SENSORS`. With nothing new it still carries PX4's clock onward.
     """
     updated = 0
     if sensors["imu_time_us"] > told.imu_us:

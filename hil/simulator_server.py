@@ -4,7 +4,7 @@ import contextlib
 import select
 import socket
 
-from dronecats.border.mavlink import Parser, dialect
+from foundation.mavlink import Parser, dialect
 from hil.transport import bind_error
 
 PORT = 4560  # + instance

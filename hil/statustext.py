@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 WARNING = dialect.MAV_SEVERITY_WARNING  # 4; smaller is worse
 KEPT = 50

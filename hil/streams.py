@@ -7,7 +7,7 @@ divides the rates of a telemetry radio by whatever it takes to fit MAV_x_RATE. S
 from collections import Counter
 from dataclasses import dataclass
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 TICK_US = 50_000  # 20 Hz of vehicle time
 WATCHED = {  # message id -> µs between two

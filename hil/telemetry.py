@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import dialect, mode_name
+from foundation.frames import Vec3
+from foundation.mavlink import dialect, mode_name
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
 FAR_MS = 60_000  # a stamp further ahead than this, or one from after a reboot, is believed when a second one agrees

@@ -4,8 +4,8 @@ from bisect import bisect_right
 from collections import deque
 from typing import TypeVar
 
-from dronecats.border.frames import Vec3, wrap_pi
-from dronecats.border.setpoints import Sight
+from foundation.frames import Vec3, wrap_pi
+from foundation.setpoints import Sight
 
 KEPT_US = 10_000_000  # µs; frames are younger
 AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
@@ -41,9 +41,7 @@ class Track:
         if not self._places or not self._headings:
             return None
         before, after, share, ahead_s = _around(self._places, time_us)
-        place = tuple(
-            b + share * (a - b) + ahead_s * v for b, a, v in zip(before[1], after[1], after[2], strict=True)
-        )
+        place = tuple(b + share * (a - b) + ahead_s * v for b, a, v in zip(before[1], after[1], after[2], strict=True))
         first, second, part, on_s = _around(self._headings, time_us)
         heading = first[1] + part * wrap_pi(second[1] - first[1]) + on_s * second[2]
         return Sight((place[0], place[1], place[2]), wrap_pi(heading))

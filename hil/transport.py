@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-from dronecats.border.errors import LinkError, UsageError
+from foundation.errors import LinkError, UsageError
 
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
 BAUD = 57_600  # of a serial line that names none, MAVSDK's and PX4's TELEM1

@@ -7,10 +7,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.airframe import Airframe, Battery, Rotor, RotorCurve
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY, Vec3
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, Vec3
+from foundation.sensors import MAX_ROTORS
 
 MAX_CONTACTS = 16  # what the compiled records hold
 

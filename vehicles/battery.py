@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 from vehicles.records import Record
 
 NOMINAL_CELL_V = 3.8  # the voltage at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge

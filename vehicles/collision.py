@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import Quat, Vec3
-from dronecats.border.obstacles import Obstacles
+from foundation.compiled import njit
+from foundation.frames import Quat, Vec3
+from foundation.obstacles import Obstacles
 from vehicles.collision_records import CANDIDATES, NEAR, SOLIDS, Grid32, Index
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY, CRASH_FOOT

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.sensors import MAX_ROTORS
 from vehicles.airframe import MAX_CONTACTS
 
 Grid32 = NDArray[np.float32]

@@ -1,7 +1,7 @@
 """The border's frame conversions, compiled for the kernels of this room."""
 
-from dronecats.border import frames
-from dronecats.border.compiled import njit
+from foundation import frames
+from foundation.compiled import njit
 
 rotate = njit(cache=True)(frames.rotate)
 rotate_inverse = njit(cache=True)(frames.rotate_inverse)

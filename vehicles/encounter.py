@@ -6,8 +6,8 @@ within the coming one, both get the impulse of that contact as a force over it, 
 
 import math
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import Quat, Vec3
+from foundation.compiled import njit
+from foundation.frames import Quat, Vec3
 from vehicles.collision import BOUNCE_LEAST, BREAKING, FRICTION, RESTITUTION, mobility
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY

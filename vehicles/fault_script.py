@@ -4,8 +4,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 from vehicles.faults import Fault, script
 from vehicles.records import MAX_FAULTS
 from vehicles.sensors import Suite

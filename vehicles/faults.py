@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.border.compiled import njit
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.compiled import njit
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.sensors import MAX_ROTORS
 from vehicles.records import FAULTS, GPS_QUEUE, MAX_FAULTS, Record
 
 NONE, BIAS, DELAY, FREEZE, FAIL, WEAKEN = range(6)

@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY, Quat, Vec3
-from dronecats.border.terrain import HeightField
+from foundation.compiled import njit
+from foundation.frames import GRAVITY, Quat, Vec3
+from foundation.terrain import HeightField
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.records import STEP_S, Grid, Load, Record
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.border.airframe import Airframe
-from dronecats.border.compiled import njit
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY, Vec3, quat_from_euler
-from dronecats.border.obstacles import OPEN, Obstacles
-from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
-from dronecats.border.terrain import FLAT, HeightField
+from foundation.airframe import Airframe
+from foundation.compiled import njit
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, Vec3, quat_from_euler
+from foundation.obstacles import OPEN, Obstacles
+from foundation.sensors import ACTUATORS, SENSORS, TRUTH
+from foundation.terrain import FLAT, HeightField
 from vehicles import ground
 from vehicles.battery import PERIOD_US as BATTERY_PERIOD_US
 from vehicles.battery import drain, open_circuit

@@ -2,8 +2,8 @@
 
 import math
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import Vec3
+from foundation.compiled import njit
+from foundation.frames import Vec3
 from vehicles.collision_records import Grid32
 
 

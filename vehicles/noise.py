@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 from vehicles.records import Grid, Stream
 
 _TAIL = 3.442619855899  # where the tail begins, 128 layers

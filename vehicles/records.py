@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.frames import Vec3
+from foundation.sensors import MAX_ROTORS
 from vehicles.airframe import MAX_CONTACTS
 
 Record = Any  # in a kernel's signature: a numpy record of a dtype below or of the border, its fields as attributes

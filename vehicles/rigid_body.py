@@ -5,8 +5,8 @@ evaluated at each of the four stages. Rotation is Euler's equation with the roto
     I · dω/dt = M - ω × (I · ω + h)
 """
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY, Quat, Vec3
+from foundation.compiled import njit
+from foundation.frames import GRAVITY, Quat, Vec3
 from vehicles.compiled_frames import quat_normalized, rotate, rotate_inverse
 from vehicles.ground import support
 from vehicles.records import STEP_S, Grid, Load, Record

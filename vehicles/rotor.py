@@ -6,8 +6,8 @@ what resists it turns the body about +z.
 
 import math
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import Vec3
+from foundation.compiled import njit
+from foundation.frames import Vec3
 from vehicles.battery import NOMINAL_CELL_V
 from vehicles.records import STEP_S, Load, Record
 

@@ -1,4 +1,4 @@
-"""Sensors: the truth, late and noisy, at each sensor's own rate. Writes the fields of `border/sensors.py` SENSORS.
+"""Sensors: the truth, late and noisy, at each sensor's own rate. Writes the fields of `foundation/sensors.py` SENSORS.
 
 The default suite is that of a small autopilot board of today. Every number can be set; zero switches an error off.
 """
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.border.compiled import njit
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Quat
+from foundation.compiled import njit
+from foundation.errors import UsageError
+from foundation.frames import Quat
 from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface

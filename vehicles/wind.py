@@ -9,8 +9,8 @@ Both are discretised exactly, so that the standard deviation does not depend on 
 import math
 from dataclasses import dataclass
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import Vec3
+from foundation.compiled import njit
+from foundation.frames import Vec3
 from vehicles.noise import normal
 from vehicles.records import Grid, Record, Stream
 

@@ -6,7 +6,7 @@ After Brescianini, Hehn, D'Andrea 2013, "Nonlinear quadrocopter attitude control
 import math
 
 from autopilot.kernels import quat_conjugate, quat_multiply, rotate, rotate_inverse
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 
 
 @njit(cache=True)

@@ -13,8 +13,8 @@ from autopilot.control.thrust import attitude_of, limit_force, track_hover
 from autopilot.kernels import quat_from_euler, quat_yaw, rotate
 from autopilot.mixer import mix
 from autopilot.records import KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY
+from foundation.compiled import njit
+from foundation.frames import GRAVITY
 
 OUTER_PERIOD_US = 10_000
 ATTITUDE_PERIOD_US = 2_000

@@ -8,7 +8,7 @@ import numpy as np
 from autopilot.control.records import CONTROL_PARAMS
 from autopilot.design import Gains
 from autopilot.mixer import Allocation
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)

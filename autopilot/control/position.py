@@ -4,7 +4,7 @@ import math
 
 from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
 from autopilot.kernels import quat_yaw, wrap_pi
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
 YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned

@@ -2,7 +2,7 @@
 
 import math
 
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 
 RATE_PLAUSIBLE = 1000.0  # rad/s, beyond any gyro's range: the sample is nonsense and the filters start anew
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.sensors import MAX_ROTORS
 
 CONTROL_PARAMS = np.dtype(
     [

@@ -2,7 +2,7 @@
 
 import math
 
-from dronecats.border.compiled import njit
+from foundation.compiled import njit
 
 RESPONSE = 5.0  # 1/s, how fast the last metre per second is closed; well above the velocity loop's own bandwidth
 

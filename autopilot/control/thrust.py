@@ -3,8 +3,8 @@
 import math
 
 from autopilot.kernels import quat_from_euler
-from dronecats.border.compiled import njit
-from dronecats.border.frames import GRAVITY
+from foundation.compiled import njit
+from foundation.frames import GRAVITY
 
 HOVER_TIME_S = 3.0  # time constant of the hover thrust estimate: batteries sag slowly
 LEAST_LIFT = 0.2 * GRAVITY  # m/s²: the thrust vector never points down, however fast the descent

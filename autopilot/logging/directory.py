@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 _NAME = re.compile(r"log(\d{3,6})\.ulg")
 

@@ -13,7 +13,7 @@ from autopilot.logging.readings import Readings
 from autopilot.mavlink.motion_makers import estimator_status
 from autopilot.mavlink.vehicle import Vehicle
 from autopilot.records import KIND_TRAJECTORY
-from dronecats.border.frames import rotate
+from foundation.frames import rotate
 
 GRAVITY = 9.80665  # m/s²
 NAN = math.nan

@@ -7,17 +7,14 @@ None for no acknowledgement. Results as measured on PX4 1.15.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from autopilot.mavlink import mission, requests
-from autopilot.mavlink.node import COMPONENT_ID, Node
+from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import COMPONENT_ID, Port
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.frames import Vec3, geodetic_to_ned
-from dronecats.border.mavlink import MODES, dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.frames import Vec3, geodetic_to_ned
+from foundation.mavlink import MODES, dialect
 
 ACCEPTED, DENIED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED
 REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
@@ -46,17 +43,17 @@ class Command:
         return round(value) if abs(value) < 1e9 else None
 
 
-Handler = Callable[[Node, "Port", Command], int | None]
+Handler = Callable[[Node, Port, Command], int | None]
 
 
-def command_long(node: Node, port: "Port", message: Message) -> None:
+def command_long(node: Node, port: Port, message: Message) -> None:
     """Act on COMMAND_LONG."""
     m = message
     p = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
     _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL))
 
 
-def command_int(node: Node, port: "Port", message: Message) -> None:
+def command_int(node: Node, port: Port, message: Message) -> None:
     """Act on COMMAND_INT: x and y carry 1e7 degrees (1e4 metres in local frames), INT32_MAX = not given."""
     m = message
     scale = 1e-4 if m.frame in LOCAL_FRAMES else 1e-7
@@ -64,7 +61,7 @@ def command_int(node: Node, port: "Port", message: Message) -> None:
     _run(node, port, m, Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame))
 
 
-def _run(node: Node, port: "Port", message: Message, command: Command) -> None:
+def _run(node: Node, port: Port, message: Message, command: Command) -> None:
     broadcast = message.target_system == 0
     if broadcast and command.id not in requests.BROADCAST:
         return  # measured: a command to everybody is not acknowledged; nobody should arm a fleet by accident
@@ -81,7 +78,7 @@ def _run(node: Node, port: "Port", message: Message, command: Command) -> None:
         )
 
 
-def set_mode_message(node: Node, port: "Port", message: Message) -> None:
+def set_mode_message(node: Node, port: Port, message: Message) -> None:
     """The old SET_MODE message: as DO_SET_MODE, unacknowledged."""
     main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
     _select_mode(node, int(message.base_mode), main, sub)
@@ -96,7 +93,7 @@ def _select_mode(node: Node, base: int, main: int, sub: int) -> int:
     return node.vehicle.commander.set_mode(name)
 
 
-def _arm_disarm(node: Node, port: "Port", c: Command) -> int | None:
+def _arm_disarm(node: Node, port: Port, c: Command) -> int | None:
     wish = c.number(1)
     if wish not in (0, 1):
         return None
@@ -108,19 +105,19 @@ def _arm_disarm(node: Node, port: "Port", c: Command) -> int | None:
     return commander.arm(force) if wish else commander.disarm(force)
 
 
-def _do_set_mode(node: Node, port: "Port", c: Command) -> int:
+def _do_set_mode(node: Node, port: Port, c: Command) -> int:
     base, main, sub = c.number(1), c.number(2), c.number(3)
     return _select_mode(node, base or 0, main or 0, sub or 0)
 
 
 def _mode(name: str) -> Handler:
-    def handler(node: Node, port: "Port", c: Command) -> int:
+    def handler(node: Node, port: Port, c: Command) -> int:
         return node.vehicle.commander.set_mode(name)
 
     return handler
 
 
-def _takeoff(node: Node, port: "Port", c: Command) -> int:
+def _takeoff(node: Node, port: Port, c: Command) -> int:
     state = node.vehicle.state
     z = state.origin_alt_m - c.p[6] if state.origin_set and abs(c.p[6]) < 1e5 else NAN
     return node.vehicle.commander.take_off(z)
@@ -140,13 +137,13 @@ def _place(node: Node, c: Command, relative: bool) -> Vec3:
     return (north, east, state.origin_alt_m - alt)
 
 
-def _reposition(node: Node, port: "Port", c: Command) -> int:
+def _reposition(node: Node, port: Port, c: Command) -> int:
     if c.number(2) != 1:  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE and nothing else
         return int(UNSUPPORTED)
     return node.vehicle.commander.reposition(_place(node, c, relative=True), c.p[3], c.p[0])
 
 
-def _orbit(node: Node, port: "Port", c: Command) -> int:
+def _orbit(node: Node, port: Port, c: Command) -> int:
     radius = c.p[0] if abs(c.p[0]) < 1e5 and c.p[0] != 0.0 else 10.0
     speed = c.p[1] if abs(c.p[1]) < 1e3 else 2.0
     # MAVSDK leaves the frame at its default while the altitude is above sea level: so it always is
@@ -156,12 +153,12 @@ def _orbit(node: Node, port: "Port", c: Command) -> int:
     return node.vehicle.commander.circle(_place(node, c, relative=False), radius, speed, look)
 
 
-def _change_speed(node: Node, port: "Port", c: Command) -> int:
+def _change_speed(node: Node, port: Port, c: Command) -> int:
     node.vehicle.commander.change_speed(c.p[1])
     return int(ACCEPTED)
 
 
-def _set_home(node: Node, port: "Port", c: Command) -> int:
+def _set_home(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not node.vehicle.parameters["COM_HOME_EN"]:
         return int(DENIED)
@@ -174,18 +171,18 @@ def _set_home(node: Node, port: "Port", c: Command) -> int:
     return int(ACCEPTED)
 
 
-def _get_home(node: Node, port: "Port", c: Command) -> int:
+def _get_home(node: Node, port: Port, c: Command) -> int:
     port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
     return int(ACCEPTED)
 
 
-def _run_prearm_checks(node: Node, port: "Port", c: Command) -> int:
+def _run_prearm_checks(node: Node, port: Port, c: Command) -> int:
     for reason in node.vehicle.commander.arming_failures():
         node.say(dialect.MAV_SEVERITY_CRITICAL, f"Preflight Fail: {reason}")
     return int(ACCEPTED)
 
 
-def _calibrate(node: Node, port: "Port", c: Command) -> int:
+def _calibrate(node: Node, port: Port, c: Command) -> int:
     """All zero cancels. Clients ask for one sensor at a time: gyro 1, compass 2, accelerometer or level 5."""
     calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
@@ -205,11 +202,11 @@ def _calibrate(node: Node, port: "Port", c: Command) -> int:
     return int(ACCEPTED)
 
 
-def _terminate(node: Node, port: "Port", c: Command) -> int:
+def _terminate(node: Node, port: Port, c: Command) -> int:
     return node.vehicle.commander.terminate() if c.number(1) == 1 else int(DENIED)
 
 
-def _mission_start(node: Node, port: "Port", c: Command) -> int:
+def _mission_start(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not commander.flight.plans.mission:
         return int(DENIED)
@@ -220,7 +217,7 @@ def _mission_start(node: Node, port: "Port", c: Command) -> int:
     return result if result != ACCEPTED else commander.arm()
 
 
-def _set_current_item(node: Node, port: "Port", c: Command) -> int:
+def _set_current_item(node: Node, port: Port, c: Command) -> int:
     number, commander = c.number(1), node.vehicle.commander
     if number == -1:
         number = commander.mission.current  # reset only
@@ -230,7 +227,7 @@ def _set_current_item(node: Node, port: "Port", c: Command) -> int:
     return int(ACCEPTED)
 
 
-def _reboot(node: Node, port: "Port", c: Command) -> int:
+def _reboot(node: Node, port: Port, c: Command) -> int:
     if node.vehicle.commander.armed:
         return int(DENIED)
     if c.number(1) in (1, 2, 3):
@@ -238,7 +235,7 @@ def _reboot(node: Node, port: "Port", c: Command) -> int:
     return int(ACCEPTED)
 
 
-def _inject_failure(node: Node, port: "Port", c: Command) -> int:
+def _inject_failure(node: Node, port: Port, c: Command) -> int:
     if not node.vehicle.parameters["SYS_FAILURE_EN"]:
         return int(DENIED)
     unit, kind, instance = c.number(1), c.number(2), c.number(3) or 0

@@ -1,7 +1,6 @@
 """One table: the type of a received message → the service that handles it."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from autopilot.mavlink import (
     commands,
@@ -12,19 +11,13 @@ from autopilot.mavlink import (
     manual_control,
     mission,
     offboard_setpoints,
-    signing,
 )
 from autopilot.mavlink import parameter_protocol as parameter
-from autopilot.mavlink.node import COMPONENT_ID, Node
-from autopilot.mavlink.parameter_protocol import parameter_value
+from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import COMPONENT_ID, Port
 from autopilot.mavlink.vehicle import Message
 
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
-
-__all__ = ["HANDLERS", "handle", "parameter_value"]
-
-Handler = Callable[[Node, "Port", Message], None]
+Handler = Callable[[Node, Port, Message], None]
 
 HANDLERS: dict[str, Handler] = {
     "HEARTBEAT": link.heartbeat,
@@ -53,7 +46,7 @@ HANDLERS: dict[str, Handler] = {
     "MISSION_CLEAR_ALL": mission.clear_all,
     "MISSION_SET_CURRENT": mission.set_current,
     "FILE_TRANSFER_PROTOCOL": file_transfer.request,
-    "SETUP_SIGNING": signing.setup,
+    "SETUP_SIGNING": link.setup_signing,
     "LOG_REQUEST_LIST": logs.request_list,
     "LOG_REQUEST_DATA": logs.request_data,
     "LOG_REQUEST_END": logs.request_end,
@@ -62,7 +55,7 @@ HANDLERS: dict[str, Handler] = {
 _COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # answer even when meant for somebody else
 
 
-def handle(node: Node, port: "Port", message: Message) -> None:
+def handle(node: Node, port: Port, message: Message) -> None:
     """Let the right service act. A message that breaks it is counted and said once, never raised."""
     kind = message.get_type()
     handler = HANDLERS.get(kind)

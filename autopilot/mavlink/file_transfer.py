@@ -6,7 +6,7 @@ Source: mavlink.io, services/ftp. A repeated request is answered as before and n
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from autopilot.mavlink.file_sessions import Client, FileSessions
 from autopilot.mavlink.file_tree import (
@@ -24,11 +24,9 @@ from autopilot.mavlink.file_tree import (
     Refusal,
 )
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.mavlink import dialect
 
 ACK, NAK = 128, 129
 NONE, TERMINATE_SESSION, RESET_SESSIONS, LIST_DIRECTORY, OPEN_TO_READ, READ, CREATE, WRITE = range(8)
@@ -76,7 +74,7 @@ class Server:
     opened: int | None = None  # the session that this request has opened
 
 
-def request(node: Node, port: "Port", message: Message) -> None:
+def request(node: Node, port: Port, message: Message) -> None:
     """Answer one request, and let a burst begin."""
     payload = bytes(message.payload)
     wish = parsed(payload)
@@ -262,7 +260,7 @@ def _burst_name(address: tuple[int, int]) -> str:
     return f"file burst {address}"
 
 
-def _begin_burst(server: Server, port: "Port", address: tuple[int, int], wish: Request) -> None:
+def _begin_burst(server: Server, port: Port, address: tuple[int, int], wish: Request) -> None:
     """Let the port stream a file from an offset, a bounded number of messages per tick; or refuse."""
     try:
         session = server.sessions.get(server.client, wish.session, server.now_us)

@@ -1,20 +1,17 @@
 """FOLLOW_TARGET: where the target of the FOLLOW mode is."""
 
 import math
-from typing import TYPE_CHECKING
 
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.frames import geodetic_to_ned
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.frames import geodetic_to_ned
 
 POSITION, VELOCITY = 1, 2  # bits of est_capabilities
 FASTEST = 100.0  # m/s, a target that claims more is not believed
 
 
-def follow_target(node: Node, port: "Port", message: Message) -> None:
+def follow_target(node: Node, port: Port, message: Message) -> None:
     """Keep the target's place with the time of its arrival; one without a place is ignored."""
     state, target = node.vehicle.state, node.vehicle.commander.flight.target
     # clients leave the capabilities at 0 and send a place all the same

@@ -1,14 +1,10 @@
-"""The small services that keep a link alive: heartbeats of others, PING, TIMESYNC, and the old stream requests."""
-
-from typing import TYPE_CHECKING
+"""The small services that keep a link alive: heartbeats of others, PING, TIMESYNC, old stream requests, the key."""
 
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME, GROUPS
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.mavlink import dialect
 
 
 def _as_mavlink2(frame: bytes, crc_extra: int) -> bytes:
@@ -21,7 +17,7 @@ def _as_mavlink2(frame: bytes, crc_extra: int) -> bytes:
     return bytes((dialect.PROTOCOL_MARKER_V2,)) + body + crc.to_bytes(2, "little")
 
 
-def heartbeat(node: Node, port: "Port", message: Message) -> None:
+def heartbeat(node: Node, port: Port, message: Message) -> None:
     """Remember when a ground station was last heard, and let the other links know of the sender."""
     if message.get_srcSystem() != node.system_id:
         node.forward(port, _as_mavlink2(bytes(message.get_msgbuf()), message.crc_extra))
@@ -29,7 +25,7 @@ def heartbeat(node: Node, port: "Port", message: Message) -> None:
         node.vehicle.commander.supervision.station_heard_us = node.time_us
 
 
-def ping(node: Node, port: "Port", message: Message) -> None:
+def ping(node: Node, port: Port, message: Message) -> None:
     """Answer a request (target 0/0) with its own time and number, addressed to the sender."""
     if message.target_system == 0 and message.target_component == 0:
         port.send(
@@ -39,13 +35,13 @@ def ping(node: Node, port: "Port", message: Message) -> None:
         )
 
 
-def timesync(node: Node, port: "Port", message: Message) -> None:
+def timesync(node: Node, port: Port, message: Message) -> None:
     """Answer a request (tc1 = 0) with the vehicle's time in ns."""
     if message.tc1 == 0:
         port.send(dialect.MAVLink_timesync_message(node.time_us * 1000, message.ts1))
 
 
-def request_data_stream(node: Node, port: "Port", message: Message) -> None:
+def request_data_stream(node: Node, port: Port, message: Message) -> None:
     """Raise the rates of a group of streams, never below what the port already sends; stop = back to the default."""
     for name in GROUPS.get(message.req_stream_id, ()):
         message_id = BY_NAME[name].message_id
@@ -55,3 +51,9 @@ def request_data_stream(node: Node, port: "Port", message: Message) -> None:
             wanted, present = 1_000_000 // message.req_message_rate, port.interval_us(message_id)
             if present < 0 or wanted < present:
                 port.set_interval(message_id, wanted)
+
+
+def setup_signing(node: Node, port: Port, message: Message) -> None:
+    """Take the key of SETUP_SIGNING for this port. It never goes further, and only who is addressed takes it."""
+    if message.target_system == node.system_id:
+        port.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)

@@ -2,15 +2,12 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from autopilot.logging.directory import LogFile
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.mavlink import dialect
 
 CHUNK = 90  # bytes, LOG_DATA.data
 LIST, DATA = "log list", "log data"  # names of the transfers
@@ -20,7 +17,7 @@ def _logs(node: Node) -> list[LogFile]:
     return node.log.directory.logs() if node.log is not None else []
 
 
-def request_list(node: Node, port: "Port", message: Message) -> None:
+def request_list(node: Node, port: Port, message: Message) -> None:
     """Send LOG_ENTRY for every log from `start` to `end`; one with num_logs 0 when there is none at all."""
     logs = _logs(node)
     if not logs:
@@ -36,7 +33,7 @@ def _entries(logs: list[LogFile], first: int, last: int) -> Iterator[Message]:
         )
 
 
-def request_data(node: Node, port: "Port", message: Message) -> None:
+def request_data(node: Node, port: Port, message: Message) -> None:
     """Send a stretch of one log, a bounded number of messages per tick; a new request takes the place of the last.
 
     The stretch ends with the count asked for, or with a message of fewer than 90 bytes at the end of the log, which is
@@ -69,13 +66,13 @@ def _stretch(path: Path, log_id: int, offset: int, count: int) -> Iterator[Messa
         yield _data(log_id, min(offset, 0xFFFFFFFF), b"")
 
 
-def request_end(node: Node, port: "Port", message: Message) -> None:
+def request_end(node: Node, port: Port, message: Message) -> None:
     """Stop what is being sent."""
     port.transfers.pop(LIST, None)
     port.transfers.pop(DATA, None)
 
 
-def erase(node: Node, port: "Port", message: Message) -> None:
+def erase(node: Node, port: Port, message: Message) -> None:
     """Remove every log but the one being written."""
     request_end(node, port, message)
     if node.log is not None:

@@ -1,19 +1,15 @@
 """MANUAL_CONTROL: joystick axes from a ground station."""
 
-from typing import TYPE_CHECKING
-
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Message
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
 
 
 def _axis(value: int) -> float:
     return max(-1.0, min(1.0, value / 1000.0)) if value != 32767 else 0.0  # INT16_MAX: axis not fitted
 
 
-def manual_control(node: Node, port: "Port", message: Message) -> None:
+def manual_control(node: Node, port: Port, message: Message) -> None:
     """Keep the sticks with the time of their arrival."""
     if message.target not in (0, node.system_id):
         return

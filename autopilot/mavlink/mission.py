@@ -6,93 +6,31 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 """
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME
+from autopilot.mavlink.uploads import CANCELLED, Key, Upload
 from autopilot.mavlink.vehicle import Message
 from autopilot.plan import checks
 from autopilot.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, Item
 from autopilot.plan.plans import CAPACITY
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
-
-RETRY_US = 250_000
-TIMEOUT_US = 5_000_000
-MOST_UPLOADS = 16  # at once, of all clients; a hostile client cannot fill the memory
 ACCEPTED, UNSUPPORTED = int(dialect.MAV_MISSION_ACCEPTED), int(dialect.MAV_MISSION_UNSUPPORTED)
 NO_SPACE, INVALID_SEQUENCE = int(dialect.MAV_MISSION_NO_SPACE), int(dialect.MAV_MISSION_INVALID_SEQUENCE)
-CANCELLED, ERROR = int(dialect.MAV_MISSION_OPERATION_CANCELLED), int(dialect.MAV_MISSION_ERROR)
-
-Key = tuple[int, int, int, int]  # port, system, component, mission type
-
-
-@dataclass(slots=True)
-class Upload:
-    """A plan on its way in."""
-
-    port: "Port"
-    client: tuple[int, int]
-    kind: int
-    count: int
-    heard_us: int
-    asked_us: int
-    items: list[Item] = field(default_factory=list)
-    taken_us: int | None = None  # when it was complete: a repeated last item is then acknowledged again
-
-    def ask(self, now_us: int) -> None:
-        """Request the next item."""
-        self.asked_us = now_us
-        self.port.send(dialect.MAVLink_mission_request_int_message(*self.client, len(self.items), self.kind))
-
-    def acknowledge(self, result: int) -> None:
-        self.port.send(dialect.MAVLink_mission_ack_message(*self.client, result, self.kind))
-
-
-class Uploads:
-    """The uploads of all clients."""
-
-    def __init__(self) -> None:
-        self._open: dict[Key, Upload] = {}
-
-    def begin(self, key: Key, upload: Upload) -> bool:
-        """Start an upload in the place of an older one of the same client. Returns False when there are too many."""
-        if key not in self._open and len(self._open) >= MOST_UPLOADS:
-            return False
-        self._open[key] = upload
-        return True
-
-    def get(self, key: Key) -> Upload | None:
-        return self._open.get(key)
-
-    def end(self, key: Key) -> None:
-        self._open.pop(key, None)
-
-    def tick(self, now_us: int) -> None:
-        """Ask again for what did not come; give up on a client that has gone."""
-        if not self._open:
-            return
-        for key, upload in list(self._open.items()):
-            if now_us - upload.heard_us >= TIMEOUT_US:
-                if upload.taken_us is None:
-                    upload.acknowledge(CANCELLED)
-                self.end(key)
-            elif upload.taken_us is None and now_us - upload.asked_us >= RETRY_US:
-                upload.ask(now_us)
+ERROR = int(dialect.MAV_MISSION_ERROR)
 
 
 def _client(message: Message) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _key(port: "Port", message: Message) -> Key:
+def _key(port: Port, message: Message) -> Key:
     return (id(port), *_client(message), message.mission_type)
 
 
-def _acknowledge(port: "Port", message: Message, result: int) -> None:
+def _acknowledge(port: Port, message: Message, result: int) -> None:
     port.send(dialect.MAVLink_mission_ack_message(*_client(message), result, getattr(message, "mission_type", 0)))
 
 
@@ -114,7 +52,7 @@ def _replace(node: Node, kind: int, items: tuple[Item, ...]) -> None:
 # download
 
 
-def request_list(node: Node, port: "Port", message: Message) -> None:
+def request_list(node: Node, port: Port, message: Message) -> None:
     """Answer how many items there are."""
     if message.mission_type not in KINDS:
         _acknowledge(port, message, UNSUPPORTED)
@@ -123,7 +61,7 @@ def request_list(node: Node, port: "Port", message: Message) -> None:
     port.send(dialect.MAVLink_mission_count_message(*_client(message), count, message.mission_type))
 
 
-def request_item(node: Node, port: "Port", message: Message) -> None:
+def request_item(node: Node, port: Port, message: Message) -> None:
     """Answer with one item, in the form that was asked for."""
     if message.mission_type not in KINDS:
         _acknowledge(port, message, UNSUPPORTED)
@@ -146,7 +84,7 @@ def request_item(node: Node, port: "Port", message: Message) -> None:
 # upload
 
 
-def count(node: Node, port: "Port", message: Message) -> None:
+def count(node: Node, port: Port, message: Message) -> None:
     """Begin an upload, from the start when it is repeated; one of no items clears."""
     kind = message.mission_type
     if kind not in KINDS:
@@ -165,7 +103,7 @@ def count(node: Node, port: "Port", message: Message) -> None:
             _acknowledge(port, message, ERROR)
 
 
-def take_item(node: Node, port: "Port", message: Message) -> None:
+def take_item(node: Node, port: Port, message: Message) -> None:
     """Take the item that was asked for; ask again for it when another came."""
     upload = node.uploads.get(_key(port, message))
     if upload is None:
@@ -205,13 +143,13 @@ def _item(m: Message) -> Item:
     return Item(m.command, m.frame, (m.param1, m.param2, m.param3, m.param4), x, y, m.z, m.autocontinue)
 
 
-def acknowledged(node: Node, port: "Port", message: Message) -> None:
+def acknowledged(node: Node, port: Port, message: Message) -> None:
     """The client's end of a download, or its cancelling of an upload."""
     if message.type == CANCELLED:
         node.uploads.end(_key(port, message))
 
 
-def refuse(node: Node, port: "Port", message: Message) -> None:
+def refuse(node: Node, port: Port, message: Message) -> None:
     """Refuse a partial write at once: a plan is replaced as a whole. PX4 leaves the client waiting for its time-out."""
     _acknowledge(port, message, UNSUPPORTED)
 
@@ -219,7 +157,7 @@ def refuse(node: Node, port: "Port", message: Message) -> None:
 # the rest
 
 
-def clear_all(node: Node, port: "Port", message: Message) -> None:
+def clear_all(node: Node, port: Port, message: Message) -> None:
     """Empty one plan or all of them."""
     kind = message.mission_type
     kinds = KINDS if kind == dialect.MAV_MISSION_TYPE_ALL else (kind,)
@@ -231,7 +169,7 @@ def clear_all(node: Node, port: "Port", message: Message) -> None:
     _acknowledge(port, message, ACCEPTED)
 
 
-def set_current(node: Node, port: "Port", message: Message) -> None:
+def set_current(node: Node, port: Port, message: Message) -> None:
     """Go on with an item, and tell everybody which is in force."""
     if not node.vehicle.commander.fly_item(message.seq):
         node.complain(f"Mission item {message.seq} does not exist")

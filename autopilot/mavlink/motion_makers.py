@@ -5,8 +5,8 @@ import math
 from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, heading_cdeg, int16, int32, whole
 from autopilot.records import KIND_TRAJECTORY
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import rotate_inverse
-from dronecats.border.mavlink import dialect
+from foundation.frames import rotate_inverse
+from foundation.mavlink import dialect
 
 NAN = math.nan
 COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # places in the upper triangle of a 6x6 matrix

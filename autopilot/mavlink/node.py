@@ -1,21 +1,17 @@
 """The autopilot as a MAVLink component: its ports, what they share, and the texts it sends to all of them."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
+from autopilot.logging.flight_log import FlightLog
 from autopilot.mavlink.file_sessions import FileSessions
 from autopilot.mavlink.file_tree import FileTree
 from autopilot.mavlink.packed_parameters import packed
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_ID
+from autopilot.mavlink.uploads import Uploads
 from autopilot.mavlink.vehicle import Message, Vehicle
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
-if TYPE_CHECKING:
-    from autopilot.logging.flight_log import FlightLog
-    from autopilot.mavlink.mission import Uploads
-    from autopilot.mavlink.port import Port
-
-COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
 REPEAT_US = 1_000_000  # a complaint about a stream of bad setpoints is said once a second
 
@@ -29,8 +25,8 @@ class Node:
         self,
         vehicle: Vehicle,
         system_id: int,
-        uploads: "Uploads",
-        log: "FlightLog | None" = None,
+        uploads: Uploads,
+        log: FlightLog | None = None,
         inject: Inject | None = None,
     ) -> None:
         self.vehicle = vehicle
@@ -78,7 +74,7 @@ class Node:
         for port in self.ports:
             port.send(message)
 
-    def forward(self, source: "Port", data: bytes) -> None:
+    def forward(self, source: Port, data: bytes) -> None:
         """Pass a message of somebody else on to the other links, as PX4 does; a minimal port hears the vehicle only."""
         for port in self.ports:
             if port is not source and port.profile != "minimal":

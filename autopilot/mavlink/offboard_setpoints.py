@@ -4,17 +4,14 @@ Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rule
 """
 
 import math
-from typing import TYPE_CHECKING
 
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Message
 from autopilot.modes.setpoint import FREE, NAN, Setpoint
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
-from dronecats.border.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
+from foundation.mavlink import dialect
 
 LOCAL_NED, BODY_NED = dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_BODY_NED
 GLOBAL_INT = dialect.MAV_FRAME_GLOBAL_INT
@@ -79,7 +76,7 @@ def _accept(node: Node, setpoint: Setpoint) -> None:
     offboard.setpoint, offboard.time_us = setpoint, node.time_us
 
 
-def local_ned(node: Node, port: "Port", message: Message) -> None:
+def local_ned(node: Node, port: Port, message: Message) -> None:
     """SET_POSITION_TARGET_LOCAL_NED."""
     state = node.vehicle.state
     m = message
@@ -94,7 +91,7 @@ def local_ned(node: Node, port: "Port", message: Message) -> None:
     _accept(node, setpoint)
 
 
-def global_int(node: Node, port: "Port", message: Message) -> None:
+def global_int(node: Node, port: Port, message: Message) -> None:
     """SET_POSITION_TARGET_GLOBAL_INT: silently dropped while the reference that its altitude needs is missing."""
     state, m = node.vehicle.state, message
     down = _altitude_to_down(node, m.coordinate_frame, m.alt)
@@ -129,7 +126,7 @@ def _altitude_to_down(node: Node, frame: int, altitude: float) -> float | None:
     return None
 
 
-def attitude_target(node: Node, port: "Port", message: Message) -> None:
+def attitude_target(node: Node, port: Port, message: Message) -> None:
     """SET_ATTITUDE_TARGET: the attitude wins where bit 7 is clear, else the body rates where bits 0 and 1 are clear."""
     m, mask = message, message.type_mask
     yaw_rate = m.body_yaw_rate if not mask & 0x4 and abs(m.body_yaw_rate) < LIMIT else 0.0

@@ -1,15 +1,13 @@
 """The parameter protocol, with INT32 values byte-wise in the float field, as PX4 does."""
 
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from autopilot.mavlink.node import Node
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.vehicle import Message
 from autopilot.parameters import Parameters
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.mavlink import dialect
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 _INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
@@ -48,12 +46,17 @@ def value_bytes(message: Message) -> bytes:
     return frame[start : start + min(frame[1], 4)].ljust(4, b"\0")
 
 
-def request_list(node: Node, port: "Port", message: Message) -> None:
+def request_list(node: Node, port: Port, message: Message) -> None:
     """Start to send the whole list on this port."""
-    port.list_parameters()
+    port.list_parameters(_values(node.vehicle.parameters))
 
 
-def request_read(node: Node, port: "Port", message: Message) -> None:
+def _values(parameters: Parameters) -> Iterator[Message]:
+    """Return every parameter, each with the value that it has when its turn comes."""
+    return (parameter_value(parameters, name) for name in parameters.names)
+
+
+def request_read(node: Node, port: Port, message: Message) -> None:
     """Answer with the value by index, or by name when the index is -1; PARAM_ERROR when there is no such parameter."""
     parameters = node.vehicle.parameters
     name, index = message.param_id, message.param_index
@@ -67,7 +70,7 @@ def request_read(node: Node, port: "Port", message: Message) -> None:
         _refuse(port, message, index, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)
 
 
-def set_value(node: Node, port: "Port", message: Message) -> None:
+def set_value(node: Node, port: Port, message: Message) -> None:
     """Put a value in force and tell everybody. A value of the wrong type changes nothing: the old one is the answer."""
     parameters, name = node.vehicle.parameters, message.param_id
     if name not in parameters:
@@ -92,7 +95,7 @@ def set_value(node: Node, port: "Port", message: Message) -> None:
         node.broadcast(parameter_value(parameters, name))
 
 
-def _refuse(port: "Port", message: Message, index: int, error: int) -> None:
+def _refuse(port: Port, message: Message, index: int, error: int) -> None:
     name = message.param_id.encode("ascii", "replace")[:16]
     port.send(
         dialect.MAVLink_param_error_message(message.get_srcSystem(), message.get_srcComponent(), name, index, error)

@@ -1,16 +1,16 @@
 """One wire to the outside: its own stream rates, its own sequence numbers, its own queue of bytes to send."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Protocol
 
-from autopilot.mavlink import dispatch
-from autopilot.mavlink.node import COMPONENT_ID, Node
 from autopilot.mavlink.signing import Signing
 from autopilot.mavlink.streams import BY_ID, HEARTBEAT_ID, PROFILES, TABLE
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import Packer, Parser
+from foundation.errors import UsageError
+from foundation.mavlink import Packer, Parser, dialect
 
+COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # messages waiting on the wire, at which downloads pause
@@ -18,25 +18,53 @@ FASTEST_US = 1_000
 QUEUE_LIMIT = 20_000  # messages: a port that nobody empties forgets the oldest
 
 
+class Component(Protocol):
+    """What a port needs of the component whose port it is."""
+
+    @property
+    def system_id(self) -> int: ...
+    @property
+    def time_us(self) -> int:
+        """µs, the vehicle's clock."""
+        ...
+
+    def telemetry(self, message_id: int) -> Message | None:
+        """Return the message of the present tick; None when there is nothing to tell."""
+        ...
+
+    def find_shortest(self) -> None:
+        """Look which stream is the fastest: a port has changed its rates."""
+        ...
+
+    def show_mode(self) -> None:
+        """Send HEARTBEAT at once if the mode has changed."""
+        ...
+
+    def say(self, severity: int, text: str) -> None:
+        """Send a STATUSTEXT on every port."""
+        ...
+
+
 class Port:
     """Pure: `receive` what came from the wire, `take` what goes to it. Opened by `Autopilot.open_port`."""
 
-    def __init__(self, node: Node, profile: str) -> None:
+    def __init__(self, node: Component, profile: str, number: int, handle: Callable[["Port", Message], None]) -> None:
+        """`number` counts the ports of a component; `handle` acts on what was received."""
         if profile not in PROFILES:
             raise UsageError(f"Port profile {profile!r} does not exist; choose one of {', '.join(PROFILES)}.")
         self.profile = profile
         self.received = 0  # messages understood
         self.lost = 0  # messages that could not be encoded, or were dropped because nobody took them
         self.transfers: dict[str, Iterator[Message]] = {}  # service → what its download has still to send
-        self.signing = Signing(len(node.ports))
-        self._node = node
+        self.signing = Signing(number)
+        self._node, self._handle = node, handle
         self._parser = Parser()
         self._packer = Packer(node.system_id, COMPONENT_ID)
         self._out: list[bytes] = []
         self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
         self._next_due_us = 0  # the earliest of the streams
         self.shortest_us = 1_000_000  # the interval of the fastest of them
-        self._parameter_cursor: int | None = None
+        self._parameters: Iterator[Message] | None = None  # those of the list that are still to be sent
         for stream in TABLE:
             self.set_default_interval(stream.message_id)
 
@@ -54,7 +82,7 @@ class Port:
                 if self.signing.rejected == 1:
                     self._node.say(4, "MAVLink message without a valid signature ignored")
                 continue
-            dispatch.handle(self._node, self, message)
+            self._handle(self, message)
             self._node.show_mode()
         if before == 0 and self._parser.bad:
             self._node.say(4, "Malformed MAVLink data received")
@@ -122,9 +150,9 @@ class Port:
         stream = self._streams.get(message_id)
         return stream[1] if stream is not None else -1
 
-    def list_parameters(self) -> None:
+    def list_parameters(self, values: Iterable[Message]) -> None:
         """Start to send every parameter, a few per tick."""
-        self._parameter_cursor = 0
+        self._parameters = iter(values)
 
     def tick(self) -> None:
         """Queue what is due."""
@@ -132,8 +160,8 @@ class Port:
         now = node.time_us
         if now >= self._next_due_us:
             self._send_due(node, now)
-        if self._parameter_cursor is not None:
-            self._send_parameters(self._parameter_cursor)
+        if self._parameters is not None:
+            self._send_parameters(self._parameters)
         if self.transfers:
             self._send_transfers()
 
@@ -147,7 +175,7 @@ class Port:
         self.shortest_us = min(stream[1] for stream in self._streams.values())  # HEARTBEAT is always there
         self._node.find_shortest()
 
-    def _send_due(self, node: Node, now: int) -> None:
+    def _send_due(self, node: Component, now: int) -> None:
         for message_id, stream in self._streams.items():
             due = stream[0]
             if now >= due:
@@ -170,9 +198,10 @@ class Port:
                     break
                 self.send(message)
 
-    def _send_parameters(self, start: int) -> None:
-        parameters = self._node.vehicle.parameters
-        end = min(start + PARAMETERS_PER_TICK, len(parameters))
-        for name in parameters.names[start:end]:
-            self.send(dispatch.parameter_value(parameters, name))
-        self._parameter_cursor = end if end < len(parameters) else None
+    def _send_parameters(self, values: Iterator[Message]) -> None:
+        for _ in range(PARAMETERS_PER_TICK):
+            message = next(values, None)
+            if message is None:
+                self._parameters = None
+                return
+            self.send(message)

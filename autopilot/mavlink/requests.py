@@ -2,14 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from autopilot.mavlink.port import Port
 from autopilot.mavlink.status_makers import standard_mode
 from autopilot.mavlink.streams import BY_ID, BY_NAME
-from dronecats.border.mavlink import MODES, dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.mavlink import MODES, dialect
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 BROADCAST = frozenset({dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES})
@@ -20,7 +17,7 @@ def _message_id(parameters: Sequence[float]) -> int:
     return round(parameters[0]) if abs(parameters[0]) < 1e8 else -1
 
 
-def set_message_interval(port: "Port", p: Sequence[float]) -> int:
+def set_message_interval(port: Port, p: Sequence[float]) -> int:
     """param1 the message, param2 the interval in µs (0 default, -1 off). Returns FAILED for an unknown message."""
     message_id = _message_id(p)
     if message_id not in BY_ID:
@@ -33,7 +30,7 @@ def set_message_interval(port: "Port", p: Sequence[float]) -> int:
     return int(ACCEPTED)
 
 
-def get_message_interval(port: "Port", p: Sequence[float]) -> int:
+def get_message_interval(port: Port, p: Sequence[float]) -> int:
     """Sends MESSAGE_INTERVAL: µs, -1 not streamed, 0 unknown message."""
     message_id = _message_id(p)
     interval = port.interval_us(message_id) if message_id in BY_ID else 0
@@ -41,7 +38,7 @@ def get_message_interval(port: "Port", p: Sequence[float]) -> int:
     return int(ACCEPTED)
 
 
-def request_message(port: "Port", p: Sequence[float]) -> int:
+def request_message(port: Port, p: Sequence[float]) -> int:
     """param1 the message. Returns DENIED for an unknown one."""
     message_id = _message_id(p)
     if message_id == dialect.MAVLINK_MSG_ID_AVAILABLE_MODES:
@@ -53,13 +50,13 @@ def request_message(port: "Port", p: Sequence[float]) -> int:
     return int(ACCEPTED)
 
 
-def send_one(port: "Port", name: str) -> int:
+def send_one(port: Port, name: str) -> int:
     """Send one message of the stream table."""
     port.send_telemetry(BY_NAME[name].message_id)
     return int(ACCEPTED)
 
 
-def _send_modes(port: "Port", index: float) -> None:
+def _send_modes(port: Port, index: float) -> None:
     """Send AVAILABLE_MODES: all for index 0, else the one with that index (from 1)."""
     wanted = round(index) if math.isfinite(index) and abs(index) < 1e6 else 0
     for i, mode in enumerate(LISTED_MODES, start=1):

@@ -3,7 +3,7 @@
 import math
 
 from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, int16, int32, whole
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 
 def gps_raw_int(v: Vehicle) -> Message | None:

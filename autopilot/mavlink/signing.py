@@ -8,14 +8,9 @@ with the vehicle's clock.
 import hashlib
 import hmac
 import struct
-from typing import TYPE_CHECKING
 
-from autopilot.mavlink.node import Node
 from autopilot.mavlink.vehicle import Message
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.mavlink.port import Port
+from foundation.mavlink import dialect
 
 KEY_BYTES = 32
 SIGNATURE_BYTES = 13  # link, 48-bit timestamp, 48-bit digest
@@ -86,9 +81,3 @@ class Signing:
 
     def _digest(self, data: bytes) -> bytes:
         return hashlib.sha256(self._key + data).digest()[:6]
-
-
-def setup(node: Node, port: "Port", message: Message) -> None:
-    """Take the key of SETUP_SIGNING for this port. It never goes further, and only who is addressed takes it."""
-    if message.target_system == node.system_id:
-        port.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)

@@ -9,7 +9,7 @@ from autopilot.mavlink import motion_makers as motion
 from autopilot.mavlink import sensor_makers as sensor
 from autopilot.mavlink import status_makers as status
 from autopilot.mavlink.vehicle import Maker
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 PROFILES = ("onboard", "gcs", "minimal")
 

@@ -10,7 +10,7 @@ from autopilot.commander import Commander
 from autopilot.parameters import Parameters
 from autopilot.vehicle_state import VehicleState
 from autopilot.vibration import Vibration
-from dronecats.border.airframe import Airframe
+from foundation.airframe import Airframe
 
 Message: TypeAlias = Any  # dialect.MAVLink_message: pymavlink's generated classes carry no types a checker can use
 

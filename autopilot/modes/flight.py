@@ -3,23 +3,14 @@
 import math
 from dataclasses import dataclass, field
 
+from autopilot.home import Home
 from autopilot.modes.setpoint import Setpoint
 from autopilot.parameters import Parameters
-from autopilot.plan.fence import Fence
+from autopilot.plan.checks import mission_failures
+from autopilot.plan.fence import Area, Fence, breach
 from autopilot.plan.plans import Plans
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import Vec3
-
-
-@dataclass(frozen=True, slots=True)
-class Home:
-    """Where the vehicle returns to."""
-
-    position_ned: Vec3  # m, local frame
-    yaw: float  # rad
-    lat_deg: float
-    lon_deg: float
-    alt_m: float  # m above mean sea level
+from foundation.frames import Vec3
 
 
 @dataclass(slots=True)
@@ -89,6 +80,20 @@ class Flight:
             return distance
         ground = self.home.position_ned[2] if self.home is not None else 0.0
         return ground - self.state.position_ned[2]
+
+    def fence_areas(self) -> tuple[Area, ...]:
+        """Return the areas of the geofence in force; none before the local frame's origin is known."""
+        if not self.plans.fence or not self.state.origin_set:
+            return ()
+        return self.fence.areas(self.plans.version, self.plans.fence, self.state)
+
+    def breach(self) -> str:
+        """Return which limit of the geofence the vehicle breaks where it is; empty when none."""
+        return breach(self.state.position_ned, self.home, self.parameters, self.fence_areas())
+
+    def mission_failures(self) -> list[str]:
+        """Return why the mission in force cannot be flown from here; empty when it can."""
+        return mission_failures(self.plans.mission, self.state, self.home, self.parameters, self.fence_areas())
 
     def cruise(self) -> float:
         """Return the horizontal speed (m/s) of automatic flight."""

@@ -5,7 +5,7 @@ import math
 from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.setpoint import Setpoint
 from autopilot.modes.travel import approach_speed
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 TARGET_TIMEOUT_US = 3_000_000  # a target that has been silent for longer is waited for on the spot
 COURSE_SPEED = 1.0  # m/s, a slower target keeps the course it had

@@ -5,7 +5,7 @@ import math
 from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.setpoint import NAN, Setpoint
 from autopilot.modes.travel import approach_speed
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 STOPPED_SPEED = 0.3  # m/s, below which the vehicle counts as stopped and its place is latched
 BRAKE_LIMIT_US = 6_000_000  # latch whatever happens after this

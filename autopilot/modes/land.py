@@ -4,7 +4,7 @@ import math
 
 from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.setpoint import NAN, Setpoint
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 STOPPED_SPEED = 0.5  # m/s
 

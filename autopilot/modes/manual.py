@@ -6,7 +6,7 @@ from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.setpoint import FREE, NAN, Setpoint
 from autopilot.modes.sticks import shaped, super_expo, throttle_thrust, within_circle
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
-from dronecats.border.frames import GRAVITY, Vec3, quat_from_euler
+from foundation.frames import GRAVITY, Vec3, quat_from_euler
 
 
 def climb(flight: Flight) -> float:

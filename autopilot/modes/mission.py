@@ -8,7 +8,7 @@ from autopilot.modes.setpoint import Setpoint
 from autopilot.modes.travel import approach_speed
 from autopilot.plan import checks
 from autopilot.plan.items import Item, local_place
-from dronecats.border.frames import Vec3, wrap_pi
+from foundation.frames import Vec3, wrap_pi
 
 CLIMBED_M = 0.5
 TURN_TO_COURSE_M = 3.0  # nearer than this the course to the waypoint means nothing

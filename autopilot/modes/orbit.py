@@ -5,7 +5,7 @@ import math
 from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.setpoint import Setpoint
 from autopilot.modes.sticks import shaped
-from dronecats.border.frames import Vec3, wrap_pi
+from foundation.frames import Vec3, wrap_pi
 
 CAPTURE_GAIN = 0.8  # 1/s, radial error to radial speed
 ACCELERATION = 2.0  # m/s², most that a circle may take: PX4's FlightTaskOrbit

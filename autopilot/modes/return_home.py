@@ -7,7 +7,7 @@ from autopilot.modes.land import Land
 from autopilot.modes.setpoint import IDLE, Setpoint
 from autopilot.modes.travel import approach_speed
 from autopilot.plan.items import local_place
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 ARRIVED_M = 1.0
 

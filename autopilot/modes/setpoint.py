@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from autopilot.records import KIND_IDLE, KIND_TRAJECTORY
-from dronecats.border.frames import Quat, Vec3
+from foundation.frames import Quat, Vec3
 
 NAN = math.nan
 FREE: Vec3 = (NAN, NAN, NAN)  # not controlled

@@ -4,7 +4,7 @@ import math
 
 from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.setpoint import Setpoint
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 ARRIVED_M = 0.3
 LEAST_CLIMB_M = 0.5

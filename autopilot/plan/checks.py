@@ -4,14 +4,14 @@ Results are MAV_MISSION_RESULT numbers.
 """
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
+from autopilot.home import Home
+from autopilot.parameters import Parameters
 from autopilot.plan import fence
 from autopilot.plan.items import FENCE, FRAME_MISSION, GLOBAL_FRAMES, MISSION, RALLY, Item, local_place
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.modes.flight import Flight
+from autopilot.vehicle_state import VehicleState
+from foundation.mavlink import dialect
 
 ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
 UNSUPPORTED, UNSUPPORTED_FRAME = int(dialect.MAV_MISSION_UNSUPPORTED), int(dialect.MAV_MISSION_UNSUPPORTED_FRAME)
@@ -70,21 +70,22 @@ def plan_refusal(kind: int, items: tuple[Item, ...]) -> int:
     return ACCEPTED if kind != FENCE or fence.well_formed(items) else INVALID_PARAM1
 
 
-def mission_failures(flight: "Flight") -> list[str]:
-    """Return why the loaded mission cannot be flown from here: MIS_DIST_1WP, the geofence; empty when it can."""
-    items, state = flight.plans.mission, flight.state
+def mission_failures(
+    items: Sequence[Item], state: VehicleState, home: Home | None, parameters: Parameters, areas: Sequence[fence.Area]
+) -> list[str]:
+    """Return why a mission cannot be flown from here: MIS_DIST_1WP, the geofence's `areas`; empty when it can."""
     if not items:
         return ["no valid mission"]
-    places = [(i, local_place(item, state, flight.home)) for i, item in enumerate(items) if item.command in PLACES]
+    places = [(i, local_place(item, state, home)) for i, item in enumerate(items) if item.command in PLACES]
     places = [(i, place) for i, place in places if math.isfinite(place[0])]
     if not places:
         return []
-    farthest = float(flight.parameters["MIS_DIST_1WP"])
-    start = flight.home.position_ned if flight.home is not None else state.position_ned
+    farthest = float(parameters["MIS_DIST_1WP"])
+    start = home.position_ned if home is not None else state.position_ned
     first = places[0][1]
     if 0.0 < farthest < math.hypot(first[0] - start[0], first[1] - start[1]):
         return ["first waypoint too far away"]
     for i, place in places:
-        if flight.parameters["GF_ACTION"] and fence.breach(flight, place):
+        if parameters["GF_ACTION"] and fence.breach(place, home, parameters, areas):
             return [f"waypoint {i} outside the geofence"]
     return []

@@ -4,15 +4,15 @@ As on PX4 a place must lie in at least one inclusion area, if there is any, and 
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from autopilot.home import Home
+from autopilot.parameters import Parameters
 from autopilot.plan.items import Item, horizontal
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.modes.flight import Flight
+from autopilot.vehicle_state import VehicleState
+from foundation.frames import Vec3
+from foundation.mavlink import dialect
 
 RETURN_POINT = int(dialect.MAV_CMD_NAV_FENCE_RETURN_POINT)
 POLYGON_IN = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION)
@@ -70,7 +70,7 @@ def well_formed(items: tuple[Item, ...]) -> bool:
     return True
 
 
-def areas(items: tuple[Item, ...], flight: "Flight") -> tuple[Area, ...]:
+def areas(items: tuple[Item, ...], state: VehicleState) -> tuple[Area, ...]:
     """Return the areas of a well-formed fence in the local frame."""
     found: list[Area] = []
     i = 0
@@ -79,7 +79,7 @@ def areas(items: tuple[Item, ...], flight: "Flight") -> tuple[Area, ...]:
         count = int(item.p[0]) if item.command in POLYGONS else 1
         if item.command != RETURN_POINT:
             # a place of (0, 0) is a real one here, though no vehicle is near it
-            points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, flight.state) for v in items[i : i + count])
+            points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, state) for v in items[i : i + count])
             radius = item.p[0] if item.command not in POLYGONS else 0.0
             found.append(Area(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))
         i += count
@@ -93,27 +93,24 @@ class Fence:
         self._of: tuple[int, float, float] | None = None
         self._areas: tuple[Area, ...] = ()
 
-    def areas(self, flight: "Flight") -> tuple[Area, ...]:
-        """Return the areas of the plan in force."""
-        key = (flight.plans.version, flight.state.origin_lat_deg, flight.state.origin_lon_deg)
+    def areas(self, version: int, items: tuple[Item, ...], state: VehicleState) -> tuple[Area, ...]:
+        """Return the areas of the plan in force, whose `version` tells it from others."""
+        key = (version, state.origin_lat_deg, state.origin_lon_deg)
         if key != self._of:
-            self._of, self._areas = key, areas(flight.plans.fence, flight)
+            self._of, self._areas = key, areas(items, state)
         return self._areas
 
 
-def breach(flight: "Flight", place_ned: Vec3) -> str:
+def breach(place_ned: Vec3, home: Home | None, p: Parameters, areas: Iterable[Area]) -> str:
     """Return which limit a local place breaks: 'height', 'distance' or 'area'; empty when none."""
-    home, p = flight.home, flight.parameters
     if home is not None:
         n, e, z = home.position_ned
         if 0.0 < p["GF_MAX_VER_DIST"] < z - place_ned[2]:
             return "height"
         if 0.0 < p["GF_MAX_HOR_DIST"] < math.hypot(place_ned[0] - n, place_ned[1] - e):
             return "distance"
-    if not flight.plans.fence or not flight.state.origin_set:
-        return ""
-    inclusions = [area for area in flight.fence.areas(flight) if area.inclusion]
-    exclusions = [area for area in flight.fence.areas(flight) if not area.inclusion]
+    inclusions = [area for area in areas if area.inclusion]
+    exclusions = [area for area in areas if not area.inclusion]
     if inclusions and not any(area.contains(place_ned[0], place_ned[1]) for area in inclusions):
         return "area"
     return "area" if any(area.contains(place_ned[0], place_ned[1]) for area in exclusions) else ""

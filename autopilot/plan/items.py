@@ -2,14 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from autopilot.home import Home
 from autopilot.vehicle_state import VehicleState
-from dronecats.border.frames import Vec3, geodetic_to_ned
-from dronecats.border.mavlink import dialect
-
-if TYPE_CHECKING:
-    from autopilot.modes.flight import Home
+from foundation.frames import Vec3, geodetic_to_ned
+from foundation.mavlink import dialect
 
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
 KINDS = (MISSION, FENCE, RALLY)
@@ -58,7 +55,7 @@ def horizontal(lat_deg: float, lon_deg: float, state: VehicleState) -> tuple[flo
     return (north, east)
 
 
-def local_place(item: Item, state: VehicleState, home: "Home | None") -> Vec3:
+def local_place(item: Item, state: VehicleState, home: Home | None) -> Vec3:
     """Return the item's place in the local frame (m, NED), nan for what it does not say or what has no reference."""
     if item.frame not in GLOBAL_FRAMES:
         return (math.nan, math.nan, math.nan)

@@ -12,7 +12,7 @@ from typing import Any
 
 from autopilot.plan.checks import ACCEPTED, plan_refusal, refusal
 from autopilot.plan.items import FENCE, KINDS, MISSION, RALLY, Item
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # items
 NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}

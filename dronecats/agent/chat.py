@@ -8,7 +8,7 @@ from typing import Any
 from dronecats.agent.endpoint import DEFAULT, Endpoint, Patience
 from dronecats.agent.model import Reply, Request
 from dronecats.agent.providers import PROVIDERS, Provider
-from dronecats.border.errors import ModelError, UsageError
+from foundation.errors import ModelError, UsageError
 
 
 class ChatModel:

@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.border.camera import CameraModel
-from dronecats.border.setpoints import Hold, Setpoint, Turn, Velocity
+from foundation.camera import CameraModel
+from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 
 STEP_S = 2.5  # s, a move is held this long
 STRIDE_MAX_M = 3.0  # m, so never faster than 1.2 m/s

@@ -13,8 +13,8 @@ from typing import TypeVar
 import httpx
 
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.border.errors import ModelError, UsageError
-from dronecats.border.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
+from foundation.errors import ModelError, UsageError
+from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
 
 GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses: an episode is no longer than that
 CONNECT_S = 10.0  # … of which to be connected, each time

@@ -3,7 +3,7 @@
 from collections import deque
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.border.camera import CameraModel
+from foundation.camera import CameraModel
 
 LENGTH = 5
 NONE_YET = "(none yet — this is the first step)"

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from dronecats.agent.latency import Asking
-from dronecats.border.errors import ModelError
+from foundation.errors import ModelError
 
 
 def outlast(

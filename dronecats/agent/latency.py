@@ -10,7 +10,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 
 from dronecats.agent.model import Model, Reply, Request
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 Charge = Callable[[float], float]  # measured wall seconds -> vehicle seconds
 SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed

@@ -16,9 +16,9 @@ from dronecats.agent.model import Model, Request
 from dronecats.agent.picture import encode
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.vehicle import Vehicle
-from dronecats.border.camera import Camera, CameraModel, Frame
-from dronecats.border.errors import CameraError, ModelError
-from dronecats.border.setpoints import Hold, Sight
+from foundation.camera import Camera, CameraModel, Frame
+from foundation.errors import CameraError, ModelError
+from foundation.setpoints import Hold, Sight
 
 CAP_S = 300.0  # s of vehicle time, the length of an episode
 

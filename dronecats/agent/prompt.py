@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from dronecats.agent.action import AxisOrder
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 FIELDS = ("instruction", "point_fmt", "history_len", "history", "drones", "situation", "answer", "closing")
 NEEDED = ("instruction", "history")

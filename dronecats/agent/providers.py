@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from dronecats.border.setpoints import Setpoint, Sight
+from foundation.setpoints import Setpoint, Sight
 
 
 class Vehicle(Protocol):

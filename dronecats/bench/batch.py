@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.files import json_object
 from dronecats.run.folder import differences, write_run
 from episodes import catalogue
 from episodes.record import EpisodeRecord
+from foundation.errors import UsageError
 
 UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
 SCORED = ("success", "failure")

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from dronecats.bench.batch import Batch
-from dronecats.border.errors import DronecatsError, InfrastructureError
 from dronecats.judge.episode import write_verdict
 from dronecats.run.supervisor import ChildProcess
+from foundation.errors import DronecatsError, InfrastructureError
 
 Result = dict[str, Any]  # what `fly --json` prints of an episode
 

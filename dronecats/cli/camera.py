@@ -34,7 +34,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Do what was asked for; status 0, 2 for what cannot be used, 3 for a camera that gives no frame."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     if not 0.1 <= args.seconds <= 3600.0:
         raise UsageError(f"--seconds wants a number from 0.1 to 3600, got {args.seconds:g}")
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     import cv2
 
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
     from hil.cameras.calibration import load
     from hil.cameras.measure import host_us, measure
     from hil.cameras.open import open_camera
@@ -109,7 +109,7 @@ def _table(found: dict[str, Any]) -> str:
 
 
 def _calibrate(args: argparse.Namespace) -> int:
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
     from hil.cameras.calibration import save
     from hil.cameras.chessboard import board_of, fit
     from hil.cameras.lens import Lens
@@ -141,7 +141,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
     """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
     from hil.cameras.chessboard import corners
     from hil.cameras.playback import pictures
     from hil.cameras.stream import decoded

@@ -25,8 +25,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Compare; status 0 when the paths agree over all of the seconds, 1 when they do not."""
-    from dronecats.border.errors import UsageError
     from dronecats.report.path_comparison import compare, figures, logs_of, same_replies
+    from foundation.errors import UsageError
 
     for name in ("within", "seconds"):
         value = getattr(args, name)

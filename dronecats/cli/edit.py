@@ -21,8 +21,8 @@ def run(args: argparse.Namespace) -> int:
     import threading
     import webbrowser
 
-    from dronecats.border.errors import UsageError
     from dronecats.cli import signals
+    from foundation.errors import UsageError
 
     signals.as_interrupts()
     if not 1 <= args.port <= 65535:

@@ -40,9 +40,9 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.bench.audit import flights, floor, groups, pars, row, text
     from dronecats.bench.batch import Batch
     from dronecats.bench.runner import Runner
-    from dronecats.border.errors import UsageError
     from dronecats.run.folder import fresh_run
     from episodes import blind
+    from foundation.errors import UsageError
 
     signals.as_interrupts()
     if args.jobs is not None and not 1 <= args.jobs <= 64:
@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _chosen(episodes: list[str], suite: str | None) -> list[str]:
     """Return the ids or files to fly. Raises UsageError for one that cannot be read."""
-    from dronecats.border.errors import UsageError
     from episodes import catalogue, suites
+    from foundation.errors import UsageError
 
     if episodes and suite:
         raise UsageError("choose one: the episodes by name, or --suite")

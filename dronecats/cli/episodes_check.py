@@ -27,9 +27,9 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Check the records and return 1 when any is rejected."""
-    from dronecats.border.errors import UsageError
     from episodes import catalogue, suites
     from episodes.check.many import check_all
+    from foundation.errors import UsageError
 
     if args.jobs < 0:
         raise UsageError("--jobs wants a number of processes, 1 or more.")

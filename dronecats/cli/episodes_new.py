@@ -25,8 +25,8 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the records and print their files."""
-    from dronecats.border.errors import UsageError
     from episodes.propose import official, proposals
+    from foundation.errors import UsageError
 
     if args.official:
         if args.map or args.cell:
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(file: Path, text: str, replace: bool) -> None:
     """Write a record. Raises UsageError for a file that holds another one, unless `replace`, or cannot be written."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     try:
         if not replace and file.exists() and file.read_bytes() != text.encode():

@@ -17,7 +17,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the pictures, their index and a contact sheet."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")

@@ -14,8 +14,8 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the sheet."""
-    from dronecats.border.errors import UsageError
     from dronecats.report.contact_sheet import contact_sheet
+    from foundation.errors import UsageError
 
     if args.out.suffix.lower() not in (".jpg", ".jpeg"):
         raise UsageError(f"--out {args.out}: a sheet is a JPEG; call it {args.out.with_suffix('.jpg')}")

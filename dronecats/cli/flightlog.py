@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _on_board(args: argparse.Namespace) -> int:
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
     from hil.flight_logs import log_store
 
     with log_store(args.connect) as store:
@@ -56,12 +56,12 @@ def _on_board(args: argparse.Namespace) -> int:
 
 def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl and judge the flight anew, unless its truth is known: then say how good the trace is."""
-    from dronecats.border.errors import UsageError
     from dronecats.judge.distances import sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.judge.files import episode_folder, read
     from dronecats.logger.estimate_trace import against_truth, derive
     from dronecats.logger.surveyed_target import target_from
+    from foundation.errors import UsageError
 
     if args.target_std is not None and not args.target:
         raise UsageError("--target-std goes with --target; add it or leave it out")

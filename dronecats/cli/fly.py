@@ -78,7 +78,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     signals.as_interrupts()
     if args.sitl == bool(args.connect):
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_eyes(args: argparse.Namespace) -> None:
     """Raise UsageError unless it is clear through what a connected vehicle looks, and what at."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     if bool(args.world) != bool(args.truth):
         raise UsageError("--world and --truth go together: the world is drawn where the truth says that the vehicle is")
@@ -136,7 +136,7 @@ def _check_eyes(args: argparse.Namespace) -> None:
 
 def _confirm(url: str) -> None:
     """Have it typed that the propellers may turn. Raises UsageError for anything else."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     print(f"--arm: the vehicle on {url} will arm and take off. Keep clear of it, a pilot at the sticks.")
     print(f"Type {ARM} to go on: ", end="", flush=True)

@@ -32,9 +32,9 @@ def run(args: argparse.Namespace) -> int:
     """Carry until interrupted, then print the counts; status 3 when one end breaks."""
     import time
 
-    from dronecats.border.errors import UsageError
-    from dronecats.border.redaction import redacted
     from dronecats.cli import signals
+    from foundation.errors import UsageError
+    from foundation.redaction import redacted
     from hil.impaired_wire import ImpairedWire
     from hil.transport import connect
 
@@ -82,7 +82,7 @@ def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _pair(name: str, text: str) -> tuple[float, float]:
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     option = name.removesuffix("_s").removesuffix("_bytes")
     try:
@@ -95,7 +95,7 @@ def _pair(name: str, text: str) -> tuple[float, float]:
 
 
 def _cut(text: str) -> tuple[float, float]:
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     try:
         start, end = (float(part) for part in text.split(":"))

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from dronecats import __version__
-from dronecats.border.errors import DronecatsError
 from dronecats.cli.output import Output
+from foundation.errors import DronecatsError
 
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",

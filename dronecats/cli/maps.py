@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         gltf.save(scene, args.out)
     except OSError as error:
-        from dronecats.border.errors import UsageError
+        from foundation.errors import UsageError
 
         raise UsageError(f"'{args.out}' cannot be written: {error.strerror}.") from None
     print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")

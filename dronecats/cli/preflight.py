@@ -32,7 +32,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print the table; return 0 when nothing fails, 1 when something does."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
     from hil import transport
     from hil.link import Link
     from hil.preflight.check import check, mend

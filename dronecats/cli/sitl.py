@@ -51,10 +51,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until interrupted."""
-    from dronecats.border.errors import UsageError
     from dronecats.run.plan import speed
     from episodes import catalogue
     from episodes.optics.file import load
+    from foundation.errors import UsageError
 
     factor = speed(args.speed)
     if factor is None:
@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_hitl(args: argparse.Namespace, factor: float) -> None:
     """Raise UsageError for what a board cannot do: it runs in real time, alone, and brings its own autopilot."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
     from hil.simulator_board import sensor_period_us
 
     if factor != 1.0:
@@ -157,7 +157,7 @@ def _check_hitl(args: argparse.Namespace, factor: float) -> None:
 
 def _wind(text: str) -> tuple[float, float]:
     """Return --wind as (north, east) in m/s. Raises UsageError."""
-    from dronecats.border.errors import UsageError
+    from foundation.errors import UsageError
 
     try:
         north, east = (float(part) for part in text.split(","))

@@ -6,9 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes.check import rules
 from episodes.check.finding import Finding
 from episodes.fleet import Fleet, hovering
@@ -18,6 +15,9 @@ from episodes.render.pose import camera_pose
 from episodes.scene import Moved, Scene
 from episodes.target import motion
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 PREVIEW = CameraModel(width=640, height=360)
 

@@ -11,14 +11,14 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
-from dronecats.border.terrain import FLAT, HeightField
 from episodes import geometry as g
 from episodes.gltf.axes import from_gltf, to_gltf
 from episodes.gltf.shapes import compact
 from episodes.gltf.writer import to_bytes
 from episodes.scene import Instance, Material, Mesh, Scene, Sun
 from episodes.visibility import turn
+from foundation.frames import Vec3
+from foundation.terrain import FLAT, HeightField
 
 Array = NDArray[np.float64]
 

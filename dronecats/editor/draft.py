@@ -7,8 +7,6 @@ the next one, so that undoing is going back to an older draft.
 import math
 from dataclasses import dataclass, replace
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from dronecats.editor import drape, suggest
 from dronecats.editor.drape import Knots
 from episodes import assets
@@ -30,6 +28,8 @@ from episodes.record import (
 from episodes.scene import Instance, Mesh, Scene
 from episodes.target import motion
 from episodes.visibility import turn
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 HEIGHT_M = 1.6  # of a new drone above the ground
 SPEED_MPS = 0.3  # of a target on a map that has no rule

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 OFF_M = 0.005  # how far a path may leave the ground between two of its waypoints
 STEP_M = 0.25  # between the places at which the ground is looked at

@@ -12,7 +12,6 @@ from typing import Any
 
 import viser
 
-from dronecats.border.errors import UsageError
 from dronecats.editor import display
 from dronecats.editor.assessment import Previews, findings
 from dronecats.editor.draft import Draft, Drafting
@@ -23,6 +22,7 @@ from dronecats.editor.stage import Stage
 from episodes import catalogue, maps
 from episodes.check.finding import Finding
 from episodes.record import EpisodeRecord
+from foundation.errors import UsageError
 
 HOST = "127.0.0.1"  # whoever can open the page can write files into the editor's folder: this machine only
 

@@ -4,10 +4,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
 from dronecats.editor.draft import Draft, Drafting
 from episodes import catalogue
 from episodes.record import EpisodeRecord, parse
+from foundation.errors import UsageError
 
 MOST_UNDONE = 200
 

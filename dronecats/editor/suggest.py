@@ -3,13 +3,13 @@
 import itertools
 import math
 
-from dronecats.border.errors import UsageError
 from dronecats.editor import drape
 from dronecats.editor.drape import Knots, Place
 from episodes import maps
 from episodes.check.nouns import nouns
 from episodes.record import HIDDEN, MOVING, EpisodeRecord
 from episodes.scene import Scene
+from foundation.errors import UsageError
 
 LANE_OFF_M = 0.25  # a proposed path may cut a lane's corners by so much, and has few points to drag for it
 

@@ -5,8 +5,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import InfrastructureError, UsageError
-from dronecats.border.json_file import write_json
 from dronecats.judge import contradictions
 from dronecats.judge.diagnostics import of_drones, of_fleet
 from dronecats.judge.distances import distances
@@ -15,6 +13,8 @@ from dronecats.judge.measured import declarations, finished, last_action, reason
 from dronecats.judge.measures import NOTHING_KNOWN, measures
 from dronecats.judge.stored import compare
 from dronecats.judge.verdict import CAP_S, DELTA_M, Measured, Verdict, judge
+from foundation.errors import InfrastructureError, UsageError
+from foundation.json_file import write_json
 
 NOTHING = Logs((), {}, (), None, None)
 

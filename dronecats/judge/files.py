@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.damage import Row as Row
 from dronecats.judge.damage import decision_fault, estimate_fault, truth_fault
+from foundation.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)

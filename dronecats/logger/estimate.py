@@ -6,8 +6,8 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.mavlink import Parser, dialect
 from dronecats.logger.recorder import POSE_S
+from foundation.mavlink import Parser, dialect
 from hil.telemetry import VehicleClock
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import Parser, dialect
 from dronecats.logger.smoothing import Estimates
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.mavlink import Parser, dialect
 from hil.telemetry import VehicleClock
 
 Array = NDArray[np.float64]

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3, geodetic_to_ned, ned_to_geodetic
 from dronecats.judge.files import Logs, json_object, lines, read
 from dronecats.logger.estimate_sources import FlightRecord, from_tlog, from_ulog
 from dronecats.logger.recorder import POSE_S
 from dronecats.logger.smoothing import SmoothedPath, smooth
 from dronecats.logger.surveyed_target import SurveyedTarget, target_of
+from foundation.errors import UsageError
+from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
 
 FILE = "estimate.jsonl"
 MARGIN_US = 5e6  # µs of the flight before and after the episode that help to smooth its ends

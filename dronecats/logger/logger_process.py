@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.camera import CameraModel
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.logger.world_measure import measured_in
 from dronecats.run.listening import Listener
 from dronecats.sitl.scenario import load_world, origin
+from foundation.camera import CameraModel
 
 
 class Logger:

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3
-from dronecats.border.truth import TruthSample
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
+from foundation.truth import TruthSample
 
 
 class Measured(Protocol):

@@ -7,11 +7,11 @@ from collections import deque
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_yaw
-from dronecats.border.mavlink import Parser, dialect
-from dronecats.border.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
 from dronecats.logger.measure import Measure, Measured
+from foundation.camera import CameraModel
+from foundation.frames import quat_yaw
+from foundation.mavlink import Parser, dialect
+from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
 
 POSE_S = 0.5  # s, 2 Hz
 KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz

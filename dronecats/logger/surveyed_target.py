@@ -4,8 +4,8 @@ import math
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3, geodetic_to_ned
+from foundation.errors import UsageError
+from foundation.frames import Vec3, geodetic_to_ned
 
 HANDHELD_STD_M = 3.0  # m, what a telephone or a handheld receiver does in the open; RTK does 0.02
 

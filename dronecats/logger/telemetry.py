@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from dronecats.border.mavlink import Packer, dialect
+from foundation.mavlink import Packer, dialect
 
 SYSTEM, COMPONENT = 246, 155  # MAV_COMP_ID_LOG
 WATCHED = {

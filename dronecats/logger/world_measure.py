@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.truth import TruthSample
 from dronecats.logger.measure import Measure, Measured
 from episodes.fleet import DronePose
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.truth import TruthSample
 
 
 def measured_in(world: World) -> Measure:

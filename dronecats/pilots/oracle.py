@@ -6,9 +6,9 @@ whoever has the truth calls it (the run, never the agent).
 
 import math
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
 from dronecats.pilots import reply as text
+from foundation.camera import CameraModel
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
 
 ARRIVED_M = 4.0  # 3-D distance, body origin to target centre, at which it declares; the verifier's radius is 5 m
 _CLOSE_ENOUGH_M = 4.5  # … and at which it does so when the shortest stride would bring it too close

@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable
 
 from dronecats.agent.model import Reply, Request
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import ModelError
-from dronecats.border.frames import quat_yaw
-from dronecats.border.truth import NewestTruth, Origin, TruthSample
 from dronecats.pilots import oracle
 from dronecats.pilots import reply as reply_text
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.errors import ModelError
+from foundation.frames import quat_yaw
+from foundation.truth import NewestTruth, Origin, TruthSample
 
 AHEAD_S = 0.5  # s, over which the target's velocity is taken
 

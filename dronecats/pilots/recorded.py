@@ -6,9 +6,9 @@ With it the same decisions fly on two autopilots, and `dronecats compare` tells 
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.files import lines
 from dronecats.pilots import reply
+from foundation.errors import UsageError
 
 
 def replies(path: Path) -> list[str]:

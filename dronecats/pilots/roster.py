@@ -4,8 +4,8 @@ import difflib
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
 from dronecats.pilots.patterns import PATTERNS
+from foundation.errors import UsageError
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
 RECORDED, BLIND = "recorded:", "blind:"

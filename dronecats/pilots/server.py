@@ -17,7 +17,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 Pilot = Callable[[str, list[bytes]], str]
 

@@ -11,9 +11,9 @@ import math
 import cv2
 import numpy as np
 
-from dronecats.border.errors import UsageError
 from dronecats.pilots import briefing, paint, ranging, referent, reply, sighting
 from dronecats.pilots.briefing import PastAction
+from foundation.errors import UsageError
 
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 

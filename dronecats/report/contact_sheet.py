@@ -9,10 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.terrain import FLAT
 from episodes import assets
 from episodes import geometry as g
 from episodes.assets import fixtures, scenery
@@ -20,6 +16,10 @@ from episodes.assets.multirotor import X500, multirotor
 from episodes.assets.textures import surface
 from episodes.render.renderer import Renderer
 from episodes.scene import Instance, Mesh, Scene, Sun
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
+from foundation.terrain import FLAT
 
 DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the edge of the asset's box, towards its middle
 WIDTHS_PX = (448, 320, 192, 128)  # of each distance's tile, cut from the middle of the picture

@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes.record import EpisodeRecord
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dronecats.agent.action import action_from
 from dronecats.agent.controller import Segment, plan
 from dronecats.agent.history import compact
-from dronecats.border.camera import CameraModel
-from dronecats.border.setpoints import Turn, Velocity
 from dronecats.judge.files import lines
+from foundation.camera import CameraModel
+from foundation.setpoints import Turn, Velocity
 
 INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR
 

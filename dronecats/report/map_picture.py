@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from dronecats.judge.files import lines
 from episodes.render.renderer import Renderer
 from episodes.world import World
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 Extent = tuple[float, float, float, float]  # north min, north max, east min, east max, m NED
 HFOV_DEG = 20.0  # a long lens from high above: little parallax, so roofs stay over their houses

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes import maps
 from episodes.render.renderer import Renderer
 from episodes.scene import Scene
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 UNNAMED = ("ground", "wood", "shrub", "bush", "bollard", "fence", "hedge")  # too many, or nothing to fly to
 SIDE_PX = 1800

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import cv2
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes import maps
 from episodes.render.renderer import Renderer
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 # map → north, east and height above the ground there in m, heading and pitch in degrees
 VANTAGE: dict[str, tuple[float, float, float, float, float]] = {

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes import catalogue
 from episodes.optics.camera import Motion, OpticalRenderer
 from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 SHOWN: dict[str, Optics] = {
     "all off": Optics(),

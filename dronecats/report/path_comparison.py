@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.files import Logs, Row, episode_folder, read
+from foundation.errors import UsageError
 
 Array = NDArray[np.float64]
 GRID_S = 0.1  # s between two instants at which the paths are compared

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
 from dronecats.report.path_comparison import Comparison
+from foundation.errors import UsageError
 
 
 def draw(comparisons: tuple[Comparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str) -> None:

@@ -15,10 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.agent import picture
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.terrain import FLAT
 from episodes import assets, catalogue
 from episodes import geometry as g
 from episodes.assets.exhibits import LETTER_M
@@ -26,6 +22,10 @@ from episodes.assets.textures import surface
 from episodes.assets.vehicles import DIGIT_M
 from episodes.render.renderer import Renderer
 from episodes.scene import Instance, Mesh, Scene, Sun
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
+from foundation.terrain import FLAT
 
 DISTANCES_M = (4, 6, 8, 10, 12, 14, 16)  # from the camera to the inscription's plane
 LEAST_EYE_M = 1.2  # above the ground: no lower than an episode's camera starts

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from dronecats.border.errors import LinkError
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import dialect
+from foundation.errors import LinkError
+from foundation.frames import Vec3
+from foundation.mavlink import dialect
 from hil.arrival import Arrival
 from hil.envelope import broken_off
 from hil.link import Link

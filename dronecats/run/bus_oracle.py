@@ -1,10 +1,10 @@
 """The oracle of a flight whose simulator is another process. It needs what simulating needs."""
 
-from dronecats.border.camera import CameraModel
 from dronecats.pilots.oracle_model import OracleModel
 from dronecats.run.listening import Listener
 from dronecats.sitl.scenario import origin
 from episodes.world import World
+from foundation.camera import CameraModel
 
 
 class BusOracle(OracleModel):

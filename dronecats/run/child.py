@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from dronecats.border.errors import DronecatsError
+from foundation.errors import DronecatsError
 
 KINDS = {
     "simulator": "dronecats.sitl.simulator_process",

@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 from dronecats.agent.action import action_from
 from dronecats.agent.decisions import Decision
 from dronecats.agent.history import compact
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import DronecatsError, InfrastructureError, UsageError
 from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.judge.files import lines
 from dronecats.run import folder as folders
 from dronecats.run.episode import Flown
 from dronecats.run.landing import unexpected
+from foundation.camera import CameraModel
+from foundation.errors import DronecatsError, InfrastructureError, UsageError
 
 Say = Callable[[str], None]
 DECLARED = CameraModel()

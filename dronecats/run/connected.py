@@ -4,7 +4,6 @@ import argparse
 from typing import Any
 
 from dronecats.agent.loop import Pilot
-from dronecats.border.errors import CameraError, UsageError
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run import folder as folders
 from dronecats.run.ascent import Start
@@ -12,6 +11,7 @@ from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.connected_stage import ConnectedStage
 from dronecats.run.episode import fly
 from dronecats.run.terms import FRAMES_S, SILENCE_S, terms
+from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
 from hil.cameras.calibration import Calibration
 from hil.cameras.calibration import load as load_calibration

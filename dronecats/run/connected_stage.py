@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.border.mavlink import dialect
 from dronecats.run.asked_model import asked, served
 from dronecats.run.supervisor import Supervisor
+from foundation.mavlink import dialect
 from hil.cameras.patient import PatientCamera
 from hil.link import Link
 from hil.transport import connect

@@ -4,8 +4,6 @@ import argparse
 from typing import Any
 
 from dronecats.agent.loop import Pilot
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run import folder as folders
 from dronecats.run.ascent import Start, start_of
@@ -19,6 +17,8 @@ from dronecats.run.world_stage import WorldStage
 from dronecats.sitl.truth_bridge import TruthSource
 from episodes import catalogue, maps
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
 from hil.link import Link
 from hil.reopening import Reopening
 from hil.transport import connect

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.loop import CAP_S, Agent, Pilot
-from dronecats.border.errors import DronecatsError
-from dronecats.border.setpoints import Hold
 from dronecats.judge.episode import succeeded
 from dronecats.judge.files import read
 from dronecats.run.ascent import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.run.stage import Stage
+from foundation.errors import DronecatsError
+from foundation.setpoints import Hold
 from hil.envelope import unwatched
 from hil.link import Link, TakeoverError
 

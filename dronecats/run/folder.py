@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
-from dronecats.border.errors import UsageError
-from dronecats.border.json_file import write_json as write_json
 from dronecats.judge.files import json_object
+from foundation.errors import UsageError
+from foundation.json_file import write_json as write_json
 
 OURS = ("dronecats", "autopilot", "vehicles", "episodes", "hil")
 SIMULATION = ("numba", "embreex", "matplotlib")

@@ -2,9 +2,9 @@
 
 import math
 
-from dronecats.border.errors import UsageError
 from episodes import maps
 from episodes.record import VERSION, EpisodeRecord, Start, TargetRecord
+from foundation.errors import UsageError
 
 HEIGHT_M = 2.5  # of the start over the map's spawn: PX4's MIS_TAKEOFF_ALT
 

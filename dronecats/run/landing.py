@@ -7,8 +7,8 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from dronecats.border.errors import DronecatsError, InfrastructureError
 from dronecats.run.stage import Stage
+from foundation.errors import DronecatsError, InfrastructureError
 from hil.link import Link
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from dronecats.border.mavlink import Packer, dialect
+from foundation.mavlink import Packer, dialect
 from hil.transport import connect
 
 HELLO = dialect.MAVLink_heartbeat_message(

@@ -8,8 +8,6 @@ from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import InlineExecutor
 from dronecats.agent.model import Model
 from dronecats.agent.providers import PROVIDERS, split
-from dronecats.border.camera import CameraModel
-from dronecats.border.mavlink import dialect
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.logger.world_measure import measured_in
@@ -24,6 +22,8 @@ from dronecats.sitl.px4_simulator import Px4Simulator
 from dronecats.sitl.scenario import build, origin
 from dronecats.sitl.vehicle_port import VehiclePort
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.mavlink import dialect
 from hil.link import Link
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 from dronecats.agent.latency import Latency, latency
 from dronecats.agent.model import Request
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
 from dronecats.pilots import roster
 from episodes import catalogue
 from episodes.optics.file import load as load_optics
 from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
 from hil.envelope import SIMULATED, Limits
 from hil.envelope_file import load as load_envelope
 from vehicles import airframe as airframes

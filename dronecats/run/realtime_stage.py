@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.border.camera import CameraModel
 from dronecats.run.asked_model import asked, served
 from dronecats.run.bus_oracle import BusOracle
 from dronecats.run.plan import Plan
 from dronecats.run.supervisor import Supervisor
 from dronecats.sitl.scenario import load_world
+from foundation.camera import CameraModel
 from hil.cameras.snapshot import HttpCamera
 from hil.link import Link
 from hil.transport import UdpTransport, connect

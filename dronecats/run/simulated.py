@@ -11,8 +11,6 @@ from dronecats.agent.chat import ChatModel
 from dronecats.agent.loop import Pilot
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import split
-from dronecats.border.errors import DronecatsError, InfrastructureError
-from dronecats.border.redaction import redacted_url
 from dronecats.run import folder as folders
 from dronecats.run.ascent import start_of
 from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
@@ -20,6 +18,8 @@ from dronecats.run.episode import Flown, fly
 from dronecats.run.plan import SAMPLING, Plan, resolve
 from dronecats.run.stage import Stage
 from episodes import maps
+from foundation.errors import DronecatsError, InfrastructureError
+from foundation.redaction import redacted_url
 from vehicles import airframe as airframes
 
 

@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from typing import Protocol
 
 from dronecats.agent.model import Model
-from dronecats.border.camera import Camera, CameraModel
+from foundation.camera import Camera, CameraModel
 from hil.link import Link
 
 

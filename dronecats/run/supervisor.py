@@ -14,8 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import InfrastructureError, UsageError
 from dronecats.run.heartbeat import Heartbeat
+from foundation.errors import InfrastructureError, UsageError
 
 READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
 # To a command, and to the question for a sign of life, which every part answers between two turns of some milliseconds.

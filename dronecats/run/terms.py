@@ -10,11 +10,11 @@ from dronecats.agent.latency import Latency
 from dronecats.agent.loop import CAP_S
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import split
-from dronecats.border.errors import UsageError
-from dronecats.border.redaction import redacted_url
 from dronecats.pilots import roster
 from dronecats.run.episode import Authority
 from dronecats.run.plan import SAMPLING, latency_for
+from foundation.errors import UsageError
+from foundation.redaction import redacted_url
 from hil.envelope import Limits
 from hil.envelope_file import load as load_envelope
 

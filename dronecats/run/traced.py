@@ -4,10 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.distances import sentence
 from dronecats.judge.episode import write_verdict
 from dronecats.logger.surveyed_target import SurveyedTarget
+from foundation.errors import UsageError
 
 
 def traced(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dronecats.agent.latency import DaemonExecutor
-from dronecats.border.camera import CameraModel
 from dronecats.run.asked_model import asked, served
 from dronecats.run.bus_oracle import BusOracle
 from dronecats.run.realtime_stage import Copy, Patience
 from dronecats.run.supervisor import Supervisor
 from dronecats.run.terms import FRAMES_S, Terms
 from episodes.world import World
+from foundation.camera import CameraModel
 from hil.cameras.patient import PatientCamera
 from hil.cameras.snapshot import HttpCamera
 from hil.link import Link

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from dronecats.border.mavlink import Packer
-from dronecats.border.truth import TRUTH_COMPONENT
 from dronecats.sitl.board_vehicle import BoardVehicle
 from dronecats.sitl.pace import PaceReport
 from dronecats.sitl.scenario import built_of, load_world
 from dronecats.sitl.simulation import Simulation
 from dronecats.sitl.simulator_process import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, truth_port
 from dronecats.sitl.sockets import UdpPort
+from foundation.mavlink import Packer
+from foundation.truth import TRUTH_COMPONENT
 from hil.simulator_board import BoardLine, sensor_period_us
 from hil.transport import connect
 from vehicles.wind import Wind

@@ -7,11 +7,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.errors import CameraError
-from dronecats.border.frames import Vec3, quat_conjugate, quat_multiply
-from dronecats.border.mavlink import Packer, dialect
-from dronecats.border.truth import FrameTaken, NewestTruth, TruthSample, frame_message
 from dronecats.sitl.scenario import origin
 from episodes.fleet import DronePose
 from episodes.optics.camera import Motion, OpticalRenderer
@@ -19,6 +14,11 @@ from episodes.optics.options import Optics
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
+from foundation.camera import CameraModel, Frame
+from foundation.errors import CameraError
+from foundation.frames import Vec3, quat_conjugate, quat_multiply
+from foundation.mavlink import Packer, dialect
+from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
 STALE_S = 0.5  # samples farther apart say nothing about rates

@@ -7,12 +7,12 @@ from urllib.parse import parse_qs, urlsplit
 
 import cv2
 
-from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.errors import DronecatsError
 from dronecats.run.listening import Listener
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.scenario import load_world
 from episodes.optics.file import optics_of
+from foundation.camera import CameraModel, Frame
+from foundation.errors import DronecatsError
 from hil.transport import bind_error
 
 ENCODINGS = {

@@ -3,8 +3,8 @@
 import itertools
 from collections.abc import Callable, Sequence
 
-from dronecats.border.frames import Vec3, wrap_pi
-from dronecats.border.mavlink import dialect
+from foundation.frames import Vec3, wrap_pi
+from foundation.mavlink import dialect
 from vehicles.collision import BOX
 from vehicles.encounter import DRONE, meet
 from vehicles.multirotor import Multirotor

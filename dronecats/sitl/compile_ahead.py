@@ -1,7 +1,7 @@
 """The first run of an installation compiles the plant in a second process while the first compiles the autopilot.
 
 numba compiles one function at a time in a process, and plant and inner loop take about as long as one another. Both
-processes leave their work in the cache of `dronecats.border.compiled`, where `dronecats.sitl.fused` finds it.
+processes leave their work in the cache of `foundation.compiled`, where `dronecats.sitl.fused` finds it.
 """
 
 import os
@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 
-from dronecats.border.compiled import ROOT, cache_folder
+from foundation.compiled import ROOT, cache_folder
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 

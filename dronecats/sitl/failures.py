@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from vehicles.faults import Fault, script
 from vehicles.multirotor import Multirotor
 from vehicles.records import FAULTS, MAX_FAULTS

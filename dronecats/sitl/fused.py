@@ -15,9 +15,9 @@ from autopilot.control.records import CONTROL_PARAMS, CONTROL_STATE
 from autopilot.estimator_records import ESTIMATOR_PARAMS, ESTIMATOR_STATE
 from autopilot.flight_core import update
 from autopilot.records import ESTIMATE, SETPOINT
-from dronecats.border.compiled import njit
-from dronecats.border.sensors import ACTUATORS, SENSORS, TRUTH
 from dronecats.sitl import compile_ahead
+from foundation.compiled import njit
+from foundation.sensors import ACTUATORS, SENSORS, TRUTH
 from vehicles.collision_records import NEAR, SOLIDS
 from vehicles.multirotor import step
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE

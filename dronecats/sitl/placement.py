@@ -6,9 +6,9 @@ Only what is drawn and measured is moved. The vehicle flies where it is, over th
 import math
 from dataclasses import dataclass
 
-from dronecats.border.frames import Vec3, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
-from dronecats.border.mavlink import dialect
-from dronecats.border.truth import Origin, TruthSample, truth_sample
+from foundation.frames import Vec3, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
+from foundation.mavlink import dialect
+from foundation.truth import Origin, TruthSample, truth_sample
 
 
 @dataclass(frozen=True, slots=True)

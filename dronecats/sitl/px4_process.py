@@ -7,8 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from dronecats.border.compiled import ROOT
-from dronecats.border.errors import UsageError
+from foundation.compiled import ROOT
+from foundation.errors import UsageError
 
 MODEL = "none_iris"  # PX4's airframe for a simulator that is somebody else's; rotors in the order of our quadrotors
 CLOSE_S = 5.0

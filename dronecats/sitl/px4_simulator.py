@@ -8,7 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from dronecats.border.errors import InfrastructureError, UsageError
 from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.px4_process import INSTANCE, Px4Process
 from dronecats.sitl.px4_vehicle import Px4Vehicle
@@ -16,6 +15,7 @@ from dronecats.sitl.scenario import built_of, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.simulator_process import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from episodes.world import World
+from foundation.errors import InfrastructureError, UsageError
 from hil.simulator_server import PORT
 from vehicles import airframe as airframes
 from vehicles import fault_script

@@ -8,9 +8,9 @@ the sensors flow, and the rotors stand. The same when one that was in step answe
 import time
 from typing import Any
 
-from dronecats.border.mavlink import Packer, dialect
-from dronecats.border.truth import TRUTH_COMPONENT
 from dronecats.sitl.vehicle import STEP_US, TICK_US, Vehicle
+from foundation.mavlink import Packer, dialect
+from foundation.truth import TRUTH_COMPONENT
 from hil.simulator_interface import Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
 from hil.simulator_server import SimulatorServer
 from vehicles.sensors import Suite

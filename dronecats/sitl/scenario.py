@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.border.truth import Origin
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
 from episodes import catalogue
@@ -15,6 +14,7 @@ from episodes.assets.multirotor import outline
 from episodes.obstacles import obstacles
 from episodes.record import EpisodeRecord
 from episodes.world import World
+from foundation.truth import Origin
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind

@@ -6,16 +6,16 @@ from typing import Generic, TypeVar
 
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore
-from dronecats.border.airframe import Airframe
-from dronecats.border.obstacles import OPEN, Obstacles
-from dronecats.border.terrain import FLAT, HeightField
-from dronecats.border.truth import Origin
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import Encounters, Traffic
 from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
 from dronecats.sitl.vehicle import STEP_US, TICK_US, Place, Vehicle
 from dronecats.sitl.vehicle_port import VehiclePort
+from foundation.airframe import Airframe
+from foundation.obstacles import OPEN, Obstacles
+from foundation.terrain import FLAT, HeightField
+from foundation.truth import Origin
 from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind
 

@@ -6,14 +6,14 @@ Camera, logger and oracle listen on that bus as they do on our simulator's.
 import time
 from typing import Any
 
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import Packer, Parser, dialect
-from dronecats.border.truth import TRUTH_COMPONENT, truth_message
 from dronecats.run.listening import Listener
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.placement import Placement, TruthClock, own_yaw, speed, standing
 from dronecats.sitl.scenario import ground_places, load_world, origin
 from dronecats.sitl.sockets import UdpPort
+from foundation.errors import UsageError
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.truth import TRUTH_COMPONENT, truth_message
 
 HEARD_S = 10.0  # wall seconds in which a truth stream has to speak
 STILL_MPS = 0.2  # m/s, below which a vehicle stands

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dronecats.border.airframe import Airframe
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3
-from dronecats.border.mavlink import Packer
-from dronecats.border.obstacles import OPEN, Obstacles
-from dronecats.border.terrain import FLAT, HeightField
-from dronecats.border.truth import TRUTH_COMPONENT, Origin, truth_message
 from dronecats.sitl.collisions import CollisionReport
+from foundation.airframe import Airframe
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
+from foundation.mavlink import Packer
+from foundation.obstacles import OPEN, Obstacles
+from foundation.terrain import FLAT, HeightField
+from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite

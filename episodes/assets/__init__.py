@@ -4,10 +4,10 @@ import difflib
 from collections.abc import Callable
 from functools import lru_cache, partial
 
-from dronecats.border.errors import UsageError
 from episodes.assets import bus, exhibits, fixtures, people, two_wheelers, vehicles
 from episodes.assets import paint as _paint
 from episodes.scene import Mesh
+from foundation.errors import UsageError
 
 PAINTS = tuple(_paint.PAINTS)
 

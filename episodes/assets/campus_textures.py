@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
 from episodes.assets.textures import noise
 from episodes.scene import Material
+from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

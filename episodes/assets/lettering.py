@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 CAP_PX = 40  # height of a capital in every picture made here
 CAP_SHARE = 0.625  # of a plate's height

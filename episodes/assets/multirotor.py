@@ -9,13 +9,13 @@ from functools import cache
 
 import numpy as np
 
-from dronecats.border.airframe import Airframe
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3
 from episodes import geometry as g
 from episodes.assets import paint as colors
 from episodes.geometry import Part
 from episodes.scene import Mesh
+from foundation.airframe import Airframe
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
 
 # what the default airframe is like: pale shell and front blades, so that it shows before hedges and which way it looks
 SHELL = colors.plain("drone-shell", (214, 217, 220), 0.35)

@@ -2,9 +2,9 @@
 
 from functools import cache
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from episodes.scene import Material
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 # sRGB as a colour picker shows them: far enough apart to be named without doubt.
 PAINTS: dict[str, tuple[int, int, int]] = {

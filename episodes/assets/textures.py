@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
 from episodes.scene import Material
+from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 

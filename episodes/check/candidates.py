@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3, rotate, rotate_inverse
 from episodes.assets import exhibits, vehicles
 from episodes.check.finding import Finding, at_least, between
 from episodes.check.footing import LIFT_M
@@ -30,6 +29,7 @@ from episodes.record import TargetRecord
 from episodes.scene import Instance
 from episodes.visibility import Hides, Solids, Together, turn
 from episodes.world import World, solids
+from foundation.frames import Vec3, rotate, rotate_inverse
 
 LETTER_M = {"sign": exhibits.LETTER_M}  # height of an inscription's letters, by asset …
 PLATE_LETTER_M = vehicles.DIGIT_M  # … and of every other

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3
 from episodes.scene import Mesh
 from episodes.visibility import turn
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 STEP_DEG = 0.1

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.border.frames import Vec3
 from episodes.check.limits import RADIUS_M
 from episodes.check.pixels import patch
 from episodes.check.sight import CAMERA, bearing_deg, level
@@ -14,6 +13,7 @@ from episodes.record import Start
 from episodes.scene import Instance, Material
 from episodes.visibility import Solids, Together
 from episodes.world import World, solids
+from foundation.frames import Vec3
 
 SPEED_MPS = 1.2  # of the longest strides; replies cost a little more
 HEADING_STEP_DEG = 2

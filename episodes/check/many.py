@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from dronecats.border.errors import UsageError
 from episodes import catalogue
 from episodes.check.finding import Finding
 from episodes.check.layout import Layout, layout
 from episodes.check.rules import check
 from episodes.processes import share_out
 from episodes.world import World
+from foundation.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Quat, Vec3, rotate
 from episodes.scene import Instance
 from episodes.visibility import NEAR_M, Hides, turn
+from foundation.camera import CameraModel
+from foundation.frames import Quat, Vec3, rotate
 
 Array = NDArray[np.float64]
 

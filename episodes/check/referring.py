@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 Point = tuple[float, float]  # m, north and east
 COMPACT_M = 4.0  # half the width of the largest landmark that has a left, a right, a front and a back for a passer-by

@@ -8,14 +8,14 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3, quat_from_euler, rotate
 from episodes import maps
 from episodes.check.nouns import nouns
 from episodes.check.referring import Footprint
 from episodes.maps.places import Places
 from episodes.scene import Instance
 from episodes.visibility import turn
+from foundation.camera import CameraModel
+from foundation.frames import Vec3, quat_from_euler, rotate
 
 CAMERA = CameraModel(320, 180)
 SEEN_SHARE = 0.0015  # of the picture: a landmark that is spoken of must be as large as that

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Quat, Vec3, quat_from_euler
 from episodes.check.finding import Finding, at_least, between
 from episodes.check.limits import BODY_M, OF_OTHER_MAPS, RADIUS_M, RULES
 from episodes.check.pixels import Patch, patch
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import Quat, Vec3, quat_from_euler
 
 CAMERA = CameraModel()
 STEP_M = 0.5

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
 from episodes.scene import Instance
 from episodes.visibility import distance_to_mesh, turn
+from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 

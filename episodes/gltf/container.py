@@ -8,7 +8,7 @@ import struct
 from pathlib import Path
 from typing import Any, NoReturn
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 MAX_BYTES = 256 * 2**20  # of a whole file
 MAX_JSON_BYTES = 32 * 2**20

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from dronecats.border.errors import UsageError
 from episodes.gltf import container
+from foundation.errors import UsageError
 
 LIMITS = {
     "scenes": 1_000,

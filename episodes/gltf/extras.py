@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.border.frames import Vec3
-from dronecats.border.terrain import HeightField
 from episodes.gltf.document import Document
 from episodes.scene import Instance, Scene, Sun
+from foundation.frames import Vec3
+from foundation.terrain import HeightField
 
 GROUND = "ground"  # the kind of what is walked on: it carries the vehicle through the height field, not by collision
 MAX_ID = 2**31 - 1

@@ -13,7 +13,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
-from dronecats.border.terrain import HeightField
+from foundation.terrain import HeightField
 
 FINEST_M = 0.25  # cell of a small map
 MOST_CELLS = 512  # per side, so a map of a kilometre is sampled every two metres

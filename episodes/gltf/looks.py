@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
 from episodes.gltf.document import Document
 from episodes.gltf.images import Images, source_of
 from episodes.scene import Material
+from foundation.frames import Vec3
 
 EXTRA = "dronecats_look"  # [red, green, blue, emission, specular] of ours
 

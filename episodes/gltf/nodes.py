@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
 from episodes.gltf.axes import from_gltf, linear_from_gltf
 from episodes.gltf.document import Document
 from episodes.scene import Mesh
 from episodes.visibility import turn
+from foundation.frames import Vec3
 
 MAX_DEPTH = 200
 MAX_PLACE_M = 20_000.0

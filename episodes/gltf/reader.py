@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
-from dronecats.border.terrain import HeightField
 from episodes.gltf import extras, ground, looks, nodes, shapes
 from episodes.gltf.document import Document
 from episodes.gltf.images import Images
 from episodes.scene import Instance, Mesh, Scene, Sun
 from episodes.visibility import turn
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.terrain import HeightField
 
 ORIGIN = (47.397742, 8.545594, 488.0)  # of a map that names none: PX4's usual home
 SUN = Sun((-0.5065, 0.3957, -0.7660))  # of a map that names none: late morning, northern summer

@@ -5,10 +5,10 @@ import hashlib
 from collections.abc import Callable
 from functools import lru_cache
 
-from dronecats.border.errors import UsageError
 from episodes.maps import blocks, campus, residential, residential_places, user
 from episodes.maps.places import Places
 from episodes.scene import Scene
+from foundation.errors import UsageError
 
 _MAPS: dict[str, Callable[[int], Scene]] = {
     "blocks": blocks.build,

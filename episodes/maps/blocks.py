@@ -11,14 +11,14 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from dronecats.border.frames import Vec3
-from dronecats.border.terrain import HeightField
 from episodes import geometry as g
 from episodes.assets.paint import plain
 from episodes.geometry import Part
 from episodes.maps.daylight import sun_at
 from episodes.maps.places import Lane, Places, Spot
 from episodes.scene import Instance, Material, Mesh, Scene
+from foundation.frames import Vec3
+from foundation.terrain import HeightField
 
 ORIGIN = (46.518500, 6.566900, 394.0)  # geodetic latitude, longitude (degrees) and height (m) of the middle
 JULY, HOUR = 196, 14.2  # day of the year and true solar hour

@@ -12,12 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.terrain import HeightField
 from episodes.assets import buildings, campus_monuments, fixtures, people, plants
 from episodes.maps import campus_ground, campus_plan
 from episodes.maps.daylight import sun_at
 from episodes.maps.places import Landmark, Lane, Places, Spot
 from episodes.scene import Instance, Mesh, Scene
+from foundation.terrain import HeightField
 
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
 MAY, HOUR = 135, 10.4  # day of the year and true solar hour

@@ -10,12 +10,12 @@ from functools import cache
 
 import numpy as np
 
-from dronecats.border.terrain import HeightField
 from episodes import geometry as g
 from episodes.assets import campus_textures
 from episodes.assets.textures import surface
 from episodes.geometry import Array
 from episodes.scene import Material, Mesh
+from foundation.terrain import HeightField
 
 REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps the height of its edge
 CELL = 0.5  # m, of the height field

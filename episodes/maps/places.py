@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

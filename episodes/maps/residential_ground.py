@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.terrain import HeightField
 from episodes import geometry as g
 from episodes.assets.paint import TRIM, WHITE_WOOD
 from episodes.assets.textures import surface
@@ -29,6 +28,7 @@ from episodes.maps.residential_plan import (
     height,
 )
 from episodes.scene import Material, Mesh
+from foundation.terrain import HeightField
 
 STEP_M = 5.0  # of the lattice where nothing else sets it
 FAR_M = 420.0

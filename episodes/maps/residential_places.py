@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.border.frames import Vec3
 from episodes.geometry import Array
 from episodes.maps import residential_plan as plan
 from episodes.maps.places import Lane, Places, Spot
 from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Street
 from episodes.maps.residential_things import KERB, Thing, bays, heading, things
+from foundation.frames import Vec3
 
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
 GAP = 0.4  # m between what is put on a spot and what stands beside it

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.border.terrain import HeightField
 from episodes.assets import houses, plants, street, vehicles
 from episodes.maps.residential_plan import (
     CORNER,
@@ -22,6 +21,7 @@ from episodes.maps.residential_plan import (
     Street,
 )
 from episodes.scene import Mesh
+from foundation.terrain import HeightField
 
 KERB = 2.8  # m from the centre line to the middle of what is parked along the kerb
 ON_DRIVE = 10.5  # m from the centre line to the middle of what is parked on a drive

@@ -6,8 +6,8 @@ import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
 from episodes.scene import Scene
+from foundation.errors import UsageError
 
 FOLDER = "DRONECATS_MAPS"  # environment variable: where the maps are
 _NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import Quat, Vec3, quat_integrate
 from episodes.optics import rain, weather
 from episodes.optics.lens import BentLens
 from episodes.optics.light import Codes, Light
@@ -17,6 +15,8 @@ from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.render.sky import WHITE, daylight
 from episodes.scene import Moved, Scene, Sun
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Quat, Vec3, quat_integrate
 
 
 @dataclass(frozen=True, slots=True)

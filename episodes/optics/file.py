@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 SECTIONS: dict[str, type] = {
     "lens": Lens,

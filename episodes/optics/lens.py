@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
 from episodes.optics.light import Light
 from episodes.optics.options import Lens
+from foundation.camera import CameraModel
 
 WIDEST = 2.0  # times the camera's width and height may be drawn to feed the lens
 ROUNDS = 15  # of the inversion; a lens that needs more folds the picture

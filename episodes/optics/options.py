@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 
 def _within(low: float, high: float, default: float | None = 0.0) -> Any:

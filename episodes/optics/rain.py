@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import Vec3
 from episodes.optics.light import Light
 from episodes.render.pose import eye_of
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Vec3
 
 NEAR_M, FAR_M = 0.4, 7.0  # along the optical axis; farther drops are the veil of `weather.veil`
 SMALLEST_MM = 0.8  # smaller drops are seen by nobody

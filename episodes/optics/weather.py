@@ -6,13 +6,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import Vec3
 from episodes.maps.daylight import sun_at
 from episodes.optics.light import Light
 from episodes.optics.options import Haze, SunPlace
 from episodes.render.pose import depth_per_metre, eye_of
 from episodes.scene import Sun
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Vec3
 
 LOWEST_DEG = 3.0  # of the sun: below it shadows reach across the whole map
 REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB (Rayleigh, as 1/λ⁴ goes)

@@ -5,7 +5,6 @@ import math
 import random
 from collections.abc import Generator, Iterator
 
-from dronecats.border.frames import Vec3
 from episodes import assets
 from episodes.check.candidates import LETTER_M, PLATE_LETTER_M
 from episodes.check.framing import across_all, box_corners
@@ -28,6 +27,7 @@ from episodes.propose.site import Site, Thing, start
 from episodes.propose.spread import Share
 from episodes.record import TargetRecord
 from episodes.scene import Instance
+from foundation.frames import Vec3
 
 CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # their plates are 0.10 m and in sight from before and behind
 SPARE_M = 0.3  # kept off every limit

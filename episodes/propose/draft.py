@@ -3,9 +3,9 @@
 import random
 from dataclasses import dataclass
 
-from dronecats.border.frames import Vec3
 from episodes.check.framing import Framing, across, away
 from episodes.record import HIDDEN, MAX_SEED, Start, TargetRecord
+from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from dronecats.border.frames import Vec3
-from dronecats.border.terrain import HeightField
+from foundation.frames import Vec3
+from foundation.terrain import HeightField
 
 LEG_M = 4.0  # longest leg
 SHORTEST_M = 0.2

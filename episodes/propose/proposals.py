@@ -5,8 +5,6 @@ import random
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from episodes import catalogue, maps
 from episodes.check import spread
 from episodes.check.layout import Layout, layout
@@ -19,6 +17,8 @@ from episodes.propose.site import Site, no_room, start
 from episodes.propose.spread import Share, shares
 from episodes.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world import World
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 MOST = 99  # records of one batch: their ids have two digits
 APART_M = 6.0  # between the targets of a batch

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Quat, Vec3, quat_from_euler, rotate
 from episodes import assets, maps, world
 from episodes.check import scenery
 from episodes.check.framing import Framing, box_corners, framing
@@ -20,6 +17,9 @@ from episodes.record import Start, TargetRecord
 from episodes.scene import Instance, Mesh
 from episodes.target import motion
 from episodes.visibility import TargetView, Without, turn
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
 
 CAMERA = CameraModel()
 ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)

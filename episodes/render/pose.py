@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Quat, Vec3, rotate
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import Quat, Vec3, rotate
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 

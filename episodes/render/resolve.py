@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dronecats.border.compiled import njit
 from episodes.render.sky import STEPS, WHITE
+from foundation.compiled import njit
 
 
 @njit(cache=True, nogil=True)

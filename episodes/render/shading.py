@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from dronecats.border.compiled import njit
 from episodes.render.shadow import sun_slopes, sunlight
 from episodes.render.sky import HAZE_LENGTH_M, WHITE, sky_color
 from episodes.render.textures import footprint, texture_color
+from foundation.compiled import njit
 
 FRESH = 4  # px, a power of two
 

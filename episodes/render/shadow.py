@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.compiled import njit
 from episodes.render.triangles import Layout, MovablePart, Triangles
 from episodes.scene import Sun
+from foundation.compiled import njit
 
 CELLS = 4096  # per side of the map
 MARGIN_CELLS = 4

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.compiled import njit
-from dronecats.border.frames import Vec3
 from episodes.scene import Sun
+from foundation.compiled import njit
+from foundation.frames import Vec3
 
 EXPOSURE = 0.72
 SHOULDER = 0.48

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.compiled import njit
-from dronecats.border.errors import UsageError
+from foundation.compiled import njit
+from foundation.errors import UsageError
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
 MOST_DOUBLINGS = 3  # of the reads along the longer axis of a pixel's footprint: at most eight

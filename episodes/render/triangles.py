@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Quat, Vec3, rotate
 from episodes.render.pose import as_floats
 from episodes.render.textures import Atlas, build_atlas
 from episodes.scene import Instance, Material, Mesh, Moved, Scene
+from foundation.errors import UsageError
+from foundation.frames import Quat, Vec3, rotate
 
 CHUNK = 128  # triangles that are accepted or rejected together
 AXES: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

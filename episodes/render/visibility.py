@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.compiled import njit
 from episodes.render.pose import NEAR_M
+from foundation.compiled import njit
 
 BAND = 16  # rows of samples that one thread fills at a time
 NOTHING = -1  # in place of a triangle: the sky

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 FORMS = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
 _SECRET = re.compile(r"([\w-]*(?:pass|pwd|token|secret|key|auth|user|login)[\w-]*=)[^&/\s]*", re.IGNORECASE)

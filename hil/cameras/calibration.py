@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 
 BYTES_MAX = 1_000_000
 SIDE_PX = (16, 16384)  # px, of a picture

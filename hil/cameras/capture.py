@@ -6,7 +6,7 @@ from typing import Any
 
 import cv2
 
-from dronecats.border.errors import CameraError, UsageError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.stream import Picture
 
 OPEN_MS, READ_MS = 5000, 5000  # after which a silent stream is taken for absent, for broken

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from hil.cameras.calibration import Calibration
 
 VIEWS_MIN = 10

@@ -4,7 +4,7 @@ import time
 
 import httpx
 
-from dronecats.border.errors import CameraError, UsageError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
 
 CONNECT_S = 5.0

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
 from hil.cameras.calibration import Calibration
 
 HFOV_DEG = 90.0  # of a camera that nobody has calibrated: what the prompt and the paper assume

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dronecats.border.camera import CameraModel, Frame
+from foundation.camera import CameraModel, Frame
 from hil.cameras.open import RealCamera
 from hil.cameras.snapshot import HttpCamera
 from hil.cameras.stream import StreamEndedError

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import httpx
 
-from dronecats.border.errors import CameraError
+from foundation.errors import CameraError
 from hil.cameras.http import Caller
 from hil.cameras.stream import Picture
 

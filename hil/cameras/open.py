@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from dronecats.border.errors import CameraError, UsageError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.address import Address, parse, shown
 from hil.cameras.calibration import Calibration
 from hil.cameras.capture import RtspSource, V4l2Source, size_of

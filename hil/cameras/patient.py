@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.errors import CameraError
+from foundation.camera import CameraModel, Frame
+from foundation.errors import CameraError
 from hil.cameras.open import RealCamera
 
 AGAIN_S = 0.1  # wall seconds between two attempts

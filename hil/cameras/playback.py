@@ -7,7 +7,7 @@ from typing import Any
 
 import cv2
 
-from dronecats.border.errors import CameraError, UsageError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.stream import Picture, StreamEndedError
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".webp")

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import cv2
 
-from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.errors import CameraError
+from foundation.camera import CameraModel, Frame
+from foundation.errors import CameraError
 from hil.cameras.http import Caller, body
 from hil.cameras.lens import Lens
 from hil.cameras.stream import decoded

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.errors import CameraError
+from foundation.camera import CameraModel, Frame
+from foundation.errors import CameraError
 from hil.cameras.lens import Lens
 
 Picture = NDArray[np.uint8]  # (H, W, 3), blue first, as OpenCV has it

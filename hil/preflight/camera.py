@@ -4,8 +4,8 @@ import statistics
 import time
 from collections.abc import Callable
 
-from dronecats.border.camera import Camera, Frame
-from dronecats.border.errors import CameraError
+from foundation.camera import Camera, Frame
+from foundation.errors import CameraError
 from hil.preflight.row import Row
 
 NAME = "camera"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from hil.link import Link
 from hil.parameters import Parameters, Value
 from hil.preflight import battery, camera, disk, failsafes, fence, health, position, wire

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from hil.link import Link
 from hil.parameters import Value
 from hil.preflight.row import Change, Finding, Row

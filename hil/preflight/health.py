@@ -1,6 +1,6 @@
 """The autopilot itself: which firmware, what its own checks say, and whether its estimate can be flown on."""
 
-from dronecats.border.mavlink import dialect, mode_name
+from foundation.mavlink import dialect, mode_name
 from hil.preflight.heard import Heard, Message
 from hil.preflight.row import Row
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from hil.firmware import Firmware, firmware
 from hil.link import Link
 from hil.statustext import StatusTexts

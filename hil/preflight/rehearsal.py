@@ -7,9 +7,9 @@ OFFBOARD it passes only while they do (measured on 1.15; offboardCheck.cpp).
 import contextlib
 from collections.abc import Callable
 
-from dronecats.border.errors import DronecatsError, LinkError
-from dronecats.border.mavlink import dialect
-from dronecats.border.setpoints import Velocity
+from foundation.errors import DronecatsError, LinkError
+from foundation.mavlink import dialect
+from foundation.setpoints import Velocity
 from hil.link import Link
 from hil.preflight.row import Row
 

@@ -2,7 +2,7 @@
 
 import statistics
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from hil.preflight.heard import ASKED_HZ, Heard
 from hil.preflight.row import Row
 

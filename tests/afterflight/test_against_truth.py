@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.logger.estimate_trace import against_truth
+from foundation.errors import UsageError
 
 ORIGIN = (47.397742, 8.545594, 488.0)
 SPEED_MPS = 1.2

@@ -8,11 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import geodetic_to_ned, ned_to_geodetic
-from dronecats.border.mavlink import Packer, Parser, dialect
-from dronecats.border.setpoints import Hold, Turn, Velocity
-from dronecats.border.truth import TruthSample, truth_sample
 from dronecats.cli.main import main
 from dronecats.judge.episode import judge_folder
 from dronecats.judge.files import read
@@ -23,6 +18,11 @@ from dronecats.logger.surveyed_target import SurveyedTarget, target_from, target
 from dronecats.run.traced import traced
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.scenario import build, load_world, origin
+from foundation.errors import UsageError
+from foundation.frames import geodetic_to_ned, ned_to_geodetic
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.setpoints import Hold, Turn, Velocity
+from foundation.truth import TruthSample, truth_sample
 from hil.link import Link
 
 EPISODE = "campus-approaching-01"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import dialect
 from dronecats.run.supervisor import Supervisor
+from foundation.errors import UsageError
+from foundation.mavlink import dialect
 from hil.flight_logs import log_store
 from hil.link import Link
 from hil.transport import connect

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.cli.main import main
 from dronecats.judge.files import episode_folder
 from dronecats.report.path_comparison import compare, figures, logs_of
+from foundation.errors import UsageError
 
 
 def flight(

@@ -6,10 +6,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.pilots import roster
 from dronecats.pilots.pilot_process import create
 from dronecats.pilots.recorded import player, replies
+from foundation.errors import UsageError
 
 JPEG = b"\xff\xd8\xff\xd9"
 

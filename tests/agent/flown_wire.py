@@ -15,8 +15,8 @@ from dronecats.agent.latency import InlineExecutor, latency
 from dronecats.agent.loop import Agent, Pilot
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import PROVIDERS
-from dronecats.border.camera import CameraModel, Frame
-from dronecats.border.setpoints import Hold, Sight
+from foundation.camera import CameraModel, Frame
+from foundation.setpoints import Hold, Sight
 
 CAMERA = CameraModel()
 

@@ -9,7 +9,7 @@ import pytest
 from dronecats.agent.chat import ChatModel
 from dronecats.agent.model import Request
 from dronecats.agent.providers import PROVIDERS, split
-from dronecats.border.errors import ModelError, UsageError
+from foundation.errors import ModelError, UsageError
 
 KEY = "sk-SECRET-1234567890"
 REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.controller import displacement, plan
-from dronecats.border.camera import CameraModel
-from dronecats.border.setpoints import Hold, Turn, Velocity
+from foundation.camera import CameraModel
+from foundation.setpoints import Hold, Turn, Velocity
 
 CAMERA = CameraModel()
 

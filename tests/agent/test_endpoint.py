@@ -24,8 +24,8 @@ from dronecats.agent.loop import Agent, Pilot
 from dronecats.agent.model import Request
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.providers import PROVIDERS
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import ModelError, UsageError
+from foundation.camera import CameraModel
+from foundation.errors import ModelError, UsageError
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
 QUICK = Patience(give_up_s=0.5, attempts=3, pause_s=0.0)

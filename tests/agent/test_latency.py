@@ -4,7 +4,7 @@ import pytest
 
 from dronecats.agent.latency import Asking, InlineExecutor, latency
 from dronecats.agent.model import Reply, Request
-from dronecats.border.errors import ModelError, UsageError
+from foundation.errors import ModelError, UsageError
 
 REQUEST = Request("p", (b"",), False)
 

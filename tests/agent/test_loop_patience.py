@@ -9,8 +9,8 @@ from dronecats.agent.latency import DaemonExecutor, latency
 from dronecats.agent.loop import Agent, Pilot
 from dronecats.agent.model import Reply
 from dronecats.agent.prompt import Prompt
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import CameraError
+from foundation.camera import CameraModel
+from foundation.errors import CameraError
 
 
 class Vehicle:

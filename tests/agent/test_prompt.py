@@ -6,9 +6,9 @@ from paper_words import known, rows
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import History
 from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
 from dronecats.pilots import briefing
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
 
 
 def test_history_is_five_lines_in_pixels_with_the_newest_tagged():

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.redaction import redacted, redacted_url, secrets_of, without
+from foundation.redaction import redacted, redacted_url, secrets_of, without
 
 HEX = "0123456789abcdef0123456789abcdef01234567"
 

@@ -3,7 +3,7 @@
 import ast
 import re
 
-from dronecats.border.compiled import ROOT, sources
+from foundation.compiled import ROOT, sources
 
 ROOMS = ("vehicles", "autopilot", "episodes", "dronecats", "hil")
 

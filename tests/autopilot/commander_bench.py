@@ -9,9 +9,9 @@ import numpy as np
 from autopilot.autopilot import Autopilot
 from autopilot.mavlink.port import Port
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY, SETPOINT
-from dronecats.border.airframe import Airframe, Battery, Rotor, RotorCurve
-from dronecats.border.mavlink import Packer, Parser, dialect
-from dronecats.border.sensors import SENSORS
+from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.sensors import SENSORS
 
 TICK_US = 20_000
 ORIGIN = (47.397742, 8.545594, 488.0)

@@ -6,8 +6,8 @@ import pytest
 from commander_bench import Bench
 
 from autopilot.accuracy import IN_USE, required
-from dronecats.border.mavlink import dialect
 from dronecats.sitl.simulation import Place, SimulatedVehicle
+from foundation.mavlink import dialect
 from vehicles import airframe
 
 GPS, OFF = dialect.FAILURE_UNIT_SENSOR_GPS, dialect.FAILURE_TYPE_OFF

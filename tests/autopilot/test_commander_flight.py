@@ -12,7 +12,7 @@ from numba import njit
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore
 from autopilot.flight_core import update as core_update
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from vehicles.airframe import load
 from vehicles.multirotor import Multirotor
 from vehicles.multirotor import step as vehicle_step

@@ -6,7 +6,7 @@ import math
 import pytest
 from commander_bench import Bench
 
-from dronecats.border.mavlink import MODES, dialect
+from foundation.mavlink import MODES, dialect
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from test_mission_protocol import item, upload
 
 from autopilot.failsafe import Action, Conditions, Failsafe, evaluate, reaction
 from autopilot.parameters import Parameters
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.mavlink import dialect
+from foundation.frames import quat_from_euler
+from foundation.mavlink import dialect
 
 HEARTBEAT = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
 FENCE_BIT = 0x100000

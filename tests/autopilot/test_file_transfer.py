@@ -11,7 +11,7 @@ from pymavlink.mavftp import MAVFTP
 
 from autopilot.mavlink import file_transfer as ftp
 from autopilot.mavlink.file_sessions import IDLE_US, MOST
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 FUZZ = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
 LOG = "/fs/microsd/log/log001.ulg"

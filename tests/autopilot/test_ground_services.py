@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from commander_bench import TICK_US, Bench, Client
 
-from dronecats.border.mavlink import MODES, Packer, dialect
+from foundation.mavlink import MODES, Packer, dialect
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
 CALIBRATE, INJECT = dialect.MAV_CMD_PREFLIGHT_CALIBRATION, dialect.MAV_CMD_INJECT_FAILURE

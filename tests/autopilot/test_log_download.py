@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.mavlink.port import TRANSFERS_PER_TICK
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 EVERYTHING = 0xFFFFFFFF
 SIZES = (1000, 90 * 7, 0, 5000)

@@ -12,8 +12,8 @@ from pyulog.px4 import PX4ULog
 
 from autopilot.logging.directory import LogDirectory
 from autopilot.logging.topics import TABLE
-from dronecats.border.errors import UsageError
-from dronecats.border.sensors import ACTUATORS
+from foundation.errors import UsageError
+from foundation.sensors import ACTUATORS
 
 
 def flown(folder: Path, **parameters: float) -> Bench:

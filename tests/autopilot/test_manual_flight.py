@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from autopilot.modes.sticks import shaped, super_expo, throttle_thrust, within_circle
 from autopilot.parameters import Parameters
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
-from dronecats.border.frames import quat_to_euler
-from dronecats.border.mavlink import dialect
+from foundation.frames import quat_to_euler
+from foundation.mavlink import dialect
 
 P = Parameters()
 

@@ -6,7 +6,7 @@ import math
 import pytest
 from commander_bench import ORIGIN, Bench, Client
 
-from dronecats.border.mavlink import MODES, dialect
+from foundation.mavlink import MODES, dialect
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 ARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM

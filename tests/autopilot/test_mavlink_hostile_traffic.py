@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.mavlink.dispatch import HANDLERS
-from dronecats.border.mavlink import Packer, dialect
+from foundation.mavlink import Packer, dialect
 
 FUZZ = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 CLASSES = {name: getattr(dialect, f"MAVLink_{name.lower()}_message") for name in HANDLERS}

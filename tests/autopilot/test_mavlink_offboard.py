@@ -9,8 +9,8 @@ from commander_bench import ORIGIN, Bench
 
 from autopilot.mavlink.offboard_setpoints import RejectedError, trajectory
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.mavlink import MODES, dialect
+from foundation.frames import quat_from_euler
+from foundation.mavlink import MODES, dialect
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.parameters import DEFAULTS, Parameters
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import Packer, dialect
+from foundation.errors import UsageError
+from foundation.mavlink import Packer, dialect
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 

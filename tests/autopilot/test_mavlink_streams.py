@@ -7,8 +7,8 @@ import pytest
 from commander_bench import ORIGIN, Bench, Client
 
 from autopilot.mavlink.streams import TABLE
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import dialect
+from foundation.errors import UsageError
+from foundation.mavlink import dialect
 
 
 def counted(bench: Bench, client: Client, seconds: float) -> Counter[str]:

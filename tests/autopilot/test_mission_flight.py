@@ -6,7 +6,7 @@ import pytest
 from commander_bench import Bench
 from test_mission_protocol import item, upload
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from commander_bench import Bench, Client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 ACCEPTED, UNSUPPORTED = dialect.MAV_MISSION_ACCEPTED, dialect.MAV_MISSION_UNSUPPORTED
 HOME = (47.397742, 8.545594)

@@ -6,8 +6,8 @@ import pytest
 from commander_bench import ORIGIN, Bench
 from test_mission_protocol import item, upload
 
-from dronecats.border.frames import ned_to_geodetic, wrap_pi
-from dronecats.border.mavlink import dialect
+from foundation.frames import ned_to_geodetic, wrap_pi
+from foundation.mavlink import dialect
 
 ORBIT = dialect.MAV_CMD_DO_ORBIT
 

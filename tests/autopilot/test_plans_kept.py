@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from test_mission_protocol import ACCEPTED, PLANS, UNSUPPORTED, download, item, upload
 
 from autopilot.plan.plans import Plans
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import dialect
+from foundation.errors import UsageError
+from foundation.mavlink import dialect
 
 
 def wire(bench: Bench, kind: int) -> list[bytes]:

@@ -7,8 +7,8 @@ from commander_bench import ORIGIN
 from test_commander_flight import Aircraft
 from test_mission_protocol import item, upload
 
-from dronecats.border.frames import ned_to_geodetic, wrap_pi
-from dronecats.border.mavlink import dialect
+from foundation.frames import ned_to_geodetic, wrap_pi
+from foundation.mavlink import dialect
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from commander_bench import TICK_US, Bench, Client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 
 KEY = bytes(range(1, 33))
 NOW = 3_000_000_000_000  # 10 µs since 2015

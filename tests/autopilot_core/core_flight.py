@@ -5,7 +5,7 @@ from numba import njit
 
 from autopilot.flight_core import FlightCore, update
 from autopilot.records import KIND_TRAJECTORY
-from dronecats.border.frames import quat_to_euler
+from foundation.frames import quat_to_euler
 from vehicles.airframe import load
 from vehicles.multirotor import Multirotor, step
 

@@ -11,9 +11,9 @@ from numba import njit
 from autopilot.control import cascade
 from autopilot.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.sensors import ACTUATORS
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
+from foundation.sensors import ACTUATORS
 from vehicles.airframe import load, names
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from autopilot.design import GAIN_MARGIN_MIN, PHASE_MARGIN_MIN, design, margin, margins_by_control
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from vehicles.airframe import load, names
 
 

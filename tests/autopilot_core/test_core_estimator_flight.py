@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from core_flight import Flight
 
-from dronecats.border.frames import GRAVITY
+from foundation.frames import GRAVITY
 
 
 def errors(flight, start):

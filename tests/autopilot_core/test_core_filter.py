@@ -14,9 +14,9 @@ from autopilot.estimator_fusion import pressure_altitude
 from autopilot.estimator_records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
 from autopilot.kernels import quat_advance, rotate, rotate_inverse
 from autopilot.records import ESTIMATE
-from dronecats.border import frames
-from dronecats.border.frames import GRAVITY
-from dronecats.border.sensors import SENSORS
+from foundation import frames
+from foundation.frames import GRAVITY
+from foundation.sensors import SENSORS
 
 ORIGIN = (47.3977, 8.5456, 488.0)
 DECLINATION = 0.0558

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autopilot.mixer import allocation, mix
-from dronecats.border.airframe import Rotor
-from dronecats.border.errors import UsageError
-from dronecats.border.sensors import MAX_ROTORS
+from foundation.airframe import Rotor
+from foundation.errors import UsageError
+from foundation.sensors import MAX_ROTORS
 from vehicles.airframe import load, names
 
 AIRFRAMES = {name: load(name) for name in names()}

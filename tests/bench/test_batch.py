@@ -7,8 +7,8 @@ import pytest
 
 from dronecats.bench.audit import pars, table, text
 from dronecats.bench.batch import UNFINISHED, Batch
-from dronecats.border.errors import UsageError
 from episodes import catalogue
+from foundation.errors import UsageError
 
 FIRST, SECOND, *OTHERS = catalogue.ids()
 

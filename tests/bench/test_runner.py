@@ -12,8 +12,8 @@ import pytest
 
 from dronecats.bench.batch import UNFINISHED, Batch
 from dronecats.bench.runner import Runner
-from dronecats.border.errors import InfrastructureError
 from episodes import catalogue
+from foundation.errors import InfrastructureError
 
 ORACLE = {"pilot": "oracle", "factor": "max", "rendered": False}
 EASY = "residential-approaching-01"

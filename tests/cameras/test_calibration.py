@@ -10,7 +10,7 @@ from board_views import BOARD, LENS, POSES, corners_of, placed, rays, view
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from hil.cameras.calibration import Calibration, load, save
 from hil.cameras.chessboard import Board, board_of, corners, fit, is_new
 from hil.cameras.lens import Lens

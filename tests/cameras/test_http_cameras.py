@@ -11,7 +11,7 @@ from http_cameras import HttpServer, MjpegServer, jpeg, reply
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import CameraError, UsageError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.mjpeg import Multipart
 from hil.cameras.open import open_camera
 from hil.cameras.snapshot import HttpCamera

@@ -8,7 +8,7 @@ from pathlib import Path
 import picture_code
 import pytest
 
-from dronecats.border.errors import CameraError
+from foundation.errors import CameraError
 from hil.cameras.open import open_camera
 
 SERVER = Path(__file__).with_name("rtsp_server.py")

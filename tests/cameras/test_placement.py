@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
-from dronecats.border.mavlink import Packer, Parser, dialect
-from dronecats.border.truth import NewestTruth, truth_message
 from dronecats.run.supervisor import ChildProcess
 from dronecats.sitl.placement import TruthClock, standing
 from dronecats.sitl.scenario import ground_places, load_world, origin
+from foundation.errors import UsageError
+from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.truth import NewestTruth, truth_message
 from hil.transport import connect
 
 HOME = (47.397743, 8.545594, 489.4)  # where PX4's own simulation begins

@@ -9,7 +9,7 @@ import picture_code
 import pytest
 from http_cameras import jpeg
 
-from dronecats.border.errors import CameraError, UsageError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.open import open_camera
 
 RATE_HZ = 20.0

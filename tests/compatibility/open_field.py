@@ -6,9 +6,9 @@ stands here, and some would fly through its houses.
 
 import sys
 
-from dronecats.border.obstacles import OPEN
 from dronecats.cli.main import main
 from dronecats.sitl import scenario
+from foundation.obstacles import OPEN
 
 scenario.obstacles = lambda scene: OPEN
 sys.exit(main(["sitl", *sys.argv[1:]]))

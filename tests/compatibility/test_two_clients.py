@@ -7,8 +7,8 @@ import time
 import pytest
 from pymavlink import mavutil
 
-from dronecats.border.mavlink import dialect
 from dronecats.sitl.simulator_process import Simulator
+from foundation.mavlink import dialect
 
 SPEED = 4.0
 PATIENCE_S = 30.0

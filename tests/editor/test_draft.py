@@ -8,7 +8,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from dronecats.editor.draft import HEIGHT_M, Drafting
 from dronecats.editor.session import Session
 from episodes import assets, catalogue, maps, record
@@ -16,6 +15,7 @@ from episodes.check.limits import CAP_S, GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAI
 from episodes.record import CELLS, HIDDEN, MOVING
 from episodes.target import motion
 from episodes.world import World
+from foundation.errors import UsageError
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import Vec3, quat_from_euler
 from episodes import catalogue
 from episodes.check import many, pixels, sight, start
 from episodes.check.finding import Finding
@@ -20,6 +18,8 @@ from episodes.record import EpisodeRecord, Path3D
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import Vec3, quat_from_euler
 
 Change = Callable[[EpisodeRecord], EpisodeRecord]
 STANDING = catalogue.load("residential-approaching-01")

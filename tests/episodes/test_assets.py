@@ -7,15 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.terrain import FLAT
 from episodes import assets
 from episodes.assets import exhibits, lettering, paint, scenery
 from episodes.render.renderer import Renderer
 from episodes.scene import Instance, Mesh, Scene, Sun
 from episodes.visibility import _embree, surface_samples
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
+from foundation.terrain import FLAT
 
 LETTERS_M = {"sign": 0.136}  # paper, appendix "Maps and Episodes"
 PLATE_M = 0.10

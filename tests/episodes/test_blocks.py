@@ -8,12 +8,12 @@ import pytest
 from map_plan import apart, foot
 from numpy.typing import NDArray
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import Vec3
 from episodes import maps
 from episodes.maps import blocks
 from episodes.scene import Instance, Scene
 from episodes.visibility import Solids
+from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 EYE_M = 1.7  # height of a drone
 NEAREST, WIDEST = (5.5, 11.2), (18.0, 32.0)  # m, of the pairs of signs

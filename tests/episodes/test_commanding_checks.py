@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.frames import Vec3
 from episodes import catalogue
 from episodes.check import candidates, sight
 from episodes.check.rules import check
@@ -16,6 +15,7 @@ from episodes.record import EpisodeRecord, Start
 from episodes.scene import Instance
 from episodes.visibility import Solids
 from episodes.world import World
+from foundation.frames import Vec3
 
 SIGNS = catalogue.load("blocks-commanding-01")
 FACING = catalogue.load("v1-blocks-commanding-01")  # its square faces its goal

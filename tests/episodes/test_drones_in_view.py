@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.obstacles import OPEN
 from episodes import assets, catalogue
 from episodes.assets.multirotor import X500, multirotor, outline
 from episodes.fleet import DronePose, Fleet, hovering
 from episodes.render import Renderer, camera_pose
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler
+from foundation.obstacles import OPEN
 from vehicles import airframe as airframes
 from vehicles.collision import CAMERA_RADIUS, solids_record
 from vehicles.multirotor import Multirotor

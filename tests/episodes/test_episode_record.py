@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from episodes import assets, catalogue, maps
 from episodes import record as records
 from episodes.record import EpisodeRecord, Path3D, Start, TargetRecord, parse
+from foundation.errors import UsageError
 
 SCHEMA = json.loads((Path(records.__file__).parent / "record.schema.json").read_text())
 BASE = json.loads(catalogue.load("residential-approaching-01").to_json())

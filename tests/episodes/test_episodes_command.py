@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.cli.main import main
 from episodes import catalogue, par, suites
 from episodes.maps import build
+from foundation.errors import UsageError
 
 SHIPPED = catalogue.load(catalogue.DEFAULT)
 

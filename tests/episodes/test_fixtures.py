@@ -6,10 +6,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from dronecats.border.errors import UsageError
 from episodes.assets import buildings, fixtures
 from episodes.maps.campus_plan import HALLS
 from episodes.scene import Mesh
+from foundation.errors import UsageError
 
 DRIVEN = {"delivery_robot": fixtures.delivery_robot, "service_cart": fixtures.service_cart}
 RAYS = 4000

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gltf_files import LAWN, SQUARE, Glb, block
 
-from dronecats.border.errors import UsageError
 from episodes import gltf
 from episodes.obstacles import obstacles
 from episodes.visibility import Solids
+from foundation.errors import UsageError
 
 FACES_UP = np.array([(0, 0, 1), (1, 0, 1), (0, 0, 0)], np.float32)  # a triangle of half a square metre, glTF axes
 

@@ -10,8 +10,8 @@ from gltf_files import LAWN, Glb, container
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from episodes import gltf
+from foundation.errors import UsageError
 
 
 def healthy() -> Glb:

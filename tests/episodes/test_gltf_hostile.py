@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from gltf_files import LAWN, SQUARE, Glb, container
 
-from dronecats.border.errors import UsageError
 from episodes import gltf
+from foundation.errors import UsageError
 
 
 def refused(path, *words, spawn=(0.0, 0.0)) -> str:

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.terrain import HeightField
 from episodes import assets, gltf, maps
 from episodes.render import Renderer
 from episodes.scene import Instance, Material, Mesh, Scene, Sun
+from foundation.camera import CameraModel, CameraPose
+from foundation.terrain import HeightField
 
 VIEWS = ((0.0, 0.0, 0.0), (-30.0, 2.0, 20.0), (20.0, -1.0, 200.0), (45.0, 1.0, 170.0))  # m north, m east, degrees
 

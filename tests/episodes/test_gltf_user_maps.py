@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from gltf_files import Glb, block
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
 from dronecats.cli.main import main
 from episodes import gltf, maps, record
 from episodes.maps import user
 from episodes.obstacles import obstacles
 from episodes.render import Renderer
 from episodes.world import World
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
 
 
 @pytest.fixture

@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes import catalogue, maps
 from episodes.obstacles import obstacles
 from episodes.record import EpisodeRecord, TargetRecord, parse
@@ -18,6 +15,9 @@ from episodes.render.renderer import Renderer
 from episodes.scene import Instance
 from episodes.visibility import Solids, TargetView, Together, Without
 from episodes.world import World
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 CAMERA = CameraModel()
 KIND = "hydrant"

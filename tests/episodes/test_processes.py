@@ -9,8 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from dronecats.border.errors import InfrastructureError
 from episodes.processes import share_out
+from foundation.errors import InfrastructureError
 
 
 def ignores_interrupts(process: psutil.Process) -> bool:

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.border.errors import UsageError
-from dronecats.border.terrain import HeightField
 from dronecats.cli.main import main
 from episodes import assets, catalogue
 from episodes.check import scenery
@@ -20,6 +18,8 @@ from episodes.propose.lanes import stretch
 from episodes.propose.proposals import Batch, first_free, propose
 from episodes.record import CELLS, HIDDEN, parse
 from episodes.world import World
+from foundation.errors import UsageError
+from foundation.terrain import HeightField
 
 
 @pytest.mark.parametrize(

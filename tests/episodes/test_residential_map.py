@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.border.errors import UsageError
 from episodes import assets, maps
 from episodes import geometry as g
 from episodes.assets import paint
 from episodes.assets.vehicles import SHAPES
 from episodes.scene import Mesh, Scene
 from episodes.visibility import Solids, surface_samples
+from foundation.errors import UsageError
 
 KEPT: dict[str, Scene] = {}
 

@@ -8,8 +8,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import Vec3, quat_from_euler
 from episodes import assets, catalogue, suites
 from episodes.assets.paint import NEUTRAL
 from episodes.check.many import check_all
@@ -20,6 +18,8 @@ from episodes.record import MOVING
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Vec3, quat_from_euler
 
 CAMERA, HALF = CameraModel(), CameraModel(640, 360)
 FIRST_HUNDRED = "036f8963e2cb1d91ab831c552333d102f5af1fd0532a4baf17400a175a10ba74"

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_from_euler
 from dronecats.cli.main import main
 from episodes import catalogue
 from episodes.check import framing, spread
@@ -23,6 +21,8 @@ from episodes.check.many import check_all
 from episodes.propose.spread import shares
 from episodes.record import HIDDEN, EpisodeRecord
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler
 
 TEN = range(10)
 

@@ -6,8 +6,8 @@ import math
 import random
 from dataclasses import dataclass
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import wrap_pi
+from foundation.camera import CameraModel
+from foundation.frames import wrap_pi
 
 HALF_WIDTH = math.tan(math.radians(CameraModel().hfov_deg / 2))
 

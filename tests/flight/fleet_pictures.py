@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from pymavlink import mavutil
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import geodetic_to_ned
 from dronecats.sitl.scenario import load_world, origin
 from episodes.assets.multirotor import X500
 from episodes.render import Renderer, camera_pose
+from foundation.camera import CameraModel
+from foundation.frames import geodetic_to_ned
 
 CAMERA = CameraModel()
 SIZE = (640, 360)  # px, of the pictures that are kept

@@ -10,8 +10,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from dronecats.border.mavlink import MODES, Packer, Parser, dialect
 from dronecats.run.supervisor import Supervisor
+from foundation.mavlink import MODES, Packer, Parser, dialect
 
 EPISODE, SPEED = "residential-approaching-01", 2.0
 

@@ -1,7 +1,7 @@
 """A vehicle of a few lines at the other end of a memory wire: it moves as it is told and says what the test wants."""
 
-from dronecats.border.mavlink import MODES, Packer, Parser, dialect
-from dronecats.border.setpoints import Velocity
+from foundation.mavlink import MODES, Packer, Parser, dialect
+from foundation.setpoints import Velocity
 from hil.link import Link
 from hil.transport import MemoryTransport
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import LinkError
+from foundation.errors import LinkError
 from hil.envelope import Limits, admit, crosses, inside, placed, unwatched
 from hil.offboard import PositionTarget, VelocityTarget
 from hil.telemetry import VehicleState

@@ -1,6 +1,6 @@
 import pytest
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from hil.envelope import SIMULATED, Limits
 from hil.envelope_file import load
 

@@ -3,9 +3,9 @@
 import pytest
 from scripted_vehicle import ScriptedVehicle, flying
 
-from dronecats.border.errors import LinkError
-from dronecats.border.mavlink import dialect
-from dronecats.border.setpoints import Hold, Velocity
+from foundation.errors import LinkError
+from foundation.mavlink import dialect
+from foundation.setpoints import Hold, Velocity
 from hil.envelope import Limits
 from hil.link import EnvelopeError, Link
 

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from dronecats.border.errors import LinkError
-from dronecats.border.mavlink import Packer, dialect
+from foundation.errors import LinkError
+from foundation.mavlink import Packer, dialect
 from hil.link import Link
 from hil.transport import connect
 

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from dronecats.border.setpoints import Hold, Sight, Turn, Velocity
+from foundation.setpoints import Hold, Sight, Turn, Velocity
 from hil.offboard import CORRECTION_MAX, OffboardStream
 from hil.offboard import message as packed
 

@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from dronecats.border.errors import LinkError
+from foundation.errors import LinkError
 from hil.reopening import Reopening
 from hil.transport import connect
 

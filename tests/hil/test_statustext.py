@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from hil.statustext import PIECE, StatusTexts
 
 

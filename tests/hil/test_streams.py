@@ -1,6 +1,6 @@
 """What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
 
-from dronecats.border.mavlink import dialect
+from foundation.mavlink import dialect
 from hil.link import Link
 from hil.streams import FAST, OFFERED, WATCHED, Streams
 from tests.hil.scripted_vehicle import ScriptedVehicle

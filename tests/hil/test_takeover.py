@@ -3,8 +3,8 @@
 import pytest
 from scripted_vehicle import ScriptedVehicle, flying
 
-from dronecats.border.mavlink import dialect
-from dronecats.border.setpoints import Hold, Velocity
+from foundation.mavlink import dialect
+from foundation.setpoints import Hold, Velocity
 from hil.envelope import Limits
 from hil.link import Link, TakeoverError
 

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.mavlink import MODES, Packer, Parser, dialect, mode_name
+from foundation.mavlink import MODES, Packer, Parser, dialect, mode_name
 from hil.telemetry import VehicleClock, VehicleState, update
 
 

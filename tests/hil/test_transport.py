@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import DronecatsError, LinkError, UsageError
+from foundation.errors import DronecatsError, LinkError, UsageError
 from hil.transport import MemoryTransport, UdpTransport, connect
 
 

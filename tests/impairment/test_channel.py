@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from hil.impairment import LATE_S, Channel, Impairment
 
 SHARES = st.floats(0.0, 1.0)

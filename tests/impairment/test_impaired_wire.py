@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.mavlink import Packer, Parser, dialect
+from foundation.mavlink import Packer, Parser, dialect
 from hil.impaired_wire import Frames, ImpairedWire
 from hil.impairment import Impairment
 from hil.transport import Transport, connect

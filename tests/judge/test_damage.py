@@ -7,10 +7,10 @@ from episode_logs import BEGIN, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.contradictions import of_logs
 from dronecats.judge.episode import judge_run, outcome, write_verdict
 from dronecats.judge.files import read
+from foundation.errors import UsageError
 
 DECISIONS = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0), decision(2, 2, 12.0, None)]
 TARGET = {"target_ned": [10.0, 0.0, 0.0]}

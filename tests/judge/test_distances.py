@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.distances import sentence
 from dronecats.judge.episode import judge_folder, judge_run, write_verdict
+from foundation.errors import UsageError
 
 TARGET = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 480.0, "std_m": 0.02}
 HEAD = {"kind": "estimate", "source": "flight.tlog", "target": TARGET}

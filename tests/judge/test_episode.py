@@ -6,9 +6,9 @@ from episode_logs import BEGIN, DECIDED, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
 from dronecats.judge.files import read
+from foundation.errors import UsageError
 
 
 @pytest.fixture

@@ -8,9 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.terrain import FLAT
 from episodes.optics.camera import Motion, OpticalRenderer, noisy
 from episodes.optics.lens import BentLens, pinhole_rays, wide_camera
 from episodes.optics.light import Codes
@@ -20,6 +17,9 @@ from episodes.optics.weather import toward_sun
 from episodes.render import Renderer, camera_pose
 from episodes.render.sky import WHITE
 from episodes.scene import Instance, Material, Mesh, Scene, Sun
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler
+from foundation.terrain import FLAT
 
 CAMERA = CameraModel(160, 90, 90.0, (0.0, 0.0, 0.0))
 STILL = Motion(0.0, (0.0, 0.0, -2.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

@@ -7,10 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_from_euler, quat_integrate
-from dronecats.border.mavlink import Packer
-from dronecats.border.truth import TruthSample, truth_message
 from dronecats.cli.main import main
 from dronecats.run.plan import CAMERA, resolve
 from dronecats.sitl.camera import WorldCamera, rates_between
@@ -18,6 +14,10 @@ from dronecats.sitl.scenario import origin
 from episodes import catalogue
 from episodes.optics.options import Exposure, Optics, Sensor
 from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler, quat_integrate
+from foundation.mavlink import Packer
+from foundation.truth import TruthSample, truth_message
 
 SMALL = CameraModel(160, 90)
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from episodes.optics.file import load, optics_of
 from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+from foundation.errors import UsageError
 
 ALL = """
 seed = 7

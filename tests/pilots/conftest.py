@@ -10,9 +10,9 @@ from dronecats.agent.controller import plan
 from dronecats.agent.history import History
 from dronecats.agent.picture import encode
 from dronecats.agent.prompt import Prompt
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_from_euler, wrap_pi
-from dronecats.border.setpoints import Turn, Velocity
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler, wrap_pi
+from foundation.setpoints import Turn, Velocity
 
 HALF = CameraModel(640, 360)  # what a 1280 × 720 frame is resized to before a pilot gets it
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from dronecats.agent.action import ActionError, Finished, Go, Rotate, parse, parse_fleet
 from dronecats.agent.controller import plan
 from dronecats.agent.prompt import Prompt
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.setpoints import Turn, Velocity
 from dronecats.pilots import patterns, roster
 from dronecats.run.plan import resolve
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.setpoints import Turn, Velocity
 
 NAMES = sorted(patterns.PATTERNS)
 PROMPT = Prompt.load().render("go to the cyan SUV", "", 5)

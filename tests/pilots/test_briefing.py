@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import NONE_YET, History
 from dronecats.agent.prompt import Prompt
-from dronecats.border.camera import CameraModel
 from dronecats.pilots import blind, briefing, referent
+from foundation.camera import CameraModel
 
 
 def prompt(history, command="go to the cyan SUV"):

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.border.camera import CameraModel
 from dronecats.pilots import blind, oracle, vision
+from foundation.camera import CameraModel
 
 catalogue = pytest.importorskip("episodes.catalogue")
 suites = pytest.importorskip("episodes.suites")

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
 from dronecats.pilots import blind
 from dronecats.pilots.server import MAX_BODY_BYTES, PilotServer, read_request
+from foundation.errors import UsageError
 
 JPEG = b"\xff\xd8\xff\xe0 not a whole picture \xff\xd9"
 

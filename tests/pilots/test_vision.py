@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.agent.picture import encode
-from dronecats.border.errors import UsageError
 from dronecats.pilots import referent, sighting, vision
 from dronecats.pilots.briefing import PastAction
+from foundation.errors import UsageError
 
 BGR = {
     "red": (24, 18, 200),

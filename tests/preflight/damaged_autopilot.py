@@ -4,7 +4,7 @@ import struct
 import threading
 import time
 
-from dronecats.border.mavlink import MODES, Packer, Parser, dialect
+from foundation.mavlink import MODES, Packer, Parser, dialect
 from hil.transport import connect
 
 HEALTHY = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x200000 | 0x2000000 | 0x10000000

@@ -7,8 +7,8 @@ Says `streaming` on standard output once it is in offboard.
 
 import sys
 
-from dronecats.border.mavlink import dialect
-from dronecats.border.setpoints import Velocity
+from foundation.mavlink import dialect
+from foundation.setpoints import Velocity
 from hil.link import Link
 from hil.transport import connect
 

@@ -3,8 +3,8 @@
 import pytest
 from damaged_autopilot import HEALTHY, PREARM, STICKS
 
-from dronecats.border.errors import UsageError
-from dronecats.border.mavlink import dialect
+from foundation.errors import UsageError
+from foundation.mavlink import dialect
 from hil.preflight.check import check, mend
 
 FINE = {"COM_OBL_RC_ACT = 0"}  # what every autopilot of these tests fails in: PX4's own default

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.border.errors import LinkError, UsageError
-from dronecats.border.mavlink import Packer, Parser, dialect
+from foundation.errors import LinkError, UsageError
+from foundation.mavlink import Packer, Parser, dialect
 from hil.parameters import RETRY_US, TRIES, Parameters, decoded
 
 

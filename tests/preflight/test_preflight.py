@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.border import wire
-from dronecats.border.mavlink import dialect
 from dronecats.run.supervisor import Supervisor
+from foundation import wire
+from foundation.mavlink import dialect
 from hil.link import Link
 from hil.preflight import disk
 from hil.preflight.rehearsal import rehearse

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.border.mavlink import MODES, dialect
+from foundation.mavlink import MODES, dialect
 from hil.preflight import battery, health, position, wire
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
 from hil.preflight.row import Change, Row, proposal, summary, table

@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from dronecats.border.errors import LinkError
-from dronecats.border.mavlink import Parser, dialect
 from dronecats.run.listening import Listener
+from foundation.errors import LinkError
+from foundation.mavlink import Parser, dialect
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.border.mavlink import Packer, Parser, dialect
+from foundation.mavlink import Packer, Parser, dialect
 
 RECORDED = Path(__file__).parent / "recorded"
 HEARTBEAT = dialect.MAVLink_heartbeat_message(0, dialect.MAV_AUTOPILOT_PX4, 0, 0, 0, 0)

@@ -5,10 +5,10 @@ import sys
 
 import pytest
 
-from dronecats.border.errors import InfrastructureError
 from dronecats.cli.main import main
 from dronecats.sitl.px4_simulator import UDP_PORTS, Px4Simulator, free_instance
 from dronecats.sitl.sockets import UdpPort
+from foundation.errors import InfrastructureError
 from hil.simulator_server import PORT, SimulatorServer
 
 

@@ -9,8 +9,8 @@ import time
 import psutil
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.sitl.px4_process import Px4Process, arguments, environment
+from foundation.errors import UsageError
 
 # a wrapper script that leaves its PX4 in the background and waits, as many do
 WRAPPER = "sleep 600 & sleep 601 & echo $! > pids; echo $PX4_SIM_MODEL $PX4_INSTANCE $PWD; wait"

@@ -12,9 +12,9 @@ import psutil
 import pytest
 from pymavlink import mavutil
 
-from dronecats.border.frames import geodetic_to_ned
 from dronecats.sitl.px4_simulator import free_instance
 from episodes import catalogue
+from foundation.frames import geodetic_to_ned
 from tests.flight.courses import measured, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")

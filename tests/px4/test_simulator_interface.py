@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as pymavlink_dialect
 
-from dronecats.border.mavlink import Packer
-from dronecats.border.sensors import MAX_ROTORS, SENSORS
+from foundation.mavlink import Packer
+from foundation.sensors import MAX_ROTORS, SENSORS
 from hil.simulator_interface import (
     ACCEL,
     BARO,

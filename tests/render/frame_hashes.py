@@ -10,10 +10,10 @@ import json
 import math
 from pathlib import Path
 
-from dronecats.border.camera import CameraModel, CameraPose
-from dronecats.border.frames import quat_from_euler
 from episodes import maps
 from episodes.render import Renderer
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import quat_from_euler
 
 FILE = Path(__file__).with_suffix(".json")
 MAPS = ("residential", "campus", "blocks")

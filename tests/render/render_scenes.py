@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from dronecats.border.camera import CameraPose
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.terrain import FLAT
 from episodes.scene import Instance, Material, Mesh, Scene, Sun
+from foundation.camera import CameraPose
+from foundation.frames import quat_from_euler
+from foundation.terrain import FLAT
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
 OVERHEAD = Sun(toward_ned=(0.0, 0.0, -1.0))

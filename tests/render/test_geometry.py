@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from render_scenes import box_mesh, ground_mesh, instance, looking, random_boxes, scene_of
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler, rotate, rotate_inverse
 from episodes.render import Renderer, camera_pose
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler, rotate, rotate_inverse
 
 CAMERA = CameraModel(width=160, height=90)
 

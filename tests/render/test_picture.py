@@ -18,12 +18,12 @@ from render_scenes import (
     scene_of,
 )
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import quat_from_euler
 from episodes.render import Renderer
 from episodes.render.textures import build_atlas
 from episodes.scene import Material
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
 
 CAMERA = CameraModel(width=160, height=120)
 RED, GREEN, BLUE, WHITE = (200, 0, 0), (0, 200, 0), (0, 0, 200), (220, 220, 220)

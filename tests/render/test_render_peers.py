@@ -10,9 +10,9 @@ from render_scenes import box_mesh, instance, looking, scene_of
 
 from benchmarks import render_peers as peers
 from benchmarks.render_export import export
-from dronecats.border.camera import CameraModel
 from episodes.render import Renderer
 from episodes.scene import Material
+from foundation.camera import CameraModel
 
 CAMERA = CameraModel(1280, 720)
 RED = Material("red", (0.5, 0.0, 0.0), np.full((4, 4, 3), 188, np.uint8))

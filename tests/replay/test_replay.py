@@ -12,7 +12,7 @@ from record import AIRFRAME, EVERY, FILE, fly
 
 from autopilot.flight_core import FlightCore
 from autopilot.replay import Outcome, load, replay, save
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from vehicles import airframe
 
 TOLERANCES = {  # other compilers round differently; a changed gain or noise figure moves far more than this

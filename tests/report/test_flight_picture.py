@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.border.errors import UsageError
 from dronecats.judge.files import read
 from dronecats.report import flight_picture
+from foundation.errors import UsageError
 
 
 def flight(folder, drones=1, steps=12, declare=(7, 11), target_speed=0.0):

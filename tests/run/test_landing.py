@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from dronecats.border.errors import LinkError
-from dronecats.border.mavlink import dialect
 from dronecats.run.episode import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
+from foundation.errors import LinkError
+from foundation.mavlink import dialect
 from hil.envelope import Limits
 from hil.link import Link
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.border.errors import InfrastructureError, UsageError
 from dronecats.run.supervisor import Supervisor
+from foundation.errors import InfrastructureError, UsageError
 
 
 @pytest.fixture

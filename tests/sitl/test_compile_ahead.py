@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
-from dronecats.border.terrain import FLAT, HeightField
 from dronecats.sitl import compile_ahead
+from foundation.terrain import FLAT, HeightField
 from vehicles import airframe
 from vehicles.multirotor import Multirotor
 

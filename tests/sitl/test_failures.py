@@ -2,8 +2,8 @@
 
 import pytest
 
-from dronecats.border.mavlink import dialect as d
 from dronecats.sitl.failures import Failures
+from foundation.mavlink import dialect as d
 from vehicles import airframe
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor

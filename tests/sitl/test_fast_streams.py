@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dronecats.border.mavlink import Packer, Parser, dialect
 from dronecats.sitl.simulation import Place, SimulatedVehicle
+from foundation.mavlink import Packer, Parser, dialect
 from vehicles import airframe
 
 IMU, ATTITUDE = dialect.MAVLINK_MSG_ID_HIGHRES_IMU, dialect.MAVLINK_MSG_ID_ATTITUDE

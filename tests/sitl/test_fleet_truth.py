@@ -6,15 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.border.camera import CameraModel
-from dronecats.border.frames import quat_from_euler
-from dronecats.border.mavlink import Packer
-from dronecats.border.truth import FrameTaken, NewestTruth, TruthSample, frame_message, truth_message
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.world_measure import measured_in
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.scenario import load_world, origin
 from episodes.optics.options import Exposure, Optics
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler
+from foundation.mavlink import Packer
+from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message, truth_message
 
 EPISODE = "blocks-commanding-01"
 HALF = CameraModel(640, 360)

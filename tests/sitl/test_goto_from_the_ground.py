@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.border.frames import ned_to_geodetic
-from dronecats.border.mavlink import Packer, dialect
 from dronecats.sitl.simulation import Place, SimulatedVehicle
+from foundation.frames import ned_to_geodetic
+from foundation.mavlink import Packer, dialect
 from vehicles import airframe
 
 ORIGIN = (47.397742, 8.545594, 488.0)

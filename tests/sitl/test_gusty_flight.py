@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from dronecats.border.frames import Vec3, quat_multiply
-from dronecats.border.mavlink import dialect
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from foundation.frames import Vec3, quat_multiply
+from foundation.mavlink import dialect
 from hil.link import Link
 from hil.offboard import PositionTarget, VelocityTarget, message
 from vehicles import airframe

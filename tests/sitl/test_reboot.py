@@ -6,9 +6,9 @@ import pytest
 
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.plan.items import FENCE, MISSION, RALLY, Item
-from dronecats.border.mavlink import MODES, dialect
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from foundation.mavlink import MODES, dialect
 from hil.link import Link
 from vehicles import airframe
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dronecats.border.frames import GRAVITY
+from foundation.frames import GRAVITY
 from vehicles.airframe import load
 from vehicles.battery import NOMINAL_CELL_V
 from vehicles.multirotor import Multirotor

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY
 from vehicles import airframe
 
 FILES = Path(airframe.__file__).parent / "airframes"

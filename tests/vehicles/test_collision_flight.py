@@ -5,10 +5,10 @@ import math
 import pytest
 
 from autopilot.modes.setpoint import FREE, NAN, Setpoint
-from dronecats.border.frames import rotate
-from dronecats.border.mavlink import Parser
 from dronecats.sitl.scenario import build, load_world
 from episodes.world import World
+from foundation.frames import rotate
+from foundation.mavlink import Parser
 from vehicles.nearest import in_triangle
 
 CAMERA = (0.5, 0.0, 0.1)

@@ -7,7 +7,7 @@ from fleet import vehicle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.errors import UsageError
+from foundation.errors import UsageError
 from vehicles.fault_script import load, parse
 from vehicles.faults import KINDS, PARTS, Fault
 

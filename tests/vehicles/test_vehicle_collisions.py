@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from fleet import PERFECT, hover_speed, spin, vehicle
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
-from dronecats.border.obstacles import Box, Obstacles
 from episodes.obstacles import sorted_into_cells
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
+from foundation.obstacles import Box, Obstacles
 from vehicles.airframe import names
 from vehicles.collision import BOX, RESTITUTION
 from vehicles.multirotor import Multirotor
@@ -215,10 +215,10 @@ def test_nearest_points_against_a_dense_search() -> None:
 
 def test_the_suv_of_the_map_keeps_the_lens_out() -> None:
     """Into the triangles of a real asset, from every side and at several heights."""
-    from dronecats.border.terrain import FLAT
     from episodes import assets
     from episodes.obstacles import obstacles
     from episodes.scene import Instance, Scene, Sun
+    from foundation.terrain import FLAT
 
     mesh = assets.build("suv", "red", None)
     scene = Scene("test", (Instance(1, "suv", "suv", mesh, (0.0, 0.0, 0.0)),), FLAT, Sun((0, 0, -1)), 47.0, 8.0, 400.0)

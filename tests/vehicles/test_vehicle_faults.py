@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from fleet import HIGH, ORIGIN, PERFECT, vehicle
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import geodetic_to_ned
+from foundation.errors import UsageError
+from foundation.frames import geodetic_to_ned
 from vehicles.faults import Fault
 
 TIMES = {"accel": "imu", "gyro": "imu", "mag": "mag", "baro": "baro", "gps": "gps", "range": "range"}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from fleet import ORIGIN, spin, vehicle
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
-from dronecats.border.terrain import HeightField
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
+from foundation.terrain import HeightField
 from vehicles import ground
 from vehicles.airframe import load, names
 from vehicles.multirotor import Multirotor, parameters

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from fleet import HIGH, hover_speed, spin, vehicle
 
-from dronecats.border.airframe import Airframe
-from dronecats.border.frames import GRAVITY, quat_to_euler, rotate
+from foundation.airframe import Airframe
+from foundation.frames import GRAVITY, quat_to_euler, rotate
 from vehicles import rotor
 from vehicles.airframe import names
 from vehicles.multirotor import Multirotor

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fleet import HIGH, ORIGIN, PERFECT, vehicle
 
-from dronecats.border.errors import UsageError
-from dronecats.border.frames import GRAVITY, geodetic_to_ned, quat_from_euler
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, geodetic_to_ned, quat_from_euler
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite, pressure
 

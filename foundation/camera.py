@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Quat, Vec3
+from foundation.frames import Quat, Vec3
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """MAVLink 2 frames to messages and back, by tables made from pymavlink's message classes, several times as fast.
 
 Bytes and fields are pymavlink's own, which the tests prove for every message of the dialect. What is not plain MAVLink
-2 (version 1, signed, unknown or damaged frames) is not handled here: `dronecats.border.mavlink.Parser` gives it to
+2 (version 1, signed, unknown or damaged frames) is not handled here: `foundation.mavlink.Parser` gives it to
 pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dronecats.border.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized
-from dronecats.border.mavlink import Parser, dialect
+from foundation.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized
+from foundation.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.border.mavlink import Packer, Parser, dialect
+from foundation.mavlink import Packer, Parser, dialect
 
 CLASSES = [dialect.mavlink_map[number] for number in sorted(dialect.mavlink_map)]
 BITS = {"8": 8, "16": 16, "32": 32, "64": 64}

@@ -15,7 +15,7 @@ from typing import Any
 
 import numba
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 # where kernels live, and the constants and records that they are compiled with; tests/architecture holds it complete
 SOURCES = (
     "vehicles/*.py",
@@ -23,7 +23,7 @@ SOURCES = (
     "autopilot/control/*.py",
     "episodes/render/*.py",
     "episodes/scene.py",
-    "dronecats/border/*.py",
+    "foundation/*.py",
     "dronecats/sitl/fused.py",
 )
 KEPT_S = 30 * 86_400  # s, a cache of sources that nobody has run for so long is removed

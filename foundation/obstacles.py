@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.border.frames import Vec3
+from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import development as dialect
 
-from dronecats.border import wire
+from foundation import wire
 
 __all__ = ["MODES", "Parser", "Px4Mode", "dialect"]
 
