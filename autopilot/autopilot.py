@@ -11,8 +11,8 @@ from autopilot.logging.flight_log import FlightLog
 from autopilot.mavlink import dispatch, mission
 from autopilot.mavlink.node import Inject, Node
 from autopilot.mavlink.port import Port
+from autopilot.mavlink.telemetry_source import Vehicle
 from autopilot.mavlink.uploads import Uploads
-from autopilot.mavlink.vehicle import Vehicle
 from autopilot.modes.setpoint import SetpointWriter
 from autopilot.parameters import Parameters
 from autopilot.plan.plans import Plans

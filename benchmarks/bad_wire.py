@@ -24,18 +24,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.run.listening import Listener
-from dronecats.run.supervisor import Supervisor
+from dronecats.processes.bus_listener import Listener
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.frames import quat_yaw, wrap_pi
 from foundation.mavlink import Parser, dialect
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from foundation.truth import TruthSample, truth_sample
-from hil.impaired_wire import ImpairedWire
-from hil.impairment import Impairment
-from hil.link import Link, TakeoverError
-from hil.parameters import Parameters
-from hil.transport import connect
+from hil.impairment.channel import Impairment
+from hil.impairment.wire import ImpairedWire
+from hil.link.link import Link, TakeoverError
+from hil.link.parameters import Parameters
+from hil.link.transport import connect
 
 EPISODE = "campus-approaching-01"
 ORIGIN = (47.397742, 8.545594, 488.0)  # only differences are looked at
@@ -140,7 +141,7 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
             speed = SHORT_SPEED if args.short else 1.0
             px4 = {"autopilot": "px4", "px4": args.px4, "log_dir": folder} if args.px4 else {}
             simulator = supervisor.start(
-                "simulator", {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": speed, **px4}
+                parts.SIMULATOR, {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": speed, **px4}
             )
             ports = simulator.ready()
             while px4 and not simulator.do("in step"):

@@ -34,7 +34,7 @@ from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.pace import RateKeeper
 from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle, Simulation
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
-from hil.link import Link
+from hil.link.link import Link
 from vehicles import airframe
 
 ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
@@ -115,7 +115,7 @@ class CoreFlight:
 
 
 class LinkedFlight:
-    """A fleet flown through `hil.link.Link`, 20 Hz each: every message encoded, decoded and acted upon.
+    """A fleet flown through `hil.link.link.Link`, 20 Hz each: every message encoded, decoded and acted upon.
 
     `profile` of the ports: what `Lockstep.transport` opens for an agent, unless said otherwise.
     """

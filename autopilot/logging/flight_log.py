@@ -13,7 +13,7 @@ from autopilot.logging.directory import LogDirectory
 from autopilot.logging.readings import Readings
 from autopilot.logging.topics import TABLE, Sources, Topic
 from autopilot.mavlink.status_makers import FLIGHT_SW_VERSION
-from autopilot.mavlink.vehicle import Vehicle
+from autopilot.mavlink.telemetry_source import Vehicle
 
 FLUSH_US = 500_000  # what a kill may cost
 SYSTEM = "DroneCATS"

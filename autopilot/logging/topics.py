@@ -11,7 +11,7 @@ from typing import Any
 
 from autopilot.logging.readings import Readings
 from autopilot.mavlink.motion_makers import estimator_status
-from autopilot.mavlink.vehicle import Vehicle
+from autopilot.mavlink.telemetry_source import Vehicle
 from autopilot.records import KIND_TRAJECTORY
 from foundation.frames import rotate
 

@@ -12,7 +12,7 @@ from autopilot.mavlink import mission, requests
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import COMPONENT_ID, Port
 from autopilot.mavlink.streams import BY_NAME
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import MODES, dialect
 

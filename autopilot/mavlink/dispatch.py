@@ -15,7 +15,7 @@ from autopilot.mavlink import (
 from autopilot.mavlink import parameter_protocol as parameter
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import COMPONENT_ID, Port
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 
 Handler = Callable[[Node, Port, Message], None]
 

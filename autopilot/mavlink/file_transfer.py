@@ -25,7 +25,7 @@ from autopilot.mavlink.file_tree import (
 )
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.mavlink import dialect
 
 ACK, NAK = 128, 129

@@ -4,7 +4,7 @@ import math
 
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.frames import geodetic_to_ned
 
 POSITION, VELOCITY = 1, 2  # bits of est_capabilities

@@ -3,7 +3,7 @@
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME, GROUPS
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.mavlink import dialect
 
 

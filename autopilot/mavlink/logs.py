@@ -6,7 +6,7 @@ from pathlib import Path
 from autopilot.logging.directory import LogFile
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.mavlink import dialect
 
 CHUNK = 90  # bytes, LOG_DATA.data

@@ -2,7 +2,7 @@
 
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 
 
 def _axis(value: int) -> float:

@@ -10,8 +10,8 @@ import math
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME
+from autopilot.mavlink.telemetry_source import Message
 from autopilot.mavlink.uploads import CANCELLED, Key, Upload
-from autopilot.mavlink.vehicle import Message
 from autopilot.plan import checks
 from autopilot.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, Item
 from autopilot.plan.plans import CAPACITY

@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, heading_cdeg, int16, int32, whole
+from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, heading_cdeg, int16, int32, whole
 from autopilot.records import KIND_TRAJECTORY
 from autopilot.vehicle_state import VehicleState
 from foundation.frames import rotate_inverse

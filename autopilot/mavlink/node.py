@@ -8,8 +8,8 @@ from autopilot.mavlink.file_tree import FileTree
 from autopilot.mavlink.packed_parameters import packed
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_ID
+from autopilot.mavlink.telemetry_source import Message, Vehicle
 from autopilot.mavlink.uploads import Uploads
-from autopilot.mavlink.vehicle import Message, Vehicle
 from foundation.mavlink import dialect
 
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text

@@ -7,7 +7,7 @@ import math
 
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from autopilot.modes.setpoint import FREE, NAN, Setpoint
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate

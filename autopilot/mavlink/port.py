@@ -6,7 +6,7 @@ from typing import Protocol
 
 from autopilot.mavlink.signing import Signing
 from autopilot.mavlink.streams import BY_ID, HEARTBEAT_ID, PROFILES, TABLE
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 

@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, int16, int32, whole
+from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, int16, int32, whole
 from foundation.mavlink import dialect
 
 

@@ -9,7 +9,7 @@ import hashlib
 import hmac
 import struct
 
-from autopilot.mavlink.vehicle import Message
+from autopilot.mavlink.telemetry_source import Message
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32

@@ -3,7 +3,7 @@
 import math
 
 from autopilot.arming import STICK_MODES, sensor_health
-from autopilot.mavlink.vehicle import Message, Vehicle, boot_ms, whole
+from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, whole
 from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
 
 SENSOR_GYRO, SENSOR_ACCEL, SENSOR_MAG = 0x1, 0x2, 0x4

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from autopilot.mavlink import motion_makers as motion
 from autopilot.mavlink import sensor_makers as sensor
 from autopilot.mavlink import status_makers as status
-from autopilot.mavlink.vehicle import Maker
+from autopilot.mavlink.telemetry_source import Maker
 from foundation.mavlink import dialect
 
 PROFILES = ("onboard", "gcs", "minimal")

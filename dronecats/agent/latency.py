@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 
-from dronecats.agent.model import Model, Reply, Request
+from dronecats.agent.models.model import Model, Reply, Request
 from foundation.errors import UsageError
 
 Charge = Callable[[float], float]  # measured wall seconds -> vehicle seconds

@@ -12,12 +12,12 @@ from dronecats.agent.history import LENGTH as HISTORY_LENGTH
 from dronecats.agent.history import History
 from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Asking, Latency
-from dronecats.agent.model import Model, Request
-from dronecats.agent.picture import encode
+from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.vehicle import Vehicle
 from foundation.camera import Camera, CameraModel, Frame
 from foundation.errors import CameraError, ModelError
+from foundation.picture import encode
 from foundation.setpoints import Hold, Sight
 
 CAP_S = 300.0  # s of vehicle time, the length of an episode

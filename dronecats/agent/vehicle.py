@@ -6,7 +6,7 @@ from foundation.setpoints import Setpoint, Sight
 
 
 class Vehicle(Protocol):
-    """One drone over MAVLink; `hil.link.Link` is the one there is."""
+    """One drone over MAVLink; `hil.link.link.Link` is the one there is."""
 
     @property
     def time_us(self) -> int:

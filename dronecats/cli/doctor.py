@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
-from dronecats.agent.providers import PROVIDERS
+from dronecats.agent.models.providers import PROVIDERS
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}

@@ -37,10 +37,10 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
-    from dronecats.bench.audit import flights, floor, groups, pars, row, text
-    from dronecats.bench.batch import Batch
-    from dronecats.bench.runner import Runner
-    from dronecats.run.folder import fresh_run
+    from dronecats.campaign.audit import flights, floor, groups, pars, row, text
+    from dronecats.campaign.batch import Batch
+    from dronecats.campaign.runner import Runner
+    from dronecats.rundir.folder import fresh_run
     from episodes import blind
     from foundation.errors import UsageError
 
@@ -149,7 +149,7 @@ def _reason(result: dict[str, Any]) -> str:
 
 def _keep(steps: dict[str, int]) -> None:
     """Put the steps of shipped episodes into the table of pars; those that were not flown keep theirs."""
-    from dronecats.run.folder import write_json
+    from dronecats.rundir.folder import write_json
     from episodes import catalogue, par
 
     known = catalogue.known()
@@ -159,7 +159,7 @@ def _keep(steps: dict[str, int]) -> None:
 
 def _keep_blind(pilot: str, flown: "dict[str, Flight]") -> None:
     """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
-    from dronecats.run.folder import write_json
+    from dronecats.rundir.folder import write_json
     from episodes import blind, catalogue
 
     write_json(blind.FILE, blind.merged(blind.load(), pilot, flown, catalogue.known()))

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     record = catalogue.load(args.episode)
     member, steps = (suites.of(record.id), par.load().get(record.id)) if catalogue.ships(record) else ((), None)
     if args.picture is not None:
-        from dronecats.report.first_frame import write_first_frame
+        from episodes.pictures.first_frame import write_first_frame
 
         write_first_frame(record, args.picture)
     if args.json:

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _on_board(args: argparse.Namespace) -> int:
     from foundation.errors import UsageError
-    from hil.flight_logs import log_store
+    from hil.link.flight_logs import log_store
 
     with log_store(args.connect) as store:
         logs = store.entries()
@@ -56,11 +56,11 @@ def _on_board(args: argparse.Namespace) -> int:
 
 def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl and judge the flight anew, unless its truth is known: then say how good the trace is."""
+    from dronecats.afterflight.surveyed_target import target_from
+    from dronecats.afterflight.trace import against_truth, derive
     from dronecats.judge.distances import sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.judge.files import episode_folder, read
-    from dronecats.logger.estimate_trace import against_truth, derive
-    from dronecats.logger.surveyed_target import target_from
     from foundation.errors import UsageError
 
     if args.target_std is not None and not args.target:

@@ -105,9 +105,9 @@ def run(args: argparse.Namespace) -> int:
 
             result = fly_world(args, say=_say)
         else:
-            from dronecats.logger.surveyed_target import target_from
+            from dronecats.afterflight.rejudge import traced
+            from dronecats.afterflight.surveyed_target import target_from
             from dronecats.run.connected import fly_connected
-            from dronecats.run.traced import traced
 
             target = target_from(args.target, args.target_std) if args.target else None
             result = traced(fly_connected(args, say=_say), target, say=_say)

@@ -35,8 +35,8 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.cli import signals
     from foundation.errors import UsageError
     from foundation.redaction import redacted
-    from hil.impaired_wire import ImpairedWire
-    from hil.transport import connect
+    from hil.impairment.wire import ImpairedWire
+    from hil.link.transport import connect
 
     if args.report is not None and not 0.1 <= args.report <= 3600.0:
         raise UsageError(f"--report wants 0.1 to 3600 seconds, got {args.report:g}")
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
     """Return what the words ask for: towards the autopilot, and from it. Raises UsageError."""
-    from hil.impairment import Impairment
+    from hil.impairment.channel import Impairment
 
     options = {
         "loss": args.loss, "delay_s": args.delay, "jitter_s": args.jitter, "duplicate": args.duplicate,

@@ -83,7 +83,7 @@ def _run(args: argparse.Namespace) -> int:
         print(f"dronecats {args.verb}: {error}", file=sys.stderr)
         return error.exit_status
     except ImportError as missing:
-        from dronecats.run.folder import missing_package
+        from dronecats.rundir.folder import missing_package
 
         said = missing_package(missing)
         if said is None:  # a mistake of ours, which its traceback tells best

@@ -83,10 +83,11 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"PX4 has offboard ports of their own for instances 0 to {PX4_INSTANCES - 1} only")
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
-    from dronecats.run.supervisor import Supervisor
-    from dronecats.sitl.board_simulator import BoardSimulator
-    from dronecats.sitl.px4_simulator import Px4Simulator
+    from dronecats.processes.supervisor import Supervisor
+    from dronecats.sitl.board.simulator import BoardSimulator
+    from dronecats.sitl.px4.simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
+    from dronecats.stages import parts
 
     config = {
         "episode": episode,
@@ -122,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
                     "port": args.camera,
                     "optics": optics,
                 }
-                child = supervisor.start("camera", config)
+                child = supervisor.start(parts.CAMERA, config)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
             simulator.ready()
@@ -144,7 +145,7 @@ def run(args: argparse.Namespace) -> int:
 def _check_hitl(args: argparse.Namespace, factor: float) -> None:
     """Raise UsageError for what a board cannot do: it runs in real time, alone, and brings its own autopilot."""
     from foundation.errors import UsageError
-    from hil.simulator_board import sensor_period_us
+    from hil.simulator.board import sensor_period_us
 
     if factor != 1.0:
         raise UsageError("a board runs in real time: leave --speed out, or leave --hitl out")
@@ -173,8 +174,8 @@ def _say(line: str) -> None:
 
 
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
-    from dronecats.sitl.simulator_process import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
-    from hil.simulator_server import PORT
+    from dronecats.sitl.ports import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
+    from hil.simulator.server import PORT
 
     for index in range(args.count or 1):
         port = AGENT_PORT + args.instance + index

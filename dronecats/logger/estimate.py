@@ -8,7 +8,7 @@ from typing import Any
 
 from dronecats.logger.recorder import POSE_S
 from foundation.mavlink import Parser, dialect
-from hil.telemetry import VehicleClock
+from hil.link.telemetry import VehicleClock
 
 
 class EstimateRecorder:

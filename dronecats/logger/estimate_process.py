@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.logger.estimate import EstimateRecorder
-from hil.transport import UdpTransport
+from hil.link.transport import UdpTransport
 
 
 class EstimateLogger:

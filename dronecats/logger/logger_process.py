@@ -6,7 +6,7 @@ from typing import Any
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.logger.world_measure import measured_in
-from dronecats.run.listening import Listener
+from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.scenario import load_world, origin
 from foundation.camera import CameraModel
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from dronecats.agent.model import Reply, Request
+from dronecats.agent.models.model import Reply, Request
 from dronecats.pilots import oracle
 from dronecats.pilots import reply as reply_text
 from episodes.world import World

@@ -9,10 +9,10 @@ from typing import Any
 from foundation.errors import LinkError
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
-from hil.arrival import Arrival
-from hil.envelope import broken_off
-from hil.link import Link
-from hil.telemetry import VehicleState
+from hil.link.arrival import Arrival
+from hil.link.envelope import broken_off
+from hil.link.link import Link
+from hil.link.telemetry import VehicleState
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
 AVERAGE_S = 3.0  # s over which the place on the ground is averaged

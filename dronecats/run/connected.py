@@ -5,21 +5,21 @@ from typing import Any
 
 from dronecats.agent.loop import Pilot
 from dronecats.report.intent import draw as draw_intent
-from dronecats.run import folder as folders
 from dronecats.run.ascent import Start
-from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
-from dronecats.run.connected_stage import ConnectedStage
 from dronecats.run.episode import fly
+from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
 from dronecats.run.terms import FRAMES_S, SILENCE_S, terms
+from dronecats.rundir import folder as folders
+from dronecats.stages.connected import ConnectedStage
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
 from hil.cameras.calibration import Calibration
 from hil.cameras.calibration import load as load_calibration
 from hil.cameras.open import open_camera
 from hil.cameras.patient import PatientCamera
-from hil.link import Link
-from hil.reopening import Reopening
-from hil.transport import connect
+from hil.link.link import Link
+from hil.link.reopening import Reopening
+from hil.link.transport import connect
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off, PX4's MIS_TAKEOFF_ALT

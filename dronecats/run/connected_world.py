@@ -5,23 +5,23 @@ from typing import Any
 
 from dronecats.agent.loop import Pilot
 from dronecats.report.intent import draw as draw_intent
-from dronecats.run import folder as folders
 from dronecats.run.ascent import Start, start_of
-from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.episode import Flown, fly
 from dronecats.run.free_flight import free_flight
+from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
 from dronecats.run.plan import CAMERA
 from dronecats.run.simulated import draw
 from dronecats.run.terms import SILENCE_S, terms
-from dronecats.run.world_stage import WorldStage
+from dronecats.rundir import folder as folders
 from dronecats.sitl.truth_bridge import TruthSource
+from dronecats.stages.world import WorldStage
 from episodes import catalogue, maps
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from hil.link import Link
-from hil.reopening import Reopening
-from hil.transport import connect
+from hil.link.link import Link
+from hil.link.reopening import Reopening
+from hil.link.transport import connect
 
 
 def fly_world(args: argparse.Namespace, say: Say) -> dict[str, Any]:

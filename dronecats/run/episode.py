@@ -12,11 +12,11 @@ from dronecats.judge.files import read
 from dronecats.run.ascent import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
-from dronecats.run.stage import Stage
+from dronecats.stages.stage import Stage
 from foundation.errors import DronecatsError
 from foundation.setpoints import Hold
-from hil.envelope import unwatched
-from hil.link import Link, TakeoverError
+from hil.link.envelope import unwatched
+from hil.link.link import Link, TakeoverError
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from dronecats.run.stage import Stage
+from dronecats.stages.stage import Stage
 from foundation.errors import DronecatsError, InfrastructureError
-from hil.link import Link
+from hil.link.link import Link
 
 
 def finish(

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.latency import Latency, latency
-from dronecats.agent.model import Request
+from dronecats.agent.models.model import Request
 from dronecats.pilots import roster
 from episodes import catalogue
 from episodes.optics.file import load as load_optics
@@ -13,8 +13,8 @@ from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from hil.envelope import SIMULATED, Limits
-from hil.envelope_file import load as load_envelope
+from hil.link.envelope import SIMULATED, Limits
+from hil.link.envelope_file import load as load_envelope
 from vehicles import airframe as airframes
 
 SEED_MAX = 2**31 - 1

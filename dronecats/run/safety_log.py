@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hil.link import Link
+from hil.link.link import Link
 
 
 class SafetyLog:

@@ -7,16 +7,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.loop import Pilot
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.providers import split
 from dronecats.agent.prompt import Prompt
-from dronecats.agent.providers import split
-from dronecats.run import folder as folders
 from dronecats.run.ascent import start_of
-from dronecats.run.conclude import Say, conclude, progress, served_rate_hz
 from dronecats.run.episode import Flown, fly
+from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
 from dronecats.run.plan import SAMPLING, Plan, resolve
-from dronecats.run.stage import Stage
+from dronecats.rundir import folder as folders
+from dronecats.stages.stage import Stage
 from episodes import maps
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.redaction import redacted_url
@@ -113,12 +113,12 @@ def _fly(plan: Plan, prompt: Prompt, folder: Path, say: Say, settings: dict[str,
     world: World | None = None
     if plan.speed is None:
         say("lockstep: loading the flight core and the camera; the first run compiles them, about a minute …")
-        from dronecats.run.lockstep_stage import LockstepStage
+        from dronecats.stages.lockstep import LockstepStage
 
         world = world_of(plan.record, plan.airframe)
         stage: Stage = LockstepStage(plan, folder, world)
     else:
-        from dronecats.run.realtime_stage import RealtimeStage
+        from dronecats.stages.realtime import RealtimeStage
 
         stage = realtime = RealtimeStage(plan, folder, say)
         pace = realtime.pace

@@ -5,18 +5,18 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.latency import Latency
 from dronecats.agent.loop import CAP_S
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.providers import split
 from dronecats.agent.prompt import Prompt
-from dronecats.agent.providers import split
 from dronecats.pilots import roster
 from dronecats.run.episode import Authority
 from dronecats.run.plan import SAMPLING, latency_for
 from foundation.errors import UsageError
 from foundation.redaction import redacted_url
-from hil.envelope import Limits
-from hil.envelope_file import load as load_envelope
+from hil.link.envelope import Limits
+from hil.link.envelope_file import load as load_envelope
 
 SILENCE_S = 30.0  # wall seconds that a cable may be out; what the vehicle does meanwhile is its own failsafe's matter
 FRAMES_S = 10.0  # wall seconds without a fresh frame after which the flight ends

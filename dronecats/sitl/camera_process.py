@@ -7,13 +7,13 @@ from urllib.parse import parse_qs, urlsplit
 
 import cv2
 
-from dronecats.run.listening import Listener
+from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.scenario import load_world
 from episodes.optics.file import optics_of
 from foundation.camera import CameraModel, Frame
 from foundation.errors import DronecatsError
-from hil.transport import bind_error
+from hil.link.transport import bind_error
 
 ENCODINGS = {
     "/frame.bmp": (".bmp", "image/bmp"),

@@ -6,7 +6,7 @@ Every message is still encoded to MAVLink bytes and decoded again; only the sock
 from collections.abc import Callable
 
 from dronecats.sitl.simulation import SimulatedVehicle, Simulation
-from hil.transport import MemoryTransport, Transport
+from hil.link.transport import MemoryTransport, Transport
 
 
 class Lockstep:

@@ -4,7 +4,7 @@ import contextlib
 import socket
 from collections.abc import Callable
 
-from hil.transport import BUFFER_BYTES, bind_error
+from hil.link.transport import BUFFER_BYTES, bind_error
 
 Address = tuple[str, int]
 MAVLINK_2 = 0xFD  # first byte of a frame

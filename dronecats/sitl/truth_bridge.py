@@ -6,7 +6,7 @@ Camera, logger and oracle listen on that bus as they do on our simulator's.
 import time
 from typing import Any
 
-from dronecats.run.listening import Listener
+from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.placement import Placement, TruthClock, own_yaw, speed, standing
 from dronecats.sitl.scenario import ground_places, load_world, origin

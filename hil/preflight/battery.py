@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from hil.parameters import Value
+from hil.link.parameters import Value
 from hil.preflight.heard import Heard
 from hil.preflight.row import Row
 

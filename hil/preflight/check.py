@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from foundation.errors import UsageError
-from hil.link import Link
-from hil.parameters import Parameters, Value
+from hil.link.link import Link
+from hil.link.parameters import Parameters, Value
 from hil.preflight import battery, camera, disk, failsafes, fence, health, position, wire
 from hil.preflight.heard import Heard, Watch
 from hil.preflight.rehearsal import rehearse

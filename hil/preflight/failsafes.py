@@ -7,7 +7,7 @@ and left alone. Sources: PX4's parameter reference; failsafe.cpp, where noted; m
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from hil.parameters import Value
+from hil.link.parameters import Value
 from hil.preflight.row import Change, Finding, Row
 
 OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold", 6: "Terminate",

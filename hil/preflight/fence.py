@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from foundation.mavlink import dialect
-from hil.link import Link
-from hil.parameters import Value
+from hil.link.link import Link
+from hil.link.parameters import Value
 from hil.preflight.row import Change, Finding, Row
 
 PARAMETERS = ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "RTL_RETURN_ALT")

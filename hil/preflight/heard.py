@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from foundation.mavlink import dialect
-from hil.firmware import Firmware, firmware
-from hil.link import Link
-from hil.statustext import StatusTexts
+from hil.link.firmware import Firmware, firmware
+from hil.link.link import Link
+from hil.link.statustext import StatusTexts
 
 Message: TypeAlias = dialect.MAVLink_message
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from foundation.errors import DronecatsError, LinkError
 from foundation.mavlink import dialect
 from foundation.setpoints import Velocity
-from hil.link import Link
+from hil.link.link import Link
 from hil.preflight.row import Row
 
 NAME = "offboard rehearsal"

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dronecats.logger.estimate_trace import against_truth
+from dronecats.afterflight.trace import against_truth
 from foundation.errors import UsageError
 
 ORIGIN = (47.397742, 8.545594, 488.0)

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dronecats.afterflight.rejudge import traced
+from dronecats.afterflight.sources import from_tlog, from_ulog
+from dronecats.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
+from dronecats.afterflight.trace import FILE, derive
 from dronecats.cli.main import main
 from dronecats.judge.episode import judge_folder
 from dronecats.judge.files import read
 from dronecats.logger.estimate import EstimateRecorder
-from dronecats.logger.estimate_sources import from_tlog, from_ulog
-from dronecats.logger.estimate_trace import FILE, derive
-from dronecats.logger.surveyed_target import SurveyedTarget, target_from, target_of
-from dronecats.run.traced import traced
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.scenario import build, load_world, origin
 from foundation.errors import UsageError
@@ -23,7 +23,7 @@ from foundation.frames import geodetic_to_ned, ned_to_geodetic
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.setpoints import Hold, Turn, Velocity
 from foundation.truth import TruthSample, truth_sample
-from hil.link import Link
+from hil.link.link import Link
 
 EPISODE = "campus-approaching-01"
 STEPS = [(Velocity(1.2, None), 4.0), (Hold(), 1.5), (Turn(math.radians(60.0)), 1.0), (Velocity(1.2, 0.3), 3.0)] * 2

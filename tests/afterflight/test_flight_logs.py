@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.run.supervisor import Supervisor
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
-from hil.flight_logs import log_store
-from hil.link import Link
-from hil.transport import connect
+from hil.link.flight_logs import log_store
+from hil.link.link import Link
+from hil.link.transport import connect
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def autopilot(tmp_path_factory: pytest.TempPathFactory):
     config = {
         "episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 4.0, "state_dir": str(folder),
     }  # fmt: skip
-    port = supervisor.start("simulator", config).ready()["agent"][0]
+    port = supervisor.start(parts.SIMULATOR, config).ready()["agent"][0]
     link = Link(connect(f"udpout://127.0.0.1:{port}"))
     link.connect()
     link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")
@@ -82,7 +83,7 @@ def test_nobody_there_and_no_link_are_told_apart() -> None:
     nobody = subprocess.run(
         [
             sys.executable, "-c",
-            "import sys; from hil.flight_logs import log_store; log_store(sys.argv[1], 1.0).__enter__()",
+            "import sys; from hil.link.flight_logs import log_store; log_store(sys.argv[1], 1.0).__enter__()",
             f"udpout://127.0.0.1:{silent.port}",
         ],
         capture_output=True, text=True, timeout=60, check=False,

@@ -9,12 +9,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.latency import InlineExecutor, latency
 from dronecats.agent.loop import Agent, Pilot
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.providers import PROVIDERS
 from dronecats.agent.prompt import Prompt
-from dronecats.agent.providers import PROVIDERS
 from foundation.camera import CameraModel, Frame
 from foundation.setpoints import Hold, Sight
 

@@ -6,9 +6,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from dronecats.agent.chat import ChatModel
-from dronecats.agent.model import Request
-from dronecats.agent.providers import PROVIDERS, split
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.providers import PROVIDERS, split
 from foundation.errors import ModelError, UsageError
 
 KEY = "sk-SECRET-1234567890"

@@ -15,15 +15,15 @@ import httpx
 import pytest
 from flown_wire import Clock, Views
 
-from dronecats.agent import endpoint as endpoints
-from dronecats.agent.chat import ChatModel
 from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.endpoint import MAX_PAUSE_S, Endpoint, Patience, pause_asked_for
 from dronecats.agent.latency import Asking, DaemonExecutor, InlineExecutor, latency
 from dronecats.agent.loop import Agent, Pilot
-from dronecats.agent.model import Request
+from dronecats.agent.models import endpoint as endpoints
+from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, Patience, pause_asked_for
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.providers import PROVIDERS
 from dronecats.agent.prompt import Prompt
-from dronecats.agent.providers import PROVIDERS
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
 

@@ -3,7 +3,7 @@ from concurrent.futures import Future
 import pytest
 
 from dronecats.agent.latency import Asking, InlineExecutor, latency
-from dronecats.agent.model import Reply, Request
+from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError, UsageError
 
 REQUEST = Request("p", (b"",), False)

@@ -7,7 +7,7 @@ import pytest
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.latency import DaemonExecutor, latency
 from dronecats.agent.loop import Agent, Pilot
-from dronecats.agent.model import Reply
+from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import CameraError

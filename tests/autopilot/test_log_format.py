@@ -16,7 +16,7 @@ from pyulog import ULog
 
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
-from hil.link import Link
+from hil.link.link import Link
 from vehicles import airframe
 
 SIZES = {

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.bench.audit import flights, floor, groups, row, table, text
+from dronecats.campaign.audit import flights, floor, groups, row, table, text
 from dronecats.cli.main import main
 from dronecats.pilots.patterns import PATTERNS
 from episodes import blind, catalogue, suites

@@ -5,8 +5,8 @@ import json
 
 import pytest
 
-from dronecats.bench.audit import pars, table, text
-from dronecats.bench.batch import UNFINISHED, Batch
+from dronecats.campaign.audit import pars, table, text
+from dronecats.campaign.batch import UNFINISHED, Batch
 from episodes import catalogue
 from foundation.errors import UsageError
 

@@ -10,8 +10,8 @@ import sys
 import psutil
 import pytest
 
-from dronecats.bench.batch import UNFINISHED, Batch
-from dronecats.bench.runner import Runner
+from dronecats.campaign.batch import UNFINISHED, Batch
+from dronecats.campaign.runner import Runner
 from episodes import catalogue
 from foundation.errors import InfrastructureError
 
@@ -42,7 +42,7 @@ def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path):
 
 def workers():
     """Return this process's children that fly, or start to."""
-    return [p for p in psutil.Process().children(recursive=True) if "dronecats.run.child" in p.cmdline()]
+    return [p for p in psutil.Process().children(recursive=True) if "dronecats.processes.child" in p.cmdline()]
 
 
 @pytest.mark.slow

@@ -9,14 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.run.supervisor import ChildProcess
+from dronecats.processes.supervisor import ChildProcess
 from dronecats.sitl.placement import TruthClock, standing
 from dronecats.sitl.scenario import ground_places, load_world, origin
+from dronecats.stages import parts
 from foundation.errors import UsageError
 from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.truth import NewestTruth, truth_message
-from hil.transport import connect
+from hil.link.transport import connect
 
 HOME = (47.397743, 8.545594, 489.4)  # where PX4's own simulation begins
 EPISODE = "residential-approaching-01"
@@ -101,7 +102,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, free_por
     somebody = Somebody(free_port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
-        "truth-bridge", {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}, tmp_path / "bridge.log"
+        parts.TRUTH_BRIDGE, {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}, tmp_path / "bridge.log"
     )
     try:
         ready = bridge.ready()
@@ -141,7 +142,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, free_por
 def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_port):
     somebody = Somebody(free_port, speed=2.0)
     config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}
-    bridge = ChildProcess("truth-bridge", config, tmp_path / "bridge.log")
+    bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=r"moves at 2\.0 m/s: it has to stand where the episode begins"):
         bridge.ready()
     bridge.close()
@@ -153,7 +154,7 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_po
 def test_a_stream_without_truth_or_without_time_is_said(tmp_path, free_port, timed):
     somebody = None if timed is None else Somebody(free_port, timed=timed)
     config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}
-    bridge = ChildProcess("truth-bridge", config, tmp_path / "bridge.log")
+    bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=r"no truth comes on --truth udpin://127\.0\.0\.1:\d+ within 10 s"):
         bridge.ready()
     bridge.close()

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.report.contact_sheet import DISTANCES_M, HEIGHT_PX, LABEL_PX, WIDTHS_PX, contact_sheet, names
 from episodes import assets
+from episodes.pictures.contact_sheet import DISTANCES_M, HEIGHT_PX, LABEL_PX, WIDTHS_PX, contact_sheet, names
 from foundation.errors import UsageError
 
 SHEETS = Path(__file__).parents[2] / "docs" / "assets"

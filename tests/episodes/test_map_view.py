@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.report.map_plan import SIDE_PX, map_plan
-from dronecats.report.map_view import LARGEST_BYTES, VANTAGE, map_view
 from episodes import maps
+from episodes.pictures.map_plan import SIDE_PX, map_plan
+from episodes.pictures.map_view import LARGEST_BYTES, VANTAGE, map_view
 from foundation.errors import UsageError
 
 SHIPPED = Path(__file__).parents[2] / "docs" / "maps"

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from dronecats.run.supervisor import Supervisor
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
 
 SPEED = 2.0
 
@@ -18,7 +19,7 @@ SPEED = 2.0
 def simulator(tmp_path):
     supervisor = Supervisor(tmp_path)
     child = supervisor.start(
-        "simulator", {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": SPEED}
+        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": SPEED}
     )
     yield child.ready()
     supervisor.close()

@@ -10,7 +10,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from dronecats.run.supervisor import Supervisor
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
 from foundation.mavlink import MODES, Packer, Parser, dialect
 
 EPISODE, SPEED = "residential-approaching-01", 2.0
@@ -24,9 +25,9 @@ def field(tmp_path):
     """
     supervisor = Supervisor(tmp_path)
     config = {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": SPEED}
-    ports = supervisor.start("simulator", config).ready()
+    ports = supervisor.start(parts.SIMULATOR, config).ready()
     truth = f"udpout://127.0.0.1:{ports['truth']}"
-    camera = supervisor.start("camera", {"episode": EPISODE, "truth": truth, "optics": None})
+    camera = supervisor.start(parts.CAMERA, {"episode": EPISODE, "truth": truth, "optics": None})
     yield ports["agent"][0], camera.ready()["url"]
     supervisor.close()
 

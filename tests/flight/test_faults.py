@@ -36,7 +36,7 @@ def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(f
             raise RuntimeError(f"overloaded, {KEY}")
         return '{"action":"rotate","angle_deg":10}'
 
-    monkeypatch.setattr("dronecats.agent.endpoint.pause_asked_for", lambda headers: 0.0)
+    monkeypatch.setattr("dronecats.agent.models.endpoint.pause_asked_for", lambda headers: 0.0)
     status, result, everything = fly(pilot)
     assert status == 3
     assert result["outcome"] == "error"

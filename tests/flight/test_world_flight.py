@@ -12,8 +12,9 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.judge.files import lines
-from dronecats.run.supervisor import Supervisor
+from dronecats.processes.supervisor import Supervisor
 from dronecats.sitl.scenario import load_world
+from dronecats.stages import parts
 
 THERE, HERE = "residential-approaching-01", "campus-approaching-01"
 
@@ -23,7 +24,7 @@ def elsewhere(tmp_path):
     """Return the addresses of a vehicle that simulates itself on another map: its link's and its truth's."""
     supervisor = Supervisor(tmp_path)
     config = {"episode": THERE, "airframe": "x500", "seed": 0, "speed": 1.0}
-    ports = supervisor.start("simulator", config).ready()
+    ports = supervisor.start(parts.SIMULATOR, config).ready()
     yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
     supervisor.close()
 

@@ -2,8 +2,8 @@
 
 from foundation.mavlink import MODES, Packer, Parser, dialect
 from foundation.setpoints import Velocity
-from hil.link import Link
-from hil.transport import MemoryTransport
+from hil.link.link import Link
+from hil.link.transport import MemoryTransport
 
 STEP_MS = 20
 

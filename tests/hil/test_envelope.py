@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.errors import LinkError
-from hil.envelope import Limits, admit, crosses, inside, placed, unwatched
-from hil.offboard import PositionTarget, VelocityTarget
-from hil.telemetry import VehicleState
+from hil.link.envelope import Limits, admit, crosses, inside, placed, unwatched
+from hil.link.offboard import PositionTarget, VelocityTarget
+from hil.link.telemetry import VehicleState
 
 HOME = (10.0, -20.0, 1.0)
 SQUARE = ((3.0, -2.0), (3.0, 2.0), (7.0, 2.0), (7.0, -2.0))

@@ -1,8 +1,8 @@
 import pytest
 
 from foundation.errors import UsageError
-from hil.envelope import SIMULATED, Limits
-from hil.envelope_file import load
+from hil.link.envelope import SIMULATED, Limits
+from hil.link.envelope_file import load
 
 
 def test_a_file_says_what_differs(tmp_path):

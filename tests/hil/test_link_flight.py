@@ -6,8 +6,8 @@ from scripted_vehicle import ScriptedVehicle, flying
 from foundation.errors import LinkError
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Velocity
-from hil.envelope import Limits
-from hil.link import EnvelopeError, Link
+from hil.link.envelope import Limits
+from hil.link.link import EnvelopeError, Link
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 
 from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect
-from hil.link import Link
-from hil.transport import connect
+from hil.link.link import Link
+from hil.link.transport import connect
 
 
 class Peer(threading.Thread):

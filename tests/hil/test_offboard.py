@@ -3,8 +3,8 @@ import math
 import pytest
 
 from foundation.setpoints import Hold, Sight, Turn, Velocity
-from hil.offboard import CORRECTION_MAX, OffboardStream
-from hil.offboard import message as packed
+from hil.link.offboard import CORRECTION_MAX, OffboardStream
+from hil.link.offboard import message as packed
 
 STILL = (0.0, 0.0, 0.0)
 

@@ -7,8 +7,8 @@ import socket
 import pytest
 
 from foundation.errors import LinkError
-from hil.reopening import Reopening
-from hil.transport import connect
+from hil.link.reopening import Reopening
+from hil.link.transport import connect
 
 
 def test_a_tcp_wire_that_breaks_is_opened_again():

@@ -1,8 +1,8 @@
 """What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
 
 from foundation.mavlink import dialect
-from hil.link import Link
-from hil.streams import FAST, OFFERED, WATCHED, Streams
+from hil.link.link import Link
+from hil.link.streams import FAST, OFFERED, WATCHED, Streams
 from tests.hil.scripted_vehicle import ScriptedVehicle
 
 POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED

@@ -5,8 +5,8 @@ from scripted_vehicle import ScriptedVehicle, flying
 
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Velocity
-from hil.envelope import Limits
-from hil.link import Link, TakeoverError
+from hil.link.envelope import Limits
+from hil.link.link import Link, TakeoverError
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.mavlink import MODES, Packer, Parser, dialect, mode_name
-from hil.telemetry import VehicleClock, VehicleState, update
+from hil.link.telemetry import VehicleClock, VehicleState, update
 
 
 def test_clock_survives_the_wrap_of_49_days():

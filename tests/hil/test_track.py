@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from hil.track import Track
+from hil.link.track import Track
 
 
 def told(*, places=(), headings=()):

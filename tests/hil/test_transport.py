@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.errors import DronecatsError, LinkError, UsageError
-from hil.transport import MemoryTransport, UdpTransport, connect
+from hil.link.transport import MemoryTransport, UdpTransport, connect
 
 
 def test_udp_answers_whoever_spoke_last():
@@ -70,7 +70,7 @@ def test_two_who_send_to_one_port_are_both_answered_until_one_is_silent(monkeypa
         assert server.receive(2.0) == b"hello"
     server.send(b"for one")
     assert [one.receive(2.0), other.receive(2.0)] == [b"for one"] * 2
-    monkeypatch.setattr("hil.transport.PEER_S", 0.0)
+    monkeypatch.setattr("hil.link.transport.PEER_S", 0.0)
     server.send(b"again")
     assert [one.receive(0.0), other.receive(2.0)] == [b"", b"again"]
     for wire in (server, one, other):

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import UsageError
-from hil.impairment import LATE_S, Channel, Impairment
+from hil.impairment.channel import LATE_S, Channel, Impairment
 
 SHARES = st.floats(0.0, 1.0)
 WIRES = st.builds(

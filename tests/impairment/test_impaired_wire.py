@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.mavlink import Packer, Parser, dialect
-from hil.impaired_wire import Frames, ImpairedWire
-from hil.impairment import Impairment
-from hil.transport import Transport, connect
+from hil.impairment.channel import Impairment
+from hil.impairment.wire import Frames, ImpairedWire
+from hil.link.transport import Transport, connect
 
 PERFECT = Impairment()
 

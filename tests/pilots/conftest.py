@@ -8,10 +8,10 @@ import pytest
 from dronecats.agent.action import Finished, parse
 from dronecats.agent.controller import plan
 from dronecats.agent.history import History
-from dronecats.agent.picture import encode
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler, wrap_pi
+from foundation.picture import encode
 from foundation.setpoints import Turn, Velocity
 
 HALF = CameraModel(640, 360)  # what a 1280 × 720 frame is resized to before a pilot gets it

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.agent.picture import encode
 from dronecats.pilots import referent, sighting, vision
 from dronecats.pilots.briefing import PastAction
 from foundation.errors import UsageError
+from foundation.picture import encode
 
 BGR = {
     "red": (24, 18, 200),

@@ -1,8 +1,8 @@
 import pytest
 from damaged_autopilot import Autopilot
 
-from hil.link import Link
-from hil.transport import connect
+from hil.link.link import Link
+from hil.link.transport import connect
 
 
 @pytest.fixture

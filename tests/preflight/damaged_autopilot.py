@@ -5,7 +5,7 @@ import threading
 import time
 
 from foundation.mavlink import MODES, Packer, Parser, dialect
-from hil.transport import connect
+from hil.link.transport import connect
 
 HEALTHY = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x200000 | 0x2000000 | 0x10000000
 STICKS, PREARM = 0x10000, 0x10000000

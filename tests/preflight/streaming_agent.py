@@ -9,8 +9,8 @@ import sys
 
 from foundation.mavlink import dialect
 from foundation.setpoints import Velocity
-from hil.link import Link
-from hil.transport import connect
+from hil.link.link import Link
+from hil.link.transport import connect
 
 link = Link(connect(sys.argv[1]))
 link.connect()

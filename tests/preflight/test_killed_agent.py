@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 from truth_watch import TruthWatch
 
-from dronecats.run.supervisor import Supervisor
-from hil.link import Link
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
+from hil.link.link import Link
+from hil.link.transport import connect
 from hil.preflight.check import check, mend
-from hil.transport import connect
 
 AGENT = Path(__file__).with_name("streaming_agent.py")
 STOPPED = 0.2  # m/s
@@ -25,7 +26,7 @@ WITHIN_S = 2.0
 def simulator(tmp_path):
     supervisor = Supervisor(tmp_path)
     child = supervisor.start(
-        "simulator", {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
+        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
     )
     ports = child.ready()
     yield f"udpout://127.0.0.1:{ports['agent'][0]}", TruthWatch(ports["truth"])

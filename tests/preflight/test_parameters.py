@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from foundation.errors import LinkError, UsageError
 from foundation.mavlink import Packer, Parser, dialect
-from hil.parameters import RETRY_US, TRIES, Parameters, decoded
+from hil.link.parameters import RETRY_US, TRIES, Parameters, decoded
 
 
 def test_integers_and_floats_are_read_as_they_are(meet):

@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.run.supervisor import Supervisor
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
 from foundation import wire
 from foundation.mavlink import dialect
-from hil.link import Link
+from hil.link.link import Link
+from hil.link.transport import connect
 from hil.preflight import disk
 from hil.preflight.rehearsal import rehearse
-from hil.transport import connect
 
 FAILS = {"COM_OBL_RC_ACT = 0", "COM_LOW_BAT_ACT = 0", "GF_MAX_HOR_DIST = 0", "GF_MAX_VER_DIST = 0"}  # PX4's defaults
 
@@ -26,7 +27,7 @@ def vehicle(tmp_path_factory):
     """The URL of a simulated vehicle whose autopilot stands ready."""
     supervisor = Supervisor(tmp_path_factory.mktemp("simulator"))
     child = supervisor.start(
-        "simulator", {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
+        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
     )
     url = f"udpout://127.0.0.1:{child.ready()['agent'][0]}"
     link = Link(connect(url))

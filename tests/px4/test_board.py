@@ -12,13 +12,13 @@ import tty
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.sitl.board_simulator import BoardSimulator
-from dronecats.sitl.board_vehicle import BoardVehicle
+from dronecats.sitl.board.simulator import BoardSimulator
+from dronecats.sitl.board.vehicle import BoardVehicle
 from dronecats.sitl.vehicle import Place
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
-from hil.simulator_board import BoardLine, sensor_period_us, split
-from hil.transport import connect
+from hil.link.transport import connect
+from hil.simulator.board import BoardLine, sensor_period_us, split
 from tests.px4.stand_in import exchange
 from vehicles import airframe
 

@@ -5,10 +5,10 @@ import threading
 import numpy as np
 import pytest
 
-from dronecats.sitl import px4_vehicle
-from dronecats.sitl.px4_vehicle import EXCHANGE_US, Px4Vehicle
+from dronecats.sitl.px4 import vehicle as px4_vehicle
+from dronecats.sitl.px4.vehicle import EXCHANGE_US, Px4Vehicle
 from dronecats.sitl.vehicle import TICK_US, Place
-from hil.simulator_interface import ACCEL, BARO, GYRO, MAG
+from hil.simulator.interface import ACCEL, BARO, GYRO, MAG
 from tests.px4.stand_in import Replay, StandIn, always, controls, recorded, silent
 from vehicles import airframe
 

@@ -6,10 +6,10 @@ import sys
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.sitl.px4_simulator import UDP_PORTS, Px4Simulator, free_instance
+from dronecats.sitl.px4.simulator import UDP_PORTS, Px4Simulator, free_instance
 from dronecats.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError
-from hil.simulator_server import PORT, SimulatorServer
+from hil.simulator.server import PORT, SimulatorServer
 
 
 @pytest.mark.parametrize(

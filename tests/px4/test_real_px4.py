@@ -12,7 +12,7 @@ import psutil
 import pytest
 from pymavlink import mavutil
 
-from dronecats.sitl.px4_simulator import free_instance
+from dronecats.sitl.px4.simulator import free_instance
 from episodes import catalogue
 from foundation.frames import geodetic_to_ned
 from tests.flight.courses import measured, record

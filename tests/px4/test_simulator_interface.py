@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as pymavlink_dialect
 
 from foundation.mavlink import Packer
 from foundation.sensors import MAX_ROTORS, SENSORS
-from hil.simulator_interface import (
+from hil.simulator.interface import (
     ACCEL,
     BARO,
     GYRO,

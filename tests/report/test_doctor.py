@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from dronecats.agent.providers import PROVIDERS
+from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import doctor
 from dronecats.cli.main import main
 

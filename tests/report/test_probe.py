@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.agent import picture
 from dronecats.cli.main import main
-from dronecats.report import probe as reading
 from episodes import assets
+from episodes.pictures import probe as reading
+from foundation import picture
 
 SIGN, PLATE = reading.KINDS
 

@@ -13,7 +13,7 @@ LIMIT = 2000  # bytes that a file may have: enough for the logs' first lines, to
 FLIGHT = """
 import json, resource, sys
 from pathlib import Path
-from dronecats.run.conclude import conclude
+from dronecats.run.outcome import conclude
 from dronecats.run.episode import Flown
 
 folder = Path(sys.argv[1])

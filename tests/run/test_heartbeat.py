@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.run.heartbeat import EVERY_S, GLANCE_S, Heartbeat
+from dronecats.processes.heartbeat import EVERY_S, GLANCE_S, Heartbeat
 
 PATIENCE_S = 30.0
 

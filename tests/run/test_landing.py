@@ -12,8 +12,8 @@ from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from foundation.errors import LinkError
 from foundation.mavlink import dialect
-from hil.envelope import Limits
-from hil.link import Link
+from hil.link.envelope import Limits
+from hil.link.link import Link
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hil"))
 from scripted_vehicle import ScriptedVehicle, flying

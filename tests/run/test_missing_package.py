@@ -3,7 +3,7 @@
 import pytest
 
 from dronecats.cli import main as command_line
-from dronecats.run.folder import missing_package
+from dronecats.rundir.folder import missing_package
 
 
 @pytest.mark.parametrize(

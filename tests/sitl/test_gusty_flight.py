@@ -16,8 +16,8 @@ from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
 from foundation.frames import Vec3, quat_multiply
 from foundation.mavlink import dialect
-from hil.link import Link
-from hil.offboard import PositionTarget, VelocityTarget, message
+from hil.link.link import Link
+from hil.link.offboard import PositionTarget, VelocityTarget, message
 from vehicles import airframe
 from vehicles.wind import Wind
 

@@ -9,7 +9,7 @@ from autopilot.plan.items import FENCE, MISSION, RALLY, Item
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
 from foundation.mavlink import MODES, dialect
-from hil.link import Link
+from hil.link.link import Link
 from vehicles import airframe
 
 

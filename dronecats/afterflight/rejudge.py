@@ -1,0 +1,27 @@
+"""After a flight on a vehicle that we did not start: the trace of its estimator, and the flight judged by it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from dronecats.afterflight.surveyed_target import SurveyedTarget
+from dronecats.judge.distances import sentence
+from dronecats.judge.episode import write_verdict
+from foundation.errors import UsageError
+
+
+def traced(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return what `fly --json` prints, judged anew with estimate.jsonl; as it was where the logs allow no trace."""
+    from dronecats.afterflight.trace import derive
+
+    folder = Path(result["run_dir"])
+    try:
+        derive(folder, target)
+    except UsageError as reason:
+        say(f"no smoothed trace: {reason}")
+        return result
+    verdict = write_verdict(folder)
+    measured = verdict.get("distances")
+    if measured:
+        say(sentence(measured, verdict["delta_m"]))
+    return {**result, "outcome": verdict["outcome"], "success": verdict["success"], "distances": measured}

@@ -1,0 +1,1 @@
+"""Models behind one interface, a file per wire format."""

@@ -1,0 +1,99 @@
+"""A run of many episodes on disk: what it is made of, which episodes are done, and what a kill has left half flown."""
+
+import fcntl
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TextIO
+
+from dronecats.judge.files import json_object
+from dronecats.rundir.folder import differences, write_run
+from episodes import catalogue
+from episodes.record import EpisodeRecord
+from foundation.errors import UsageError
+
+UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
+SCORED = ("success", "failure")
+LOCK = ".lock"  # held while a process flies the run; the system lets go of it when that process ends, however it ends
+
+
+class Batch:
+    """The run folder. An episode, whatever id or file it is asked for by, has the folder that its record's id names.
+
+    It is done when that folder holds the very record with a verdict of success or failure.
+    """
+
+    def __init__(self, run: Path, configuration: Mapping[str, Any]) -> None:
+        """Make the folder, or go on with the one that stands there.
+
+        Raises UsageError when it belongs to another configuration or cannot be written.
+        """
+        self.run = run
+        self._records: dict[str, EpisodeRecord] = {}
+        try:
+            run.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(run)
+            before = json_object(run / "run.json")
+            if before is not None:
+                other = differences(before, configuration)
+                if other:
+                    raise UsageError(f"{run} is a run with another {', '.join(other)}; choose another --out")
+            elif any(path.name != LOCK for path in run.iterdir()):
+                raise UsageError(f"{run} is not empty and has no run.json; choose another --out")
+            write_run(run, dict(configuration))
+        except OSError as error:
+            raise UsageError(f"the run folder {run} cannot be written: {error.strerror}") from None
+
+    def close(self) -> None:
+        """Let another process go on with the run."""
+        self._lock.close()
+
+    def folder(self, episode: str) -> Path:
+        """Return where an episode is kept. Raises UsageError when its record cannot be read."""
+        return self.run / self._record(episode).id
+
+    def done(self, episode: str) -> dict[str, Any] | None:
+        """Return the verdict of an episode that has been flown to its end as its record is now, None for any other."""
+        folder = self.folder(episode)
+        if json_object(folder / "episode.json") != json.loads(self._record(episode).to_json()):
+            return None
+        verdict = json_object(folder / "verdict.json")
+        return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
+
+    def left(self, episodes: Iterable[str]) -> list[str]:
+        """Return the episodes that are still to be flown, in their order."""
+        return [episode for episode in episodes if self.done(episode) is None]
+
+    def fresh(self, episode: str) -> Path:
+        """Return an empty folder for an episode. What an earlier attempt has left is kept under `unfinished`.
+
+        Raises OSError when the disk does not take it.
+        """
+        folder = self.folder(episode)
+        if folder.exists():
+            kept = self.run / UNFINISHED
+            kept.mkdir(exist_ok=True)
+            number = 1
+            while (kept / f"{folder.name}-{number}").exists():
+                number += 1
+            folder.rename(kept / f"{folder.name}-{number}")
+        (folder / "frames").mkdir(parents=True)
+        for log in ("decisions.jsonl", "truth.jsonl"):
+            (folder / log).touch()
+        return folder
+
+    def _record(self, episode: str) -> EpisodeRecord:
+        if episode not in self._records:
+            self._records[episode] = catalogue.load(episode)
+        return self._records[episode]
+
+
+def _locked(run: Path) -> TextIO:
+    """Return the run's lock, held until it is closed. Raises UsageError when another process holds it, OSError."""
+    lock = (run / LOCK).open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.close()
+        raise UsageError(f"another process is flying {run}; choose another --out, or wait for it") from None
+    return lock

@@ -1,0 +1,38 @@
+"""A UDP listener of the simulator's ports: says hello until it is heard, then hands on what comes."""
+
+from collections.abc import Callable
+
+from foundation.mavlink import Packer, dialect
+from hil.link.transport import connect
+
+HELLO = dialect.MAVLink_heartbeat_message(
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+)
+SYSTEM, COMPONENT = 246, 191
+
+
+class Listener:
+    """Reads one URL."""
+
+    def __init__(self, url: str, feed: Callable[[bytes], None]) -> None:
+        self._transport = connect(url)
+        self._feed = feed
+        self._packer = Packer(SYSTEM, COMPONENT)
+        self._heard = False
+        self._transport.send(self._packer.pack(HELLO))
+
+    def read(self, timeout_s: float) -> bool:
+        """Hand on what has come within `timeout_s`; return whether anything has."""
+        data = self._transport.receive(timeout_s)
+        if data:
+            self._heard = True
+            self._feed(data)
+        elif not self._heard:
+            self._transport.send(self._packer.pack(HELLO))  # the simulator was not listening yet
+        return bool(data)
+
+    def send(self, data: bytes) -> None:
+        self._transport.send(data)
+
+    def close(self) -> None:
+        self._transport.close()

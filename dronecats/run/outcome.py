@@ -1,0 +1,122 @@
+"""The end of every flight: whatever came of it, a judged folder and one JSON object."""
+
+import signal
+import statistics
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from dronecats.agent.action import action_from
+from dronecats.agent.decisions import Decision
+from dronecats.agent.history import compact
+from dronecats.judge.episode import verdict_of, write_verdict
+from dronecats.judge.files import lines
+from dronecats.run.episode import Flown
+from dronecats.run.landing import unexpected
+from dronecats.rundir import folder as folders
+from foundation.camera import CameraModel
+from foundation.errors import DronecatsError, InfrastructureError, UsageError
+
+Say = Callable[[str], None]
+DECLARED = CameraModel()
+MEASURED = (  # of the verdict, as they are
+    "success_at_first",
+    "success_within_three",
+    "declaration_precision",
+    "false_declarations",
+    "censored",
+)
+Written = TypeVar("Written")
+
+
+def conclude(
+    flight: Callable[[], Flown],
+    folder: Path,
+    episode: str,
+    pilot_name: str,
+    afterwards: Callable[[Flown], None] = lambda flown: None,
+) -> dict[str, Any]:
+    """Fly, and whatever comes of it leave a judged folder; return the JSON object of `fly`.
+
+    `afterwards` writes what else belongs to the flight; like the verdict, it is not disturbed by a Ctrl-C.
+    """
+    try:
+        flown = flight()
+    except KeyboardInterrupt:
+        flown = Flown("interrupted", None, 0.0, 0.0, 0)
+    except DronecatsError as error:
+        flown = Flown("error", error, 0.0, 0.0, 0)
+    except ImportError as missing:
+        said = folders.missing_package(missing)
+        flown = Flown("error", UsageError(said) if said else unexpected(missing, folder), 0.0, 0.0, 0)
+    except Exception as bug:
+        flown = Flown("error", unexpected(bug, folder), 0.0, 0.0, 0)
+    with undisturbed():
+        verdict, unkept = _kept(lambda: write_verdict(folder), folder)
+        _, unwritten = _kept(lambda: afterwards(flown), folder)
+    verdict = verdict or verdict_of(folder)
+    if fault := flown.error or unkept or unwritten:
+        flown = replace(flown, error=fault)
+    status = {"cap": 0, "decided": 0, "interrupted": 130}.get(flown.reason, 3)
+    if flown.error:
+        status = flown.error.exit_status
+    elif status == 0 and verdict["outcome"] == "error":
+        status = 3
+    return {
+        "episode": episode,
+        "pilot": pilot_name,
+        "outcome": verdict["outcome"],
+        "success": verdict["success"],
+        "ne_m": verdict["ne_m"],
+        "steps": flown.steps,
+        "declarations": verdict["declarations"],
+        **{name: verdict[name] for name in MEASURED},
+        "sim_seconds": round(flown.sim_seconds, 3),
+        "wall_seconds": round(flown.wall_seconds, 3),
+        "real_time_factor": round(flown.sim_seconds / flown.wall_seconds, 3) if flown.wall_seconds else 0.0,
+        "run_dir": str(folder),
+        "error": str(flown.error) if flown.error else verdict["error"] if flown.reason != "interrupted" else None,
+        "reason": flown.reason,
+        "status": status,
+    }
+
+
+def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
+    """Write something of a flight that is over; a disk that refuses it is told, and costs nothing else."""
+    try:
+        return write(), None
+    except InfrastructureError as fault:
+        return None, fault
+    except OSError as fault:
+        return None, unexpected(fault, folder)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ignore Ctrl-C and its like for the moment that it takes to write the verdict."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def progress(say: Say, camera: CameraModel = DECLARED) -> Callable[[Decision], None]:
+    """Return the function that prints one line per step and drone, points in the pixels of `camera`."""
+
+    def line(decision: Decision) -> None:
+        what = compact(action_from(decision.action), camera) if decision.action else f"! {decision.error}"
+        drone = f" drone {decision.drone}" if decision.drone else ""
+        say(f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)")
+
+    return line
+
+
+def served_rate_hz(folder: Path) -> float | None:
+    """Return the decisions per second of vehicle time that the pilot was really served with, the median."""
+    rates = [d["rate_hz"] for d in lines(folder / "decisions.jsonl") if d.get("rate_hz")]
+    return statistics.median(rates) if rates else None

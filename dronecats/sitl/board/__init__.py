@@ -1,0 +1,1 @@
+"""An autopilot board that flies the simulated vehicle over a wire."""

@@ -1,0 +1,185 @@
+"""The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
+
+import socket
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from dronecats.sitl.pace import PaceReport, RateKeeper
+from dronecats.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
+from dronecats.sitl.px4.process import INSTANCE, Px4Process
+from dronecats.sitl.px4.vehicle import Px4Vehicle
+from dronecats.sitl.scenario import built_of, load_world
+from dronecats.sitl.simulation import TICK_US, Simulation
+from episodes.world import World
+from foundation.errors import InfrastructureError, UsageError
+from hil.simulator.server import PORT
+from vehicles import airframe as airframes
+from vehicles import fault_script
+from vehicles.wind import Wind
+
+INSTANCES = 10  # of which each has an offboard port of its own
+UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
+ROTORS = 4  # of PX4's airframe none_iris
+IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
+
+
+def free_instance(count: int) -> int:
+    """Return the first of `count` neighbouring instances of PX4 whose ports are free, 0 when there are none."""
+    free = [_is_free(instance) for instance in range(INSTANCES)]
+    return next((i for i in range(INSTANCES - count + 1) if all(free[i : i + count])), 0)
+
+
+def _is_free(instance: int) -> bool:
+    try:
+        for kind, ports in ((socket.SOCK_STREAM, (PORT,)), (socket.SOCK_DGRAM, UDP_PORTS)):
+            for port in ports:
+                with socket.socket(type=kind) as trial:
+                    trial.bind(("", port + instance))
+    except OSError:
+        return False
+    return True
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+
+
+class Px4Simulator:
+    """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
+
+    def __init__(self, config: dict[str, Any], say: Callable[[str], None] = _say, world: World | None = None) -> None:
+        """Keys as `simulator_process.create` has them, but instance: added to each of PX4's ports. None is a free one
+        when the command says where it goes, and otherwise 0. A speed of None does not wait for the wall.
+
+        If wanted px4: the command that starts one; log_dir: for its output; state_dir: where its files stay, without it
+        a temporary folder; restart: whether one that ends is started again. `say` gets a line for whoever looks on;
+        `world` saves loading the episode's.
+        """
+        world = world or load_world(config["episode"])
+        script, command = config.get("faults"), config.get("px4")
+        rotors = len(airframes.load(config["airframe"]).rotors)
+        if rotors != ROTORS:
+            raise UsageError(f"PX4 flies quadrotors here, and {config['airframe']} has {rotors} rotors; choose another")
+        north, east = config.get("wind") or (0.0, 0.0)
+        self._say, self._restarts = say, bool(config.get("restart"))
+        self.instance = config.get("instance") or 0
+        if config.get("instance") is None and INSTANCE in (command or ""):
+            self.instance = free_instance(config.get("count") or len(world.record.starts))
+        self.speed: float | None = config["speed"]
+        self.simulation: Simulation[Px4Vehicle] = built_of(
+            self._vehicle,
+            world,
+            airframe=config["airframe"],
+            seed=config["seed"],
+            count=config.get("count"),
+            wind=Wind((north, east, 0.0), config.get("gusts") or 0.0),
+            faults=fault_script.load(Path(script), rotors) if script else (),
+        )
+        self.vehicles = self.simulation.vehicles
+        for vehicle in self.vehicles:
+            vehicle.plant.advance(0)  # compiles, on the first run of an installation
+        self._truth = truth_port(self.simulation, config.get("instance"))
+        self._in_step = [False] * len(self.vehicles)
+        self._started_at = [0] * len(self.vehicles)
+        self._processes: list[Px4Process] = []
+        self._passing = TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True)
+        try:
+            for vehicle in self.vehicles if command is not None else ():
+                self._processes.append(self._px4(command, vehicle.index, config))
+        except BaseException:
+            self.close()
+            raise
+        self._reset_pace()
+        if command is None:
+            ports = ", ".join(str(vehicle.server.port) for vehicle in self.vehicles)
+            say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
+
+    def _vehicle(self, index: int, *arguments: Any, **physics: Any) -> Px4Vehicle:
+        return Px4Vehicle(index, *arguments, port=PORT + self.instance + index, **physics)
+
+    def _px4(self, command: str, index: int, config: dict[str, Any]) -> Px4Process:
+        name = f"vehicle-{index + 1}"
+        folder = Path(config.get("state_dir") or self._passing.name).absolute() / name
+        log = Path(config["log_dir"]).absolute() / f"px4-{name}.log" if config.get("log_dir") else folder / "px4.log"
+        return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
+
+    def _reset_pace(self) -> None:
+        self._keeper = RateKeeper(TICK_US / 1e6 / (self.speed or 1.0))
+        self.pace = PaceReport(self._keeper)
+        self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
+
+    def summary(self) -> str:
+        """Return how much vehicle time has passed since PX4 came, and how fast."""
+        seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
+        return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
+
+    @property
+    def all_there(self) -> bool:
+        """Whether every vehicle has had a PX4; until then no time passes for any of them."""
+        return all(vehicle.server.connections for vehicle in self.vehicles)
+
+    def ready(self) -> dict[str, Any]:
+        self._reset_pace()
+        agent = [AGENT_PORT + self.instance + vehicle.index for vehicle in self.vehicles]
+        px4 = [vehicle.server.port for vehicle in self.vehicles]
+        return {"agent": agent, "log": [], "truth": self._truth.port, "px4": px4}
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "begin":
+            self.simulation.begin(arguments["t0_us"])
+        if command == "pace":
+            return self._keeper.figures()
+        if command == "in step":
+            return all(self._in_step)
+        return None
+
+    def turn(self) -> None:
+        self._look_after()
+        if not self.all_there:
+            for vehicle in self.vehicles:
+                vehicle.server.accept()
+            time.sleep(IDLE_S)
+            self._reset_pace()
+            return
+        self._truth.exchange()
+        self.simulation.advance()
+        self._truth.exchange()
+        if self.speed is not None:
+            self._keeper.wait()
+
+    def orphaned(self) -> None:
+        """Give up every wait: nobody needs this any more."""
+        for vehicle in self.vehicles:
+            vehicle.released = True
+
+    def close(self) -> None:
+        for process in self._processes:
+            process.close()
+        for vehicle in self.vehicles:
+            vehicle.close()
+        self._truth.close()
+        self._passing.cleanup()
+
+    def _look_after(self) -> None:
+        """Say what has changed between us and the PX4s; start one that has ended anew, or raise InfrastructureError."""
+        for k, vehicle in enumerate(self.vehicles):
+            if vehicle.in_step != self._in_step[k]:
+                self._in_step[k] = vehicle.in_step
+                lost = "does not answer" if vehicle.server.connected else "has gone"
+                change = "is in step" if vehicle.in_step else f"{lost} and the rotors stand"
+                self._say(f"vehicle {k + 1}: PX4 {change}, at {vehicle.time_us / 1e6:.1f} s")
+        for k, process in enumerate(self._processes):
+            status = process.poll()
+            if status is None:
+                continue
+            if not self._restarts or self.vehicles[k].answers == self._started_at[k]:
+                what = f"PX4 ended with exit status {status}; what it said is in {process.log}"
+                self._say(what)
+                raise InfrastructureError(what)
+            self._say(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
+            self._started_at[k] = self.vehicles[k].answers
+            process.restart()

@@ -1,0 +1,58 @@
+"""A vehicle that somebody else started: its link, its camera, a pilot, and a logger of what it says of itself."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from dronecats.agent.latency import DaemonExecutor
+from dronecats.processes.supervisor import Supervisor
+from dronecats.stages import parts
+from dronecats.stages.served_pilot import asked, served
+from foundation.mavlink import dialect
+from hil.cameras.patient import PatientCamera
+from hil.link.link import Link
+from hil.link.transport import connect
+
+
+class ConnectedStage:
+    """The link's bytes are copied to the logger, which is a process of its own here as well."""
+
+    def __init__(
+        self,
+        link: Link,
+        camera: PatientCamera,
+        pilot: str | None,
+        model: str | None,
+        base_url: str | None,
+        folder: Path,
+    ) -> None:
+        self._supervisor = Supervisor(folder)
+        self.executor = DaemonExecutor()
+        self.links = [link]
+        self.camera, self.camera_model = camera, camera.model
+        try:
+            self._logger = self._supervisor.start(parts.ESTIMATE_LOGGER, {"folder": str(folder)})
+            self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
+            link.listeners.append(self._to_logger)
+            self.model = asked(pilot, served(self._supervisor, pilot), model, base_url)
+        except BaseException:
+            self.close()
+            raise
+
+    def _to_logger(self, message: dialect.MAVLink_message) -> None:
+        self._copy.send(bytes(message.get_msgbuf()))
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def close(self) -> None:
+        closing: list[Callable[[], None]] = [link.close for link in self.links]
+        closing += [getattr(self, part).close for part in ("model", "camera", "_copy") if hasattr(self, part)]
+        for close in closing:
+            close()
+        self._supervisor.close()

@@ -1,0 +1,152 @@
+"""Every part a process of its own, the vehicle's clock paced by the wall's."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from dronecats.agent.latency import DaemonExecutor
+from dronecats.pilots.bus_oracle import BusOracle
+from dronecats.processes.supervisor import Supervisor
+from dronecats.run.plan import Plan
+from dronecats.sitl.scenario import load_world
+from dronecats.stages import parts
+from dronecats.stages.served_pilot import asked, served
+from foundation.camera import CameraModel
+from hil.cameras.snapshot import HttpCamera
+from hil.link.link import Link
+from hil.link.transport import UdpTransport, connect
+
+
+class RealtimeStage:
+    """Simulator, camera, logger and pilot as supervised processes, on ports that the system chose."""
+
+    def __init__(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
+        self._supervisor = Supervisor(folder)
+        self._copies: list[Copy] = []
+        self.executor = DaemonExecutor()
+        self.camera_model = CameraModel()
+        try:
+            self._start(plan, folder, say)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
+        patience = Patience(say)
+        pilot = served(self._supervisor, plan.pilot)
+        simulator = self._supervisor.start(
+            parts.SIMULATOR,
+            {
+                "episode": plan.episode,
+                "airframe": plan.airframe,
+                "seed": plan.seed,
+                "speed": plan.speed,
+                "autopilot": plan.autopilot,
+                "px4": plan.px4,
+                "log_dir": str(folder),
+            },
+        )
+        self._simulator = simulator
+        ports = simulator.ready(patience)
+        truth = f"udpout://127.0.0.1:{ports['truth']}"
+        optics = plan.optics.as_dict() if plan.optics else None
+        direction = "udpin" if plan.autopilot == "px4" else "udpout"  # PX4 speaks first, to a place that it knows
+        self.links = [
+            Link(connect(f"{direction}://127.0.0.1:{port}"), limits=plan.limits, simulated=True)
+            for port in ports["agent"]
+        ]
+        flown = {"episode": plan.episode, "airframe": plan.airframe, "truth": truth}
+        camera = self._supervisor.start(parts.CAMERA, {**flown, "optics": optics})
+        if plan.autopilot == "px4":
+            self._await_px4(ports["px4"], say)
+            self._copies = [Copy(link) for link in self.links]
+        log = [copy.port for copy in self._copies] or ports["log"]
+        self._logger = self._supervisor.start(
+            parts.LOGGER,
+            {
+                **flown,
+                "folder": str(folder),
+                "telemetry": [f"udpout://127.0.0.1:{port}" for port in log],
+            },
+        )
+        self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
+        self._camera_process = camera
+        self._logger.ready(patience)
+        for copy in self._copies:
+            copy.begin()
+        self.model = (
+            BusOracle(load_world(plan.episode), truth)
+            if plan.pilot == "oracle"
+            else asked(plan.pilot, pilot, plan.model, plan.base_url, patience)
+        )
+
+    def _await_px4(self, ports: list[int], say: Callable[[str], None]) -> None:
+        """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
+
+        Raises InfrastructureError when one that we have started ends.
+        """
+        say(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
+        while not self._simulator.do("in step"):
+            self._supervisor.check()
+            time.sleep(0.1)
+        for link in self.links:
+            while not link.transport.receive(0.5):
+                self._supervisor.check()
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._simulator.do("begin", t0_us=t0_us)
+        self._camera_process.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+        if isinstance(self.model, BusOracle):
+            self.model.begin(t0_us)
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def pace(self) -> dict[str, float]:
+        """Return how well the simulator has held real time (`RateKeeper.figures`). Raises InfrastructureError."""
+        return dict(self._simulator.do("pace"))
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def close(self) -> None:
+        for closing in ("model", "camera"):
+            if hasattr(self, closing):
+                getattr(self, closing).close()
+        for part in (*getattr(self, "links", []), *self._copies):
+            part.close()
+        self._supervisor.close()
+
+
+class Copy:
+    """Copies what a link hears to the logger, since PX4 has no MAVLink port to spare that sends what is asked of it."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._socket = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
+
+    @property
+    def port(self) -> int:
+        """Where the logger has to say hello."""
+        return self._socket.port
+
+    def begin(self) -> None:
+        """From now on, to the logger, which has said hello."""
+        self._socket.receive(1.0)
+        self._link.listeners.append(lambda message: self._socket.send(bytes(message.get_msgbuf())))
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Patience:
+    """Says once why nothing happens, when nothing happens for a while."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say, self._waits = say, 0
+
+    def __call__(self) -> None:
+        self._waits += 1
+        if self._waits == 6:
+            self._say("starting the simulator and the camera; the first run compiles them, about a minute …")

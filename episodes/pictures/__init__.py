@@ -1,0 +1,1 @@
+"""Pictures of maps, assets and records, for people."""

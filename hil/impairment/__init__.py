@@ -1,0 +1,1 @@
+"""Bad wires: loss, delay, reordering and damage, seeded."""

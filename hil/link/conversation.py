@@ -1,0 +1,305 @@
+"""Talking with an autopilot: bytes to state, the vehicle's clock, commands that are answered, streams that arrive."""
+
+import contextlib
+import math
+import time
+from collections.abc import Callable
+
+from foundation.errors import LinkError
+from foundation.mavlink import PX4_AUTOPILOT, Packer, Parser, dialect
+from hil.link.firmware import Firmware, firmware, kind_name
+from hil.link.statustext import StatusTexts
+from hil.link.streams import TICK_US, Streams
+from hil.link.telemetry import TOLD, VehicleClock, VehicleState, update
+from hil.link.track import Track
+from hil.link.transport import Transport
+
+SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
+SILENCE_S = 5.0  # wall seconds without a byte after which the vehicle is gone
+GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing that was known of the mode is believed
+AWAY_S = 0.5  # wall seconds between two words of ours after which what has piled up is read first
+COMMAND_RETRY_US = 500_000
+COMMAND_TRIES = 6
+AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
+WORDS_S = 0.3  # s of vehicle time in which an autopilot says why it refused
+AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
+HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
+STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE}  # either keeps the clock going
+HEARD = TOLD | {COMMAND_ACK, VERSION}  # most of what an autopilot streams is for others
+RESULTS = {
+    1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
+}  # fmt: skip
+# a message interval's unused parameters are zero by the standard, all others may be NaN: "use the default"
+ZERO_FILLED = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE}
+
+
+class Conversation:
+    """Telemetry in, commands out, on the vehicle's clock. The clock moves only inside this class."""
+
+    def __init__(self, transport: Transport, *, silence_s: float = SILENCE_S) -> None:
+        self.transport = transport
+        self.state = VehicleState()
+        self.clock = VehicleClock()
+        self.track = Track()
+        self.firmware: Firmware | None = None
+        self.system = 0
+        self.component = AUTOPILOT
+        self.streams = Streams()
+        self.texts = StatusTexts()
+        self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
+        self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
+        self._silence_s = silence_s
+        self._parser = Parser()
+        self._packer = Packer(SYSTEM, COMPONENT)
+        self._heartbeat_due_us = 0
+        self._tick_due_us = 0
+        self._gap_us = 0  # when telemetry came back after its last gap
+        self._boots = 0
+        self._spoke_s = time.monotonic()
+        self._ack: dialect.MAVLink_message | None = None
+
+    # -- the wire ------------------------------------------------------------------------------------------------
+
+    def connect(self, timeout_s: float = 30.0) -> None:
+        """Wait for the autopilot's heartbeat, telemetry and version, and ask for the streams that flying needs.
+
+        Raises LinkError when no autopilot is heard within `timeout_s` wall seconds, or one that is not PX4.
+        """
+        waited_s, patience_s, asked_s, told_s = 0.0, 0.5, -math.inf, math.inf
+        known = self.system
+        while not self._told() or (self.firmware is None and waited_s < told_s + 1.0):
+            if waited_s >= asked_s + 1.0 or known != self.system:  # not more often: it starts the interval anew
+                asked_s, known = waited_s, self.system
+                self._send_heartbeat()
+                if self.system:
+                    self._request_streams()
+            # bytes that are not what is waited for come at the autopilot's rate, about a hundred times a second
+            waited_s += 0.01 if self._receive(patience_s) else patience_s
+            if self._told():
+                told_s = min(told_s, waited_s)
+            self.on_wait()
+            if waited_s >= timeout_s and not self._told():
+                what = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
+                raise LinkError(f"{what} on {self.transport.url} within {timeout_s:g} s")
+        self._boots = self.clock.reboots
+        # the first heartbeat comes before the clock is known
+        self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
+        self._request_streams()
+
+    def _told(self) -> bool:
+        return bool(self.system) and self.state.position_ned is not None and self.state.euler is not None
+
+    def send(self, message: dialect.MAVLink_message) -> None:
+        self.transport.send(self._packer.pack(message))
+
+    def close(self) -> None:
+        """Leave the wire as it was found: every stream that we have changed goes back to the autopilot's own rate."""
+        with contextlib.suppress(LinkError):  # a wire that is broken takes nothing any more
+            for interval in self.streams.all() if self.system else ():
+                self._request(interval.message_id, 0)
+        self.transport.close()
+
+    def _receive(self, timeout_s: float) -> bool:
+        data = self.transport.receive(timeout_s)
+        for message in self._parser.feed(data):
+            self._take(message)
+        return bool(data)
+
+    def _take(self, message: dialect.MAVLink_message) -> None:
+        for listener in self.listeners:
+            listener(message)
+        if message.get_srcComponent() != AUTOPILOT:
+            return
+        kind = message.get_msgId()
+        if kind == HEARTBEAT and not self.system:
+            self._meet(message)
+        if message.get_srcSystem() != self.system:
+            return
+        self.streams.saw(kind, len(message.get_msgbuf()))
+        if kind not in HEARD:
+            return
+        if kind == COMMAND_ACK:
+            if message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT):
+                self._ack = message
+            return
+        if kind == VERSION:
+            self.firmware = firmware(message)
+            return
+        if kind in STAMPED:
+            before_us = self.time_us
+            self.clock.see(message.time_boot_ms)
+            if self.clock.reboots != self._boots:
+                self.state = VehicleState()
+            elif self.time_us - before_us > GAP_US:
+                self._gap_us = self.time_us
+        if kind == STATUSTEXT:
+            self.texts.take(message, self.time_us)
+        self.state = update(self.state, message, self.time_us)
+        if kind in STAMPED:
+            self._track()
+        elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
+            self.track.range(self.time_us, self.state.range_m)
+        self._noticed()
+
+    def _track(self) -> None:
+        state = self.state
+        if state.position_ned is not None and state.velocity_ned is not None:
+            self.track.place(state.position_us, state.position_ned, state.velocity_ned)
+        if state.euler is not None:
+            self.track.heading(state.attitude_us, state.euler[2], state.yaw_rate or 0.0)
+
+    def _meet(self, heartbeat: dialect.MAVLink_message) -> None:
+        if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+            return
+        if heartbeat.autopilot != PX4_AUTOPILOT:
+            raise LinkError(
+                f"{kind_name(heartbeat.autopilot)} answers on {self.transport.url}, but flight modes and setpoints are"
+                " PX4's here: connect a vehicle that runs PX4"
+            )
+        self.system = heartbeat.get_srcSystem()
+
+    def _noticed(self) -> None:
+        """Called after every change of the state."""
+
+    def _request_streams(self) -> None:
+        for interval in self.streams.all():
+            self._request(interval.message_id, interval.interval_us)
+        self._request_once()
+
+    def _request_once(self) -> None:
+        for message_id in self.streams.once():
+            self.send(self._command_long(dialect.MAV_CMD_REQUEST_MESSAGE, (message_id,)))
+
+    def _request(self, message_id: int, interval_us: int) -> None:
+        self.send(self._command_long(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, interval_us)))
+
+    def _send_heartbeat(self) -> None:
+        # as a ground station: to a wire on which it has heard none a PX4 sends no STATUSTEXT
+        self.send(
+            dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+            )
+        )
+
+    # -- time ----------------------------------------------------------------------------------------------------
+
+    @property
+    def time_us(self) -> int:
+        """µs, the vehicle's clock at its newest telemetry."""
+        return self.clock.time_us
+
+    def listen(self) -> None:
+        """Take in what has already arrived, without waiting."""
+        while self._receive(0.0):
+            pass
+
+    def tick(self) -> None:
+        """Wait until a tick of vehicle time has passed, then send what is due. Raises LinkError."""
+        if self._tick_due_us < self.time_us - 4 * TICK_US:  # we were away, for instance drawing a frame
+            self._tick_due_us = self.time_us
+        self._tick_due_us += TICK_US
+        self._wait_until(self._due)
+        self._speak()
+
+    def keep_up(self) -> None:
+        """Take in what has arrived and send what is due, without waiting: for a link whose turn it is not."""
+        self.listen()
+        if self._due():
+            self._tick_due_us = self.time_us + TICK_US
+            self._speak()
+
+    def _due(self) -> bool:
+        # half a tick of grace: a stream of exactly 20 Hz must not be missed by a rounded millisecond
+        return self.time_us >= self._tick_due_us - TICK_US // 2
+
+    def _speak(self) -> None:
+        """Send the heartbeat and requests when they are due, and what else a subclass has to say."""
+        now_s = time.monotonic()
+        if now_s - self._spoke_s > AWAY_S:
+            self.listen()  # after a pause of ours the state is old news: what has changed meanwhile comes first
+        self._spoke_s = now_s
+        if self.time_us >= self._heartbeat_due_us:
+            self._heartbeat_due_us = self.time_us + 1_000_000
+            self._send_heartbeat()
+            again = self.streams.check(self.time_us)
+            for interval in again:
+                self._request(interval.message_id, interval.interval_us)
+            if again:
+                self._request_once()
+
+    def mode_is_known(self) -> bool:
+        """Return whether the autopilot has told its mode since telemetry last had a gap."""
+        return self.state.mode_us >= self._gap_us
+
+    def _wait_until(self, reached: Callable[[], bool]) -> None:
+        patience_s, moved_s, moved_us, reads = 0.5, time.monotonic(), self.time_us, 0
+        while not reached():
+            heard = self._receive(patience_s)
+            if self.clock.reboots != self._boots:
+                self._boots, self._heartbeat_due_us, self._tick_due_us = self.clock.reboots, 0, 0
+                self._request_streams()
+                raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
+            self.on_wait()
+            reads += 1
+            if self.time_us != moved_us:
+                moved_s, moved_us, reads = time.monotonic(), self.time_us, 0
+            # wall time is the subject here; several reads, so that one long pause of our own is not held against it
+            elif reads >= 5 and time.monotonic() - moved_s >= self._silence_s:
+                what = "sends no telemetry any more" if heard else "has been silent"
+                raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
+
+    def wait(self, seconds: float) -> None:
+        """Let vehicle time pass, streaming on."""
+        end_us = self.time_us + round(seconds * 1e6)
+        while self.time_us < end_us:
+            self.tick()
+
+    def wait_for(self, reached: Callable[[VehicleState], bool], seconds: float, what: str) -> None:
+        """Tick until `reached`. Raises LinkError naming `what` and the autopilot's last warning after `seconds`."""
+        end_us = self.time_us + round(seconds * 1e6)
+        while not reached(self.state):
+            if self.time_us >= end_us:
+                said = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
+                raise LinkError(f"{what} did not happen within {seconds:g} s of vehicle time{said}")
+            self.tick()
+
+    # -- commands ------------------------------------------------------------------------------------------------
+
+    def _command_long(
+        self, command: int, parameters: tuple[float, ...] = (), confirmation: int = 0
+    ) -> dialect.MAVLink_message:
+        unused = 0.0 if command in ZERO_FILLED else math.nan
+        filled = (*parameters, *(unused,) * (7 - len(parameters)))
+        return dialect.MAVLink_command_long_message(self.system, self.component, command, confirmation, *filled)
+
+    def command(self, command: int, *parameters: float) -> int:
+        """Send a command until it is acknowledged and return its MAV_RESULT. Raises LinkError without an answer."""
+        for attempt in range(COMMAND_TRIES):
+            self._ack = None
+            self.send(self._command_long(command, parameters, attempt))
+            end_us = self.time_us + COMMAND_RETRY_US
+            while self.time_us < end_us:
+                self.tick()
+                ack = self._ack
+                if ack is not None and ack.command == command and ack.result != dialect.MAV_RESULT_IN_PROGRESS:
+                    return int(ack.result)
+        raise LinkError(f"the autopilot does not acknowledge command {command}")
+
+    def order(self, what: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
+        """Send a command that has to be accepted, and again for `insist_s` (vehicle time) while it is only not yet.
+
+        Raises LinkError with the autopilot's own words when refused to the end.
+        """
+        asked_us = self.time_us
+        while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:
+            if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= asked_us + round(insist_s * 1e6):
+                raise LinkError(f"{what} was {self._refusal(result, asked_us)}")
+            self.wait(AGAIN_S)
+
+    def _refusal(self, result: int, asked_us: int) -> str:
+        """Return what a refused command came to, with what the autopilot said since it was asked."""
+        self.wait(WORDS_S)
+        words = self.texts.since(asked_us) or self.state.status_text
+        said = f": {words}" if words else ""
+        return f"{RESULTS.get(result, f'answered with result {result}')} by the autopilot{said}"

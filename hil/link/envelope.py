@@ -1,0 +1,241 @@
+"""The safety envelope: where and how fast a vehicle may be sent. Each limit acts before it is reached, never after.
+
+Pure: a target, the state and the limits in, the target that may be flown and what was limited out. Speeds towards a
+limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows its setpoint with
+half a second's lag comes to rest short of it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from foundation.errors import LinkError
+from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
+from hil.link.offboard import PositionTarget, Target, VelocityTarget
+from hil.link.telemetry import VehicleState
+
+PLACE_GAIN = 1.0  # 1/s; how fast a PX4 flies to a place, per metre: MPC_XY_P 0.95, MPC_Z_P 1
+GAIN = 0.5  # 1/s; a real PX4 follows a step of velocity to nine tenths within a second
+STANDING = VelocityTarget((0.0, 0.0, 0.0), 0.0)
+BACK_MAX = 0.5  # m/s, at which a vehicle that is beyond a limit is brought back
+TOUCHING_M = 1e-3  # m
+STALE_US = 500_000  # µs without a position after which none is believed
+
+Corner = tuple[float, float]  # m, north and east of home
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the envelope holds a vehicle to. Heights and distances are from home."""
+
+    ceiling_m: float = 30.0
+    floor_m: float = 0.7  # while flying the agent's setpoints; take-off and landing are the autopilot's
+    radius_m: float = 100.0  # horizontal
+    speed: float = 1.5  # m/s, horizontal; the paper's controller asks for at most 1.2
+    climb: float = 1.2  # m/s, up or down
+    yaw_rate: float = 1.2  # rad/s; the paper's 60°/s is 1.05
+    margin_m: float = 1.0  # short of every limit across the ground at which the vehicle is to stand still
+    height_margin_m: float = 0.3  # the same of ceiling and floor
+    battery_min: float | None = 0.25  # 0 … 1; None: not watched
+    flight_time_max_s: float | None = 900.0  # since the agent took over; None: not watched
+    frame_s: float = 1.0  # s: on a frame that is older nothing is decided; the vehicle holds until a newer one comes
+    heartbeat_s: float = 3.0  # s of vehicle time without a heartbeat after which nothing moves
+    exclusions: tuple[tuple[Corner, ...], ...] = ()  # polygons that may not be entered, at any height
+    exclusions_geodetic: tuple[tuple[Corner, ...], ...] = ()  # the same in latitude and longitude, °; see `placed`
+
+
+SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches them
+    ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=40.0, climb=40.0, yaw_rate=3.5,
+    battery_min=None, flight_time_max_s=None,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Admitted:
+    """What may be flown."""
+
+    target: Target
+    limited: tuple[str, ...]  # names of the limits that changed it, in order
+
+
+def placed(limits: Limits, state: VehicleState) -> Limits:
+    """Return the limits with every exclusion in metres from home. Raises LinkError while the origin is unknown."""
+    if not limits.exclusions_geodetic:
+        return limits
+    if state.origin is None or state.home_ned is None:
+        raise LinkError("the exclusions are in latitude and longitude, but the autopilot has told no origin or home")
+    home, (lat, lon, alt) = state.home_ned, state.origin
+    polygons = tuple(
+        tuple(_from_home(geodetic_to_ned(lat, lon, alt, *corner, alt), home) for corner in polygon)
+        for polygon in limits.exclusions_geodetic
+    )
+    return replace(limits, exclusions=limits.exclusions + polygons, exclusions_geodetic=())
+
+
+def _from_home(position_ned: Vec3, home_ned: Vec3) -> Corner:
+    return position_ned[0] - home_ned[0], position_ned[1] - home_ned[1]
+
+
+def broken_off(state: VehicleState, limits: Limits, flown_s: float) -> str | None:
+    """Return why a flight that has lasted `flown_s` has to end now, None while it may go on."""
+    battery = state.battery_remaining
+    if limits.battery_min is not None and battery is not None and battery < limits.battery_min:
+        return f"the battery is at {battery:.0%}, and the envelope keeps {limits.battery_min:.0%}"
+    if limits.flight_time_max_s is not None and flown_s > limits.flight_time_max_s:
+        return f"the envelope's flight time of {limits.flight_time_max_s:g} s is over"
+    return None
+
+
+def unwatched(state: VehicleState, limits: Limits) -> str | None:
+    """Return which limit cannot be watched, and why, None when all can be."""
+    if limits.battery_min is not None and state.battery_remaining is None:
+        return f"battery_min = {limits.battery_min:g} cannot be watched: the autopilot tells no battery level"
+    return None
+
+
+def admit(target: Target, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int) -> Admitted:
+    """Return the target as the envelope lets it pass. `state` needs position, velocity and attitude."""
+    assert state.position_ned is not None
+    assert state.euler is not None
+    if not _is_a_number(target):
+        return Admitted(STANDING, ("not a number",))
+    if time_us - state.position_us > STALE_US:
+        return Admitted(STANDING, ("stale position",))
+    if time_us - state.heartbeat_us > limits.heartbeat_s * 1e6:
+        return Admitted(STANDING, ("lost heartbeat",))
+    north, east, down = (p - h for p, h in zip(state.position_ned, home_ned, strict=True))
+    if isinstance(target, PositionTarget):
+        return _position(target, (north, east, down), home_ned, state.euler[2], limits)
+    return _velocity(target, (north, east, down), state.euler[2], limits)
+
+
+def _is_a_number(target: Target) -> bool:
+    if isinstance(target, PositionTarget):
+        return all(map(math.isfinite, (*target.position_ned, target.yaw)))
+    return all(map(math.isfinite, (*target.velocity_body, target.yaw_rate)))
+
+
+def _velocity(target: VelocityTarget, at: Vec3, yaw: float, limits: Limits) -> Admitted:
+    limited: list[str] = []
+    forward, right, down = target.velocity_body
+    c, s = math.cos(yaw), math.sin(yaw)
+    north, east = c * forward - s * right, s * forward + c * right
+    speed = math.hypot(north, east)
+    if speed > limits.speed:
+        north, east = north * limits.speed / speed, east * limits.speed / speed
+        limited.append("speed")
+    if abs(down) > limits.climb:
+        down = math.copysign(limits.climb, down)
+        limited.append("climb")
+    height = -at[2]
+    up_max = _towards(limits.ceiling_m - height, limits.height_margin_m)
+    down_max = _towards(height - limits.floor_m, limits.height_margin_m)
+    if -down > up_max:
+        down = -up_max
+        limited.append("ceiling")
+    elif down > down_max:
+        down = down_max
+        limited.append("floor")
+    for name, normal, room in 2 * _walls(at, limits):  # twice: in a corner one wall may turn it towards another
+        outward, allowed = north * normal[0] + east * normal[1], _towards(room, limits.margin_m)
+        if outward > allowed + 1e-9:
+            north, east = north - (outward - allowed) * normal[0], east - (outward - allowed) * normal[1]
+            limited.append(name)
+    yaw_rate = max(-limits.yaw_rate, min(limits.yaw_rate, target.yaw_rate))
+    if yaw_rate != target.yaw_rate:
+        limited.append("yaw rate")
+    if not limited:
+        return Admitted(target, ())
+    return Admitted(VelocityTarget((c * north + s * east, -s * north + c * east, down), yaw_rate), _once(limited))
+
+
+def _position(target: PositionTarget, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
+    """A place beyond a limit is put back inside, one in or behind an exclusion is given up for where the vehicle is.
+
+    A place so far off that the autopilot would race there is flown to at the limits' speed.
+    """
+    limited: list[str] = []
+    north, east, down = (p - h for p, h in zip(target.position_ned, home, strict=True))
+    top, bottom = limits.ceiling_m - limits.height_margin_m, limits.floor_m + limits.height_margin_m
+    height = max(bottom, min(top, -down)) if bottom < top else -down
+    if height != -down:
+        limited.append("ceiling" if -down > top else "floor")
+    distance, reach = math.hypot(north, east), limits.radius_m - limits.margin_m
+    if distance > reach:
+        north, east = north * reach / distance, east * reach / distance
+        limited.append("radius")
+    if any(inside((north, east), p) or crosses((at[0], at[1]), (north, east), p) for p in limits.exclusions):
+        north, east = at[0], at[1]
+        limited.append("exclusion")
+    away = (north - at[0], east - at[1], -height - at[2])
+    fast, steep = math.hypot(*away[:2]) * PLACE_GAIN > limits.speed, abs(away[2]) * PLACE_GAIN > limits.climb
+    if fast or steep:
+        share = limits.speed / math.hypot(*away[:2]) if fast else PLACE_GAIN
+        down = max(-limits.climb, min(limits.climb, away[2] * PLACE_GAIN))
+        c, s = math.cos(yaw), math.sin(yaw)
+        body = ((c * away[0] + s * away[1]) * share, (-s * away[0] + c * away[1]) * share, down)
+        turn = max(-limits.yaw_rate, min(limits.yaw_rate, wrap_pi(target.yaw - yaw)))
+        flown = _velocity(VelocityTarget(body, turn), at, yaw, limits)
+        names = ["speed"] * fast + ["climb"] * steep
+        return Admitted(flown.target, _once([*limited, *names, *flown.limited]))
+    if not limited:
+        return Admitted(target, ())
+    return Admitted(replace(target, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
+
+
+def _towards(room_m: float, margin_m: float) -> float:
+    """Return the speed (m/s) allowed towards a limit that is `room_m` away; negative beyond it: back."""
+    return max(-BACK_MAX, GAIN * (room_m - margin_m))
+
+
+def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
+    """Return what is near in the plane: name, direction towards it (unit), distance to it in m."""
+    walls: list[tuple[str, Corner, float]] = []
+    distance = math.hypot(at[0], at[1])
+    if distance > 1e-6:
+        walls.append(("radius", (at[0] / distance, at[1] / distance), limits.radius_m - distance))
+    for polygon in limits.exclusions:
+        within = inside((at[0], at[1]), polygon)
+        edges = [_edge((at[0], at[1]), a, b) for a, b in zip(polygon, (*polygon[1:], polygon[0]), strict=True)]
+        if within:  # out by the nearest edge
+            (n, e), room = min(edges, key=lambda edge: edge[1])
+            walls.append(("exclusion", (-n, -e), -room))
+        else:
+            walls.extend(("exclusion", towards, room) for towards, room in edges)
+    return walls
+
+
+def _edge(at: Corner, a: Corner, b: Corner) -> tuple[Corner, float]:
+    """Return the direction from `at` to the nearest point of the edge a–b, and its distance."""
+    along = (b[0] - a[0], b[1] - a[1])
+    length = along[0] ** 2 + along[1] ** 2
+    share = ((at[0] - a[0]) * along[0] + (at[1] - a[1]) * along[1]) / length if length else 0.0
+    share = max(0.0, min(1.0, share))
+    n, e = a[0] + share * along[0] - at[0], a[1] + share * along[1] - at[1]
+    room = math.hypot(n, e)
+    return ((n / room, e / room) if room > 1e-9 else (0.0, 0.0)), room
+
+
+def inside(at: Corner, polygon: Sequence[Corner]) -> bool:
+    """Return whether a point lies in a polygon, by the number of edges that a ray to the east crosses."""
+    crossings = 0
+    for (n1, e1), (n2, e2) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
+        if (n1 > at[0]) != (n2 > at[0]) and at[1] < e1 + (at[0] - n1) / (n2 - n1) * (e2 - e1):
+            crossings += 1
+    return crossings % 2 == 1
+
+
+def crosses(a: Corner, b: Corner, polygon: Sequence[Corner]) -> bool:
+    """Return whether the way from a to b crosses an edge of a polygon, or touches a corner of it."""
+
+    def side(p: Corner, q: Corner, r: Corner) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    return any(_edge(corner, a, b)[1] < TOUCHING_M for corner in polygon) or any(
+        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+        for c, d in zip(polygon, (*polygon[1:], polygon[0]), strict=True)
+    )
+
+
+def _once(names: list[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(names))

@@ -1,0 +1,332 @@
+"""The link to any MAVLink autopilot, ours or PX4: one class through which every flight goes."""
+
+import math
+from collections.abc import Callable
+
+from foundation.errors import LinkError
+from foundation.frames import Vec3
+from foundation.mavlink import MODES, dialect
+from foundation.setpoints import Hold, Setpoint, Sight
+from hil.link.arrival import Arrival
+from hil.link.conversation import SILENCE_S, Conversation
+from hil.link.course import Turning
+from hil.link.envelope import Limits, admit, broken_off, placed
+from hil.link.offboard import OffboardStream, Place, Target, message
+from hil.link.telemetry import VehicleState
+from hil.link.transport import Transport
+
+BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us before the autopilot is asked to hold
+LAST_MODES = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
+LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes into which an autopilot goes on by itself
+HOMEWARD = ("LAND", "RETURN")
+ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
+GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
+OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
+UNTOLD_US = 1_500_000  # µs in which a heartbeat tells whether a failsafe is behind a mode
+ARMED_S = 10.0  # s for which arming is asked for again: a pre-arm check may flicker
+OFFERED_S = 2.0  # s for which offboard is asked for again while it is temporarily refused
+FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
+
+
+class TakeoverError(LinkError):
+    """Somebody else has taken the vehicle out of offboard: a pilot, a ground station, a failsafe. It is theirs now."""
+
+
+class EnvelopeError(LinkError):
+    """The envelope ends the flight: the battery or the time is used up."""
+
+
+class Link(Conversation):
+    """A conversation that flies: modes, arming, and an offboard stream that lives no longer than what it obeys.
+
+    The stream is sent from `tick` alone, by whoever decides: a decider that hangs, crashes or is killed sends no more.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        silence_s: float = SILENCE_S,
+        limits: Limits | None = None,
+        mute: bool = False,
+        simulated: bool = False,
+    ) -> None:
+        """`limits`: the safety envelope of every setpoint. `mute`: nothing that would move the vehicle is sent.
+
+        `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
+        does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
+        """
+        super().__init__(transport, silence_s=silence_s)
+        self.limits = limits
+        self.mute = mute
+        self.on_target: Callable[[Target], None] = lambda target: None  # hears every target, sent or not
+        self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: None  # hears what limits act, at each change
+        self._stream = OffboardStream()
+        self._offboard = False  # whether offboard is ours
+        self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
+        self._leaving: str | None = None  # the mode before that order, until it has been obeyed for a moment
+        self._obeyed_us = 0  # µs, when it was first seen to be obeyed
+        self._taken_by: str | None = None
+        self.simulated = simulated
+        self._strayed_us = 0  # µs, since when a simulated vehicle is in a mode that we have not ordered
+        self._failed = False  # whether a failsafe of a simulated vehicle has acted
+        self._offboard_us = 0  # since when
+        self._ended = False  # whether the envelope has ended the flight
+        self._limited: tuple[str, ...] = ()
+        self._home_ned: Vec3 | None = None  # where the envelope's distances begin, once that is settled
+        self._first_ned: Vec3 | None = None  # in its stead while the autopilot has told no home
+        self._tried_to_arm = False
+        self._flew_armed = False  # whether it was armed when last seen in our offboard
+
+    # -- modes ---------------------------------------------------------------------------------------------------
+
+    def set_mode(self, name: str) -> None:
+        """Switch the flight mode. Raises LinkError when refused."""
+        if self.mute:
+            return
+        if name != "OFFBOARD":
+            self._offboard = False
+        mode = MODES[name]
+        self._expect(name, *LEADS_TO.get(name, ()))
+        # a stream of setpoints may not have been heard yet where much is lost
+        insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
+        self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub, insist_s=insist_s)
+        if name in HOMEWARD:  # nothing more is ordered, and a PX4 that has landed goes back to the mode before
+            self._expected = ()
+
+    def arm(self) -> None:
+        """Arm; retried for ten seconds, since a pre-arm check may flicker. Raises LinkError when refused to the end."""
+        if self.mute:
+            return
+        self._tried_to_arm = True
+        self._expect(self.state.mode, "TAKEOFF", "HOLD")
+        self.order("arming", dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1, insist_s=ARMED_S)
+        self.wait_for(lambda state: state.armed, 5.0, "arming")
+
+    def may_fly(self) -> bool:
+        """Return whether the vehicle may be in the air by our doing, or stand there armed: ground it then.
+
+        One that a person has armed and not handed over is none of ours. Heartbeats lag by up to a second, so one that
+        we have just told to arm is asked: it disarms on the ground and refuses to in the air.
+        """
+        if not self._tried_to_arm or self.state.armed:
+            return self.state.armed and (self._offboard or self._tried_to_arm)
+        return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
+
+    def await_handover(self, say: Callable[[str], None] = lambda line: None) -> None:
+        """Wait until a person has armed, taken off and handed over by switching to Hold, or to Offboard themselves.
+
+        On the ground nothing is streamed: Offboard must not be there to be armed in. In the air it is a hold of the
+        place where the vehicle is at every moment. A switch that only passes through Hold hands nothing over.
+        Raises LinkError after ten minutes of vehicle time.
+        """
+        self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
+        say("armed: take off, and hand over by switching to Hold (or Offboard) …")
+        end_us, given_us = self.time_us + round(FOREIGN_S * 1e6), None
+        while given_us is None or self.time_us < given_us + round(GIVEN_S * 1e6):
+            given_us = (given_us or self.time_us) if self._is_given(self.state) else None
+            if self.time_us >= end_us:
+                raise LinkError(f"nobody took off and handed over within {FOREIGN_S:g} s")
+            self._stream.stop()
+            if self.state.landed is False:
+                self._stream.fly(Hold())
+            self.tick()
+        self._stream.stop()
+        self._expect(self.state.mode)
+
+    def _is_given(self, state: VehicleState) -> bool:
+        """Return whether the vehicle stands ready to be flown: a hold that a failsafe has ordered is no hand-over."""
+        calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
+        return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
+
+    # -- who flies -----------------------------------------------------------------------------------------------
+
+    @property
+    def taken_by(self) -> str | None:
+        """The mode into which somebody else has switched the vehicle, None while nobody has."""
+        return self._taken_by
+
+    def _expect(self, *modes: str) -> None:
+        """From now on any mode but these, and the present one until one of them is there, is somebody else's hand."""
+        if self._taken_by is None:
+            self._expected, self._leaving, self._obeyed_us = modes, self.state.mode, 0
+
+    def _noticed(self) -> None:
+        mode, armed = self.state.mode, self.state.armed
+        if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
+            return  # nothing told yet, lost already, or a rehearsal on the ground
+        disarmed, self._flew_armed = self._offboard and self._flew_armed and not armed, self._offboard and armed
+        if mode in self._expected:
+            self._obeyed_us = self._obeyed_us or self.time_us
+        if self._obeyed_us and self._leaving != "OFFBOARD" and self.time_us > self._obeyed_us + OVERTAKEN_US:
+            self._leaving = None  # a late word of an offboard that we left is no hand at any time
+        if disarmed or (self._expected and mode not in (*self._expected, self._leaving)):
+            if self.simulated and self._is_failsafe(disarmed):
+                return
+            self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
+            self._stream.stop()
+        else:
+            self._strayed_us = 0
+
+    def _is_failsafe(self, disarmed: bool) -> bool:
+        """Return whether it was, or for want of a heartbeat may have been, a failsafe that has changed the mode."""
+        self._strayed_us = self._strayed_us or self.time_us
+        self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
+        untold = self.state.heartbeat_us <= self._strayed_us and self.time_us < self._strayed_us + UNTOLD_US
+        return self._failed or untold
+
+    def tick(self) -> None:
+        """Wait for the next tick of vehicle time (20 Hz), then send the setpoint.
+
+        Raises LinkError, and TakeoverError when the vehicle has left offboard by anybody else's hand.
+        """
+        super().tick()
+        if self._taken_by is not None and not self.mute:
+            raise self._takeover()
+        if self._offboard and self.limits is not None:
+            self._watch(self.limits)
+
+    def _takeover(self) -> TakeoverError:
+        self._tried_to_arm = False
+        said = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
+        what = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
+        return TakeoverError(f"the vehicle was {what} by another hand, which has it now{said}")
+
+    def _watch(self, limits: Limits) -> None:
+        """Raise EnvelopeError, once, when the flight has to end."""
+        reason = broken_off(self.state, limits, (self.time_us - self._offboard_us) / 1e6)
+        if reason is not None and not self._ended:
+            self._ended = True
+            raise EnvelopeError(reason)
+
+    # -- offboard ------------------------------------------------------------------------------------------------
+
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead.
+
+        `seen` is what its angles are counted from, the heading that is held without it.
+        """
+        ends_us = None if seconds is None else self.time_us + round(seconds * 1e6)
+        self._stream.fly(setpoint, ends_us, self.time_us, seen)
+
+    @property
+    def streaming(self) -> bool:
+        """Whether something is being flown."""
+        return self._stream.setpoint is not None
+
+    def sight(self, time_us: int) -> Sight:
+        """Return where the vehicle was at a time (µs, vehicle clock), by its own estimate. Raises LinkError."""
+        sight = self.track.at(time_us)
+        if sight is None:
+            raise LinkError("the autopilot has told neither place nor heading")
+        return sight
+
+    @property
+    def steady(self) -> bool:
+        """Whether a turn has been made: the nose within 1° of its end and turning less than 5°/s, the place held."""
+        state = self.state
+        if self.mute:
+            return True  # nothing will turn, so there is nothing to wait for
+        if state.position_ned is None or state.euler is None:
+            return False
+        return self._stream.steady(state.position_ned, state.euler[2], state.yaw_rate or 0.0)
+
+    def start_offboard(self) -> None:
+        """Enter offboard with the setpoint given to `fly`, which is streamed before. Raises LinkError when refused."""
+        if self._taken_by is not None:
+            raise self._takeover()
+        self.tick()
+        if self.mute:
+            return
+        self._offboard, self._offboard_us = True, self.time_us  # from the order on: whatever breaks off ends it
+        if self.state.mode == "OFFBOARD":
+            self._expect("OFFBOARD")
+            return
+        try:
+            self.set_mode("OFFBOARD")
+        except LinkError:
+            self._offboard = self.state.mode == "OFFBOARD"
+            raise
+        self.wait_for(lambda state: state.mode == "OFFBOARD", 3.0, "offboard mode")
+
+    def stop_stream(self) -> None:
+        """Send no setpoint from now on; the autopilot's own failsafe is what follows unless a mode is set."""
+        self._offboard = False
+        self._stream.stop()
+
+    def stop_offboard(self) -> None:
+        """Let the autopilot hold, and stop streaming once it does."""
+        self.set_mode("HOLD")
+        # the acknowledgement is ahead of the telemetry, and our own hold must not look like another hand's
+        self.wait_for(lambda state: state.mode != "OFFBOARD", 3.0, "leaving offboard")
+        self._stream.stop()
+
+    def give_up(self, then: str = "land") -> None:
+        """End a flight in order: stand still, then the autopilot's own hold, then `then`: land, return or hold.
+
+        Nothing is ordered of a vehicle that somebody else has taken. Raises LinkError when the last order is refused.
+        """
+        if self._taken_by is not None or self.mute:
+            self.stop_stream()
+            return
+        if self._offboard:
+            self.fly(Hold())
+            self.wait(BRAKE_S)
+        refused: LinkError | None = None
+        try:
+            self.set_mode("HOLD")
+        except LinkError as error:  # a vehicle that cannot hold may still be able to land
+            refused = error
+        self.stop_stream()
+        if self._taken_by is not None:
+            raise self._takeover()
+        if then != "hold":
+            self.set_mode(LAST_MODES[then])
+        elif refused:
+            raise refused
+        self._expected = ()  # it is the autopilot's now, and whoever stands by
+
+    def fly_to(self, position_ned: Vec3, yaw: float, *, round_first: bool = False) -> Arrival:
+        """From the next tick on, fly to a place of the local frame and stay there; return what tells the arrival.
+
+        `round_first`: with one turn about the vertical on the way, which ends at the heading `yaw`.
+        """
+        turning = Turning(yaw, ROUND_RATE, 2.0 * math.pi, None) if round_first else None
+        self._stream.fly_to(Place(position_ned, yaw, turning))
+        due_us = self.time_us + (round(2.0 * math.pi / ROUND_RATE * 1e6) if round_first else 0)
+        return Arrival(position_ned, yaw, due_us)
+
+    def _speak(self) -> None:
+        super()._speak()
+        target = self._target(self.state) if self._taken_by is None else None
+        if target is None or not self.mode_is_known():
+            return
+        self.on_target(target)
+        if not self.mute:
+            self.send(message(target, self.time_us // 1000, self.system, self.component))
+
+    def _target(self, state: VehicleState) -> Target | None:
+        if state.position_ned is None or state.velocity_ned is None or state.euler is None:
+            return None
+        target = self._stream.target(state.position_ned, state.velocity_ned, state.euler[2], self.time_us)
+        if target is None or self.limits is None:
+            return target
+        admitted = admit(target, state, self._home(state), self.limits, self.time_us)
+        if admitted.limited != self._limited:
+            self._limited = admitted.limited
+            self.on_limit(admitted.limited)
+        return admitted.target
+
+    def settle_envelope(self) -> None:
+        """From now on the limits stay where they are, whatever becomes of home. Raises LinkError as `placed` does."""
+        if self.limits is not None:
+            self.limits, self._home_ned = placed(self.limits, self.state), self.state.home_ned
+
+    def _home(self, state: VehicleState) -> Vec3:
+        """Return home in the local frame: the autopilot's, or where the vehicle was when it was first needed."""
+        home = self._home_ned or state.home_ned
+        if home is not None:
+            return home
+        assert state.position_ned is not None
+        self._first_ned = self._first_ned or state.position_ned
+        return self._first_ned

@@ -1,0 +1,238 @@
+"""The agent's setpoints as offboard targets, with the height and place loops that PX4 leaves to its client.
+
+A body velocity of vz = 0 drifts 0.1–0.3 m/s on a real PX4, so whatever holds a height or a place here closes that loop.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from foundation.frames import Vec3, wrap_pi
+from foundation.mavlink import dialect
+from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
+from hil.link.course import Line, Turning
+
+MASK_VELOCITY_YAW_RATE = 0x5C7  # vx, vy, vz, yaw rate
+MASK_POSITION_YAW = 0x9F8  # x, y, z, yaw
+HEIGHT_GAIN = 1.0  # 1/s
+PLACE_GAIN = 0.9  # 1/s
+LINE_GAIN = 1.5  # 1/s
+CORRECTION_MAX = 0.6  # m/s
+HEADING_GAIN = 1.5  # 1/s
+HEADING_RATE_MAX = 0.5  # rad/s
+STOPPING_S = 0.6  # s: a hold asked for in motion is put where the vehicle can come to rest, not where it was
+BACK_MAX = 0.5  # sine of the angle at which a move may be aimed back to its line
+HEADING_REACHED = math.radians(1.0)
+LINE_REACHED_M = 0.05
+YAW_RATE_STILL = math.radians(5.0)  # rad/s: below it a turn is over
+GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
+LATE_MAX_US = 250_000  # µs by which a move may outlast its time and still be taken for one that ended when it should
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityTarget:
+    """A velocity along the axes of the heading, and a yaw rate: BODY_NED."""
+
+    velocity_body: Vec3  # m/s, forward, right, down
+    yaw_rate: float  # rad/s, + right
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """A place and a heading: LOCAL_NED."""
+
+    position_ned: Vec3  # m, local frame of the autopilot
+    yaw: float  # rad
+
+
+Target = VelocityTarget | PositionTarget
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A setpoint of the link's own: fly to this place and heading, for the way to the start pose."""
+
+    position_ned: Vec3  # m, local frame
+    yaw: float  # rad
+    turning: Turning | None = None  # a turn on the way, that ends at the heading
+
+
+class OffboardStream:
+    """Remembers what is being flown and turns it into the target for the next tick.
+
+    What moves the vehicle lasts no longer than the decision behind it: when its time is over and nothing else has been
+    said, it has become a hold.
+    """
+
+    def __init__(self) -> None:
+        self.setpoint: Setpoint | Place | None = None
+        self._ends_us: int | None = None
+        self._place: Vec3 | None = None  # m, local frame, that is being held
+        self._height: float | None = None  # m, local z that is being held
+        self._heading: float | None = None  # rad, that is being held
+        self._turning: Turning | None = None
+        self._line: Line | None = None  # that is being flown, or that the last move was on
+        self._moved_until_us: int | None = None  # µs, when the last move should have ended
+
+    def fly(
+        self,
+        setpoint: Setpoint,
+        ends_us: int | None = None,
+        starts_us: int | None = None,
+        seen: Sight | None = None,
+    ) -> None:
+        """Change what is flown, from `starts_us` until `ends_us` (µs, vehicle clock); None: the next target, for ever.
+
+        `seen` is what the angles of the setpoint are counted from; without it, the heading that is held. A hold that
+        goes on keeps its place; the height is kept through level moves, the heading through everything.
+        """
+        if isinstance(self.setpoint, Velocity):
+            self._moved_until_us = None if self._ends_us is None else self._ends_us - GRACE_US
+        self._ends_us = None if ends_us is None else ends_us + GRACE_US
+        if setpoint == self.setpoint and isinstance(setpoint, Hold):
+            return
+        self._end_turn(starts_us)
+        if not (isinstance(setpoint, Turn) and isinstance(self.setpoint, Hold)):
+            self._place = None
+        if isinstance(self.setpoint, Velocity) and self.setpoint.up is not None:
+            self._height = None
+        self.setpoint = setpoint
+        match setpoint:
+            case Turn(yaw_rate, angle, onto_line):
+                self._heading = seen.heading if seen else self._heading
+                self._line = Line(seen.position_ned, seen.heading + (angle or 0.0)) if seen and onto_line else None
+                self._place = self._line.nearest(self._place) if self._line and self._place else self._place
+                self._turning = Turning(self._heading or 0.0, yaw_rate, angle, ends_us, starts_us)
+            case Velocity(_, _, bearing):
+                self._line = None
+                if seen is not None and bearing is not None:
+                    self._heading = wrap_pi(seen.heading + bearing)
+                    self._line = Line(seen.position_ned, self._heading)
+
+    def _end_turn(self, time_us: int | None) -> None:
+        """Hold the heading to which the turn has come by then; where nobody says when, it has come to its end."""
+        if self._turning is not None and self._heading is not None:
+            until_us = time_us if time_us is not None else self._turning.ends_us
+            turning = self._turning if until_us is None else self._turning.until(until_us)
+            self._heading = turning.heading
+        self._turning = None
+
+    def fly_to(self, place: Place) -> None:
+        """Fly to a place and stay there."""
+        self.stop()
+        self.setpoint = place
+
+    def stop(self) -> None:
+        """Stream nothing any more."""
+        self.setpoint, self._ends_us, self._moved_until_us = None, None, None
+        self._place, self._height, self._heading, self._turning, self._line = None, None, None, None, None
+
+    def steady(self, position: Vec3, yaw: float, yaw_rate: float) -> bool:
+        """Return whether nose (rad, rad/s) and place (m) are where the end of a turn wants them, and stay there."""
+        heading = self._heading
+        if self._turning is not None:
+            if not self._turning.over:
+                return False
+            heading = self._turning.heading
+        if self._line is not None and abs(self._line.beside(position)) > LINE_REACHED_M:
+            return False
+        there = heading is not None and abs(wrap_pi(heading - yaw)) <= HEADING_REACHED
+        return there and abs(yaw_rate) <= YAW_RATE_STILL
+
+    def target(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> Target | None:
+        """Return what flies the setpoint from here (m, m/s, rad, µs), None when nothing is streamed."""
+        if self.setpoint is not None and self._ends_us is not None and time_us > self._ends_us:
+            self.fly(Hold(), starts_us=time_us)
+        if self.setpoint is None:
+            return None
+        if isinstance(self.setpoint, Place):
+            self._turning = self.setpoint.turning if self._turning is None else self._turning
+            self._turning = self._turning.until(time_us) if self._turning else None
+            heading = self._turning.heading if self._turning else self.setpoint.yaw
+            return PositionTarget(self.setpoint.position_ned, heading)
+        place, heading = self._held(position, velocity, yaw, time_us)
+        match self.setpoint:
+            case Hold():
+                return PositionTarget(place, heading)
+            case Turn(yaw_rate):
+                assert self._turning is not None
+                self._turning = self._turning.until(time_us)
+                if self._turning.over:
+                    return PositionTarget(place, self._turning.heading)
+                forward, right = _correction(place, position, yaw)
+                return VelocityTarget((forward, right, self._height_correction(position)), yaw_rate)
+            case Velocity(forward, up):
+                down = self._height_correction(position) if up is None else -up
+                rate = _clamped(HEADING_GAIN * wrap_pi(heading - yaw), HEADING_RATE_MAX)
+                # along the line, whatever the nose still has to turn to it
+                off = wrap_pi(heading + self._back_to_line(position, forward) - yaw)
+                return VelocityTarget((forward * math.cos(off), forward * math.sin(off), down), rate)
+
+    def _held(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> tuple[Vec3, float]:
+        """Return the place and the heading that are held, taken here and now where nothing has been held before."""
+        stopping_s = self._stopping_s(time_us)
+        if self._height is None:
+            self._height = position[2] + velocity[2] * stopping_s
+        if self._place is None:
+            self._place = (position[0] + velocity[0] * stopping_s, position[1] + velocity[1] * stopping_s, self._height)
+            if self._line is not None:
+                self._place = self._line.nearest(self._place)
+        if self._heading is None:
+            self._heading = yaw
+            if self._turning is not None:
+                self._turning = replace(self._turning, start=yaw)
+        return (self._place[0], self._place[1], self._height), self._heading
+
+    def _stopping_s(self, time_us: int) -> float:
+        """Return how far ahead of the vehicle, in seconds of its velocity, a hold is put.
+
+        A move outlasts its time by up to a tick of the autopilot's telemetry, on some wires at every step. What was
+        flown too far is taken back here, or those steps would all be too long.
+        """
+        late_us = 0 if self._moved_until_us is None else time_us - self._moved_until_us
+        return STOPPING_S - (late_us / 1e6 if 0 < late_us <= LATE_MAX_US else 0.0)
+
+    def _back_to_line(self, position: Vec3, forward: float) -> float:
+        """Return the angle (rad, + right) by which a move is aimed off its course to come back to its line."""
+        if self._line is None or forward <= 0.0:
+            return 0.0
+        return -math.asin(_clamped(LINE_GAIN * self._line.beside(position) / forward, BACK_MAX))
+
+    def _height_correction(self, position: Vec3) -> float:
+        assert self._height is not None
+        return _clamped(HEIGHT_GAIN * (self._height - position[2]), CORRECTION_MAX)
+
+
+def _correction(place: Vec3, position: Vec3, yaw: float) -> tuple[float, float]:
+    """Return the velocity (m/s, forward and right) that brings a vehicle back to a place."""
+    north, east = place[0] - position[0], place[1] - position[1]
+    forward = math.cos(yaw) * north + math.sin(yaw) * east
+    right = -math.sin(yaw) * north + math.cos(yaw) * east
+    return _clamped(PLACE_GAIN * forward, CORRECTION_MAX), _clamped(PLACE_GAIN * right, CORRECTION_MAX)
+
+
+def message(target: Target, time_boot_ms: int, system: int, component: int) -> dialect.MAVLink_message:
+    """Return SET_POSITION_TARGET_LOCAL_NED in the frames and masks that a real PX4 takes."""
+    stamp = time_boot_ms % (1 << 32)
+    match target:
+        case VelocityTarget(velocity_body, yaw_rate):
+            return dialect.MAVLink_set_position_target_local_ned_message(
+                stamp,
+                system,
+                component,
+                dialect.MAV_FRAME_BODY_NED,
+                MASK_VELOCITY_YAW_RATE,
+                0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
+            )  # fmt: skip
+        case PositionTarget(position_ned, yaw):
+            return dialect.MAVLink_set_position_target_local_ned_message(
+                stamp,
+                system,
+                component,
+                dialect.MAV_FRAME_LOCAL_NED,
+                MASK_POSITION_YAW,
+                *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
+            )  # fmt: skip
+
+
+def _clamped(value: float, most: float) -> float:
+    return max(-most, min(most, value))

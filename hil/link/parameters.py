@@ -1,0 +1,165 @@
+"""Single parameters of the autopilot at the other end of a link: read, read many, set and read back.
+
+PX4 puts an INT32 byte by byte into the float field (capability PARAM_ENCODE_BYTEWISE). To a name that it does not know
+it says nothing; ours and newer ones answer PARAM_ERROR. Both are None here.
+"""
+
+import struct
+from collections.abc import Iterable
+
+from foundation.errors import LinkError, UsageError
+from foundation.mavlink import dialect
+from hil.link.link import Link
+
+Value = int | float
+
+INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
+NAME_MOST = 16  # characters
+TRIES = 6  # over a wire that loses one message in ten, each way, a try fails once in five
+RETRY_US = 500_000  # µs of vehicle time
+AT_ONCE = 4  # requests per tick of the link, 80 a second: 3 kB/s, which a telemetry radio carries
+ERRORS = {
+    1: "there is no such parameter", 2: "the value is out of its range", 3: "permission denied",
+    4: "component not found", 5: "it is read-only",
+}  # fmt: skip
+
+
+class Parameters:
+    """The parameters of one autopilot. Calls wait in vehicle time and raise LinkError when the vehicle is gone."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._values: dict[str, Value] = {}  # answers to the call in progress
+        self._types: dict[str, int] = {}  # name -> MAV_PARAM_TYPE
+        self._errors: dict[str, int] = {}  # name -> MAV_PARAM_ERROR
+
+    def read(self, name: str) -> Value | None:
+        """Return the value, None when the autopilot does not know the name or does not answer."""
+        return self.read_many([name])[name]
+
+    def read_many(self, names: Iterable[str]) -> dict[str, Value | None]:
+        """Return name → value in the order of `names`, None where the autopilot knows none or does not answer."""
+        asked = list(dict.fromkeys(names))
+        for name in asked:
+            _checked(name)
+        self._forget(asked)
+        self._link.listeners.append(self._hear)
+        try:
+            for _ in range(TRIES):
+                missing = [name for name in asked if not self._answered(name)]
+                if not missing:
+                    break
+                self._request(missing)
+        finally:
+            self._link.listeners.remove(self._hear)
+        return {name: self._values.get(name) for name in asked}
+
+    def set(self, name: str, value: Value) -> Value:
+        """Set a parameter and return the value that the autopilot holds afterwards, read back.
+
+        Raises LinkError when it does not know the name, refuses, or holds another value; UsageError for a value that
+        the parameter's type cannot hold.
+        """
+        if self.read(name) is None:
+            raise LinkError(f"the autopilot has no parameter {name}")
+        message, wanted = self._setting(name, value)
+        held: Value | None = None
+        for _ in range(TRIES):  # a late answer to an earlier question may look like the read-back: ask again
+            self._told(name, message)
+            if name in self._errors:
+                reason = ERRORS.get(self._errors[name], f"error {self._errors[name]}")
+                raise LinkError(f"the autopilot does not set {name} to {value:g}: {reason}")
+            held = self.read(name)
+            if held == wanted:
+                return held
+        if held is None:
+            raise LinkError(f"the autopilot does not say whether it has set {name} to {value:g}")
+        raise LinkError(f"the autopilot holds {name} at {held:g} although it was told {value:g}")
+
+    def _told(self, name: str, message: dialect.MAVLink_message) -> None:
+        """Send a PARAM_SET and wait for its answer, for RETRY_US at most."""
+        self._forget([name])
+        self._link.listeners.append(self._hear)
+        try:
+            self._link.send(message)
+            self._wait([name])
+        finally:
+            self._link.listeners.remove(self._hear)
+
+    def _setting(self, name: str, value: Value) -> tuple[dialect.MAVLink_message, Value]:
+        """Return the PARAM_SET and the value as the parameter's type holds it."""
+        kind = self._types[name]
+        wanted: Value
+        if kind == INT32:
+            if value != int(value) or not -(1 << 31) <= value < 1 << 31:
+                raise UsageError(f"{name} is a 32-bit integer; {value:g} is not")
+            wanted = int(value)
+            field = struct.unpack("<f", struct.pack("<i", wanted))[0]
+            if struct.unpack("<i", struct.pack("<f", field))[0] != wanted:
+                raise UsageError(f"{name} = {wanted} cannot be sent: as a float its bits are a signalling NaN")
+        elif kind == REAL32:
+            try:
+                field = wanted = struct.unpack("<f", struct.pack("<f", value))[0]
+            except OverflowError:
+                raise UsageError(f"{name} is a 32-bit float; {value:g} does not fit") from None
+        else:
+            raise LinkError(f"{name} is of MAV_PARAM_TYPE {kind}, which is no type of PX4's")
+        link = self._link
+        return dialect.MAVLink_param_set_message(link.system, link.component, name.encode(), field, kind), wanted
+
+    def _request(self, names: list[str]) -> None:
+        """Ask for every name once, a few per tick, and wait for the answers."""
+        link = self._link
+        for start in range(0, len(names), AT_ONCE):
+            for name in names[start : start + AT_ONCE]:
+                link.send(dialect.MAVLink_param_request_read_message(link.system, link.component, name.encode(), -1))
+            link.tick()
+        self._wait(names)
+
+    def _wait(self, names: list[str]) -> bool:
+        """Tick until all are answered and return True, False when RETRY_US have passed."""
+        end_us = self._link.time_us + RETRY_US
+        while not all(self._answered(name) for name in names):
+            if self._link.time_us >= end_us:
+                return False
+            self._link.tick()
+        return True
+
+    def _answered(self, name: str) -> bool:
+        return name in self._values or name in self._errors
+
+    def _forget(self, names: list[str]) -> None:
+        for name in names:
+            self._values.pop(name, None)
+            self._errors.pop(name, None)
+
+    def _hear(self, message: dialect.MAVLink_message) -> None:
+        kind = message.get_msgId()
+        if kind not in (dialect.MAVLINK_MSG_ID_PARAM_VALUE, dialect.MAVLINK_MSG_ID_PARAM_ERROR):
+            return
+        if (message.get_srcSystem(), message.get_srcComponent()) != (self._link.system, self._link.component):
+            return
+        name = str(message.param_id)
+        if kind == dialect.MAVLINK_MSG_ID_PARAM_ERROR:
+            self._errors[name] = int(message.error)
+        else:
+            self._values[name] = decoded(message)
+            self._types[name] = int(message.param_type)
+
+
+def decoded(message: dialect.MAVLink_message) -> Value:
+    """Return the value of a received PARAM_VALUE. An INT32 is read from the frame's bytes.
+
+    The decoded float has lost the bits of a signalling NaN.
+    """
+    if message.param_type == REAL32:
+        return float(message.param_value)
+    frame = bytes(message.get_msgbuf())
+    start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
+    payload = frame[start : start + min(frame[1], 4)].ljust(4, b"\0")  # MAVLink 2 cuts trailing zeros
+    return int(struct.unpack("<i", payload)[0])
+
+
+def _checked(name: str) -> None:
+    if not name or len(name) > NAME_MOST or not name.isascii():
+        raise UsageError(f"{name!r} is no parameter: a name has 1 to {NAME_MOST} ASCII characters")
