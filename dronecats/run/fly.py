@@ -1,0 +1,26 @@
+"""Any flight, by its spec."""
+
+from pathlib import Path
+from typing import Any
+
+from dronecats.flight.spec import FlightSpec
+from dronecats.run.outcome import Say
+
+
+def fly(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any]:
+    """Fly, judge, and return what `fly --json` prints, with the exit `status` and the `reason` the flight ended.
+
+    Each way of flying is loaded only when it is flown: a companion computer has no simulator. Raises UsageError.
+    """
+    vehicle = spec.connected
+    if vehicle is None:
+        from dronecats.run.simulated import fly_simulated
+
+        return fly_simulated(spec, out, say)
+    if vehicle.truth is not None:
+        from dronecats.run.connected_world import fly_world
+
+        return fly_world(spec, vehicle, vehicle.truth, out, say)
+    from dronecats.run.connected import fly_connected
+
+    return fly_connected(spec, vehicle, out, say)
