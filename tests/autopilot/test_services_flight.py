@@ -6,9 +6,9 @@ import pytest
 
 from foundation.frames import ned_to_geodetic, wrap_pi
 from foundation.mavlink import dialect
+from tests.autopilot.aircraft import Aircraft
 from tests.autopilot.commander_bench import ORIGIN
-from tests.autopilot.mavlink.test_mission_protocol import item, upload
-from tests.autopilot.test_commander_flight import Aircraft
+from tests.autopilot.plan_client import item, upload
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 """The benchmark of other simulators: what does not fly the task is not compared, what is not installed is said."""
 
 import json
-import sys
 
 import pytest
 
 from benchmarks import flight_peers as peers
+from tests.benchmarks.peer_environments import make_environments
 
 
 class Vehicle:
@@ -43,11 +43,7 @@ def test_a_peer_that_is_absent_or_breaks_is_a_note_and_the_rest_are_ratios(tmp_p
     answer = {"rtf": 4.0, "rtf_cpu": 5.0, "control_hz": 100}
     monkeypatch.setattr(peers, "PEERS", dict.fromkeys(("works", "breaks", "absent")))
     scripts = {"works": f"print({json.dumps(json.dumps(answer))})", "breaks": "raise ValueError('no rotors')"}
-    for name, script in scripts.items():
-        python = tmp_path / name / "bin" / "python"
-        python.parent.mkdir(parents=True)
-        python.write_text(f"#!{sys.executable}\n{script}\n")
-        python.chmod(0o755)
+    make_environments(tmp_path, scripts)
     found = peers.compare(tmp_path, 500.0, 600.0)
     assert found["absent"]["note"].startswith("skipped: no virtual environment")
     assert "no rotors" in found["breaks"]["note"]

@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from benchmarks.render_export import export
 from episodes.render import Renderer
 from episodes.scene import Material
 from foundation.camera import CameraModel
+from tests.benchmarks.peer_environments import make_environments
 from tests.episodes.render.scenes import box_mesh, instance, looking, scene_of
 
 CAMERA = CameraModel(1280, 720)
@@ -89,11 +89,7 @@ def test_an_absent_or_broken_peer_is_a_note_and_the_rest_are_ratios(tmp_path, mo
         "works": f"import sys; open(sys.argv[3] + '/picture.npy', 'w')\nprint({json.dumps(json.dumps(answer))})",
         "breaks": "raise ImportError('no libOSMesa')",
     }
-    for name, script in scripts.items():
-        python = tmp_path / name / "bin" / "python"
-        python.parent.mkdir(parents=True)
-        python.write_text(f"#!{sys.executable}\n{script}\n")
-        python.chmod(0o755)
+    make_environments(tmp_path, scripts)
     found = peers.compare(tmp_path, kept, lambda: {"ms_1280x720": 100.0, "ms_640x360": 30.0})
     assert found["absent"]["note"].startswith("absent: no virtual environment")
     assert "no libOSMesa" in found["breaks"]["note"]

@@ -7,6 +7,7 @@ import pytest
 
 from dronecats.cli.main import VERBS, main
 from episodes import catalogue
+from tests.support.command_line import DRONECATS
 
 CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to the van"]
 
@@ -113,7 +114,7 @@ def test_episodes_list_and_help_are_quick_and_complete(capsys):
 
 
 def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
-    command = [sys.executable, "-m", "dronecats.cli.main", "episodes", "show", "blocks-commanding-01"]
+    command = [*DRONECATS, "episodes", "show", "blocks-commanding-01"]
     shown = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert shown.returncode == 0, shown.stderr
     bearing = catalogue.load("blocks-commanding-01").bearing_deg

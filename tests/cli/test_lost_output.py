@@ -4,11 +4,11 @@ import json
 import shlex
 import signal
 import subprocess
-import sys
 
 import pytest
 
-DRONECATS = [sys.executable, "-m", "dronecats.cli.main"]
+from tests.support.command_line import DRONECATS
+
 FLY = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--latency", "fixed:0.5", "--json", "--out"]
 
 

@@ -18,6 +18,7 @@ from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, r
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.truth import NewestTruth, truth_message
 from hil.link.transport import connect
+from tests.support.ports import free_port
 
 HOME = (47.397743, 8.545594, 489.4)  # where PX4's own simulation begins
 EPISODE = "residential-approaching-01"
@@ -92,17 +93,15 @@ class Somebody:
 
 
 @pytest.fixture
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+def port():
+    return free_port()
 
 
-def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, free_port):
-    somebody = Somebody(free_port)
+def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
+    somebody = Somebody(port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
-        parts.TRUTH_BRIDGE, {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}, tmp_path / "bridge.log"
+        parts.TRUTH_BRIDGE, {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{port}"}, tmp_path / "bridge.log"
     )
     try:
         ready = bridge.ready()
@@ -139,9 +138,9 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, free_por
         somebody.close()
 
 
-def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_port):
-    somebody = Somebody(free_port, speed=2.0)
-    config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}
+def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, port):
+    somebody = Somebody(port, speed=2.0)
+    config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{port}"}
     bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=r"moves at 2\.0 m/s: it has to stand where the episode begins"):
         bridge.ready()
@@ -151,9 +150,9 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_po
 
 @pytest.mark.slow
 @pytest.mark.parametrize("timed", [None, False])
-def test_a_stream_without_truth_or_without_time_is_said(tmp_path, free_port, timed):
-    somebody = None if timed is None else Somebody(free_port, timed=timed)
-    config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}
+def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
+    somebody = None if timed is None else Somebody(port, timed=timed)
+    config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{port}"}
     bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=r"no truth comes on --truth udpin://127\.0\.0\.1:\d+ within 10 s"):
         bridge.ready()

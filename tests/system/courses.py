@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from foundation.camera import CameraModel
 from foundation.frames import wrap_pi
+from tests.support.json_lines import rows
 
 HALF_WIDTH = math.tan(math.radians(CameraModel().hfov_deg / 2))
 
@@ -57,8 +58,8 @@ def record(path, seed, count=400):
 
 def measured(folder):
     """Return the gos of at least a metre and the rotates of an episode folder's first drone."""
-    decisions = [json.loads(row) for row in (folder / "decisions.jsonl").read_text().splitlines()]
-    truth = [json.loads(row) for row in (folder / "truth.jsonl").read_text().splitlines()]
+    decisions = rows(folder / "decisions.jsonl")
+    truth = rows(folder / "truth.jsonl")
     frames = {row["frame_id"]: row for row in truth if row["kind"] == "frame"}
     gone, turned = [], []
     for before, after in itertools.pairwise(decisions):
@@ -78,8 +79,7 @@ def measured(folder):
 def start_errors(folder):
     """Return how far from its record the first drone's first frame was: (m horizontally, m vertically, °)."""
     start = json.loads((folder / "episode.json").read_text())["starts"][0]
-    rows = [json.loads(row) for row in (folder / "truth.jsonl").read_text().splitlines()]
-    first = next(row for row in rows if row["kind"] == "pose" and row["drone"] == 0)
+    first = next(row for row in rows(folder / "truth.jsonl", "pose") if row["drone"] == 0)
     north, east, down = (a - b for a, b in zip(first["position_ned"], start["position_ned"], strict=True))
     yaw = wrap_pi(math.radians(first["yaw_deg"] - start["yaw_deg"]))
     return math.hypot(north, east), abs(down), abs(math.degrees(yaw))

@@ -1,6 +1,5 @@
 """Other people's clients fly the simulator: MAVSDK 4, and pymavlink alone."""
 
-import json
 import subprocess
 import sys
 import threading
@@ -9,20 +8,16 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from dronecats.processes.supervisor import Supervisor
-from dronecats.stages import parts
+from tests.support.command_line import last_object
+from tests.support.simulated_vehicle import simulated_vehicle
 
 SPEED = 2.0
 
 
 @pytest.fixture
 def simulator(tmp_path):
-    supervisor = Supervisor(tmp_path)
-    child = supervisor.start(
-        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": SPEED}
-    )
-    yield child.ready()
-    supervisor.close()
+    with simulated_vehicle(tmp_path, SPEED) as ports:
+        yield ports
 
 
 @pytest.fixture
@@ -36,7 +31,7 @@ def test_a_mavsdk_script_takes_off_flies_offboard_and_lands(agent_url):
         [sys.executable, script, f"udpout://{agent_url}"], capture_output=True, text=True, timeout=150, check=False
     )
     assert run.returncode == 0, run.stderr[-2000:]
-    flown = json.loads(run.stdout.splitlines()[-1])
+    flown = last_object(run.stdout)
     assert flown["height"] == pytest.approx(3.0, abs=0.5)
     assert flown["speed"] == pytest.approx(2.0, abs=0.15)
 

@@ -3,7 +3,6 @@
 import json
 import socket
 import subprocess
-import sys
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -13,8 +12,10 @@ import pytest
 from dronecats.processes.supervisor import Supervisor
 from dronecats.stages import parts
 from foundation.mavlink import MODES, Packer, Parser, dialect
+from tests.support.command_line import DRONECATS, last_object
+from tests.support.simulated_vehicle import EPISODE, start_vehicle
 
-EPISODE, SPEED = "residential-approaching-01", 2.0
+SPEED = 2.0
 
 
 @pytest.fixture
@@ -24,8 +25,7 @@ def field(tmp_path):
     One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off.
     """
     supervisor = Supervisor(tmp_path)
-    config = {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": SPEED}
-    ports = supervisor.start(parts.SIMULATOR, config).ready()
+    ports = start_vehicle(supervisor, SPEED)
     truth = f"udpout://127.0.0.1:{ports['truth']}"
     camera = supervisor.start(parts.CAMERA, {"episode": EPISODE, "truth": truth, "optics": None})
     yield ports["agent"][0], camera.ready()["url"]
@@ -106,7 +106,7 @@ def tap(field):
 def fly(tap, camera, tmp_path, *more):
     (tmp_path / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine draws slowly, and time runs fast here
     command = [
-        sys.executable, "-m", "dronecats.cli.main", "fly", "--connect", tap.url, "--camera", camera,
+        *DRONECATS, "fly", "--connect", tap.url, "--camera", camera,
         "--instruction", "Go to the cyan SUV.", "--out", str(tmp_path / "run"), "--json",
         "--envelope", str(tmp_path / "envelope.toml"), *more,
     ]  # fmt: skip
@@ -127,7 +127,7 @@ def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
     out, err = flight.communicate("ARM\n", timeout=240)
     assert flight.returncode == 0, err
-    told = json.loads(out.splitlines()[-1])
+    told = last_object(out)
     assert told["success"] is None  # nobody measured
     assert told["steps"] > 1
     run = json.loads((tmp_path / "run" / "run.json").read_text())
@@ -164,7 +164,7 @@ def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
     out, err = flight.communicate(timeout=120)
     assert flight.returncode == 3
     assert "switched to HOLD by another hand" in err
-    assert json.loads(out.splitlines()[-1])["outcome"] in ("unknown", "error")
+    assert last_object(out)["outcome"] in ("unknown", "error")
     with tap.lock:
         passed = list(tap.passed)
     shown = next(

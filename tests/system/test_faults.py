@@ -1,11 +1,13 @@
 """What a model can do to a flight, and what must never come of it."""
 
-import json
+from pathlib import Path
 
 import pytest
 
 from dronecats.cli.main import main
 from dronecats.pilots.server import PilotServer
+from tests.support.command_line import last_object
+from tests.support.json_lines import rows
 
 KEY = "sk-SECRET-1234567890"
 
@@ -21,7 +23,7 @@ def fly(tmp_path, capsys):
             status = main([*command, "--base-url", endpoint, "--out", str(tmp_path / "run"), "--json", *arguments])
         said = capsys.readouterr()
         written = [p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()]
-        return status, json.loads(said.out.splitlines()[-1]), said.out.encode() + said.err.encode() + b"".join(written)
+        return status, last_object(said.out), said.out.encode() + said.err.encode() + b"".join(written)
 
     return run
 
@@ -57,11 +59,10 @@ def test_unreadable_replies_are_the_models_failures_and_fly_on(fly):
     status, result, _ = fly(pilot)
     assert status == 3  # it broke off in the end, after the four
     assert result["steps"] == 4
-    with open(f"{result['run_dir']}/decisions.jsonl", encoding="utf-8") as file:
-        rows = [json.loads(row) for row in file]
-    assert [row["action"] for row in rows] == [None] * 4
-    assert all(row["error"] for row in rows)
-    assert rows[0]["reply"] == "\ud800 no json"
+    decisions = rows(Path(result["run_dir"]) / "decisions.jsonl")
+    assert [row["action"] for row in decisions] == [None] * 4
+    assert all(row["error"] for row in decisions)
+    assert decisions[0]["reply"] == "\ud800 no json"
 
 
 def test_a_mistake_of_ours_in_flight_still_lands_and_leaves_a_verdict(fly, monkeypatch):

@@ -1,19 +1,16 @@
 """Four drones from one context: one request with four pictures, one array of four actions, one verdict."""
 
-import json
-
 import pytest
 
-from dronecats.cli.main import main
+from tests.support.flight import fly_simulated
+from tests.support.json_lines import rows
 from tests.system.fleet_pictures import check
 
 
 def fly(capsys, out, *arguments):
-    assert main(["fly", "--sitl", "--pilot", "oracle", "--out", str(out), "--json", *arguments]) == 0
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    folder = out / result["episode"]
+    result, folder = fly_simulated(capsys, out, "--pilot", "oracle", *arguments)
     logs = ("decisions.jsonl", "truth.jsonl")
-    return result, *([json.loads(line) for line in (folder / log).read_text().splitlines()] for log in logs)
+    return result, *(rows(folder / log) for log in logs)
 
 
 @pytest.mark.parametrize("episode", ["blocks-commanding-01", "residential-commanding-01"])

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.processes.supervisor import Supervisor
-from dronecats.stages import parts
 from hil.link.link import Link
 from hil.link.transport import connect
 from hil.preflight.check import check, mend
+from tests.support.simulated_vehicle import simulated_vehicle
 from tests.system.truth_watch import TruthWatch
 
 AGENT = Path(__file__).with_name("streaming_agent.py")
@@ -24,13 +23,8 @@ WITHIN_S = 2.0
 
 @pytest.fixture
 def simulator(tmp_path):
-    supervisor = Supervisor(tmp_path)
-    child = supervisor.start(
-        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
-    )
-    ports = child.ready()
-    yield f"udpout://127.0.0.1:{ports['agent'][0]}", TruthWatch(ports["truth"])
-    supervisor.close()
+    with simulated_vehicle(tmp_path) as ports:
+        yield f"udpout://127.0.0.1:{ports['agent'][0]}", TruthWatch(ports["truth"])
 
 
 def killed_in_flight(url, truth):

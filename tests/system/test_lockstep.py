@@ -5,6 +5,8 @@ import json
 import pytest
 
 from dronecats.cli.main import main
+from tests.support.flight import fly_simulated
+from tests.support.json_lines import rows
 
 
 @pytest.fixture(scope="module")
@@ -16,9 +18,7 @@ def fly(tmp_path_factory):
         key = (*arguments, again)
         if key not in flown:
             out = tmp_path_factory.mktemp("run")
-            assert main(["fly", "--sitl", "--speed", "max", "--out", str(out), "--json", *arguments]) == 0
-            result = json.loads(capsys.readouterr().out.splitlines()[-1])
-            flown[key] = result, out / result["episode"]
+            flown[key] = fly_simulated(capsys, out, "--speed", "max", *arguments)
         return flown[key]
 
     return run
@@ -40,8 +40,7 @@ def test_the_vision_pilot_finds_the_cyan_suv_and_leaves_everything_a_run_folder_
     assert len(run["prompt_sha256"]) == 64
     assert run["clock"] == "lockstep"
     assert run["served_rate_hz"] > 0
-    for line in (folder / "decisions.jsonl").read_text().splitlines():
-        decision = json.loads(line)
+    for decision in rows(folder / "decisions.jsonl"):
         assert decision["t_decided"] == pytest.approx(decision["t_frame"] + 0.5, abs=0.11)
 
 
@@ -54,7 +53,7 @@ def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
     assert verdict["contradictions"] == []
     assert verdict["censored"] is result["censored"] is True
     assert verdict["false_declarations"] == result["false_declarations"] == result["declarations"] - 1
-    begin = json.loads((folder / "truth.jsonl").read_text().splitlines()[0])
+    begin = rows(folder / "truth.jsonl")[0]
     assert (begin["kind"], begin["cap_s"]) == ("begin", 300.0)
     assert main(["judge", str(folder), "--delta", "0.5", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["episodes"][folder.name]["outcome"] == "censored"
@@ -116,5 +115,5 @@ def test_the_blind_pilot_flies_to_the_cap_and_fails(fly, capsys):
     assert result["outcome"] == "failure"
     assert result["declarations"] == 0
     assert result["sim_seconds"] >= 300.0
-    poses = [json.loads(row) for row in (folder / "truth.jsonl").read_text().splitlines()]
-    assert sum(p["kind"] == "pose" for p in poses) == pytest.approx(601, abs=2)  # 2 Hz over 300 s
+    poses = rows(folder / "truth.jsonl", "pose")
+    assert len(poses) == pytest.approx(601, abs=2)  # 2 Hz over 300 s

@@ -5,12 +5,13 @@ import contextlib
 import json
 import os
 import subprocess
-import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import quote
 
 import pytest
+
+from tests.support.command_line import DRONECATS
 
 IN_THE_PATH = "c0ffee0123456789abcdef0123456789abcdef42"
 IN_THE_QUERY = "q/Top+Secret=1"
@@ -71,7 +72,7 @@ def test_a_key_in_the_address_is_told_nowhere(tmp_path, end):
     path = f"/{IN_THE_PATH}/v1"
     query = f"api_key={quote(IN_THE_QUERY, safe='')}"
     url = f"http://me:{IN_THE_USER}@127.0.0.1:{server.server_port}{path}?{query}"
-    command = [sys.executable, "-m", "dronecats.cli.main", "fly", "--sitl", "--speed", "max", "--latency", "fixed:0",
+    command = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--latency", "fixed:0",
                "--model", "openai/x", "--base-url", url, "--out", str(tmp_path / "run"), "--json"]  # fmt: skip
     environment = {**os.environ, "OPENAI_API_KEY": IN_THE_ENVIRONMENT}
     flown = subprocess.run(command, capture_output=True, env=environment, timeout=600)

@@ -3,21 +3,20 @@
 import http.server
 import json
 import subprocess
-import sys
 import threading
 
 import cv2
 import numpy as np
 import pytest
 
-from dronecats.processes.supervisor import Supervisor
-from dronecats.stages import parts
 from foundation import wire
 from foundation.mavlink import dialect
 from hil.link.link import Link
 from hil.link.transport import connect
 from hil.preflight import disk
 from hil.preflight.rehearsal import rehearse
+from tests.support.command_line import DRONECATS
+from tests.support.simulated_vehicle import simulated_vehicle
 
 FAILS = {"COM_OBL_RC_ACT = 0", "COM_LOW_BAT_ACT = 0", "GF_MAX_HOR_DIST = 0", "GF_MAX_VER_DIST = 0"}  # PX4's defaults
 
@@ -25,22 +24,18 @@ FAILS = {"COM_OBL_RC_ACT = 0", "COM_LOW_BAT_ACT = 0", "GF_MAX_HOR_DIST = 0", "GF
 @pytest.fixture(scope="module")
 def vehicle(tmp_path_factory):
     """The URL of a simulated vehicle whose autopilot stands ready."""
-    supervisor = Supervisor(tmp_path_factory.mktemp("simulator"))
-    child = supervisor.start(
-        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
-    )
-    url = f"udpout://127.0.0.1:{child.ready()['agent'][0]}"
-    link = Link(connect(url))
-    link.connect()
-    link.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
-    link.close()
-    yield url
-    supervisor.close()
+    with simulated_vehicle(tmp_path_factory.mktemp("simulator")) as ports:
+        url = f"udpout://127.0.0.1:{ports['agent'][0]}"
+        link = Link(connect(url))
+        link.connect()
+        link.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
+        link.close()
+        yield url
 
 
 def preflight(*arguments, typed="", folder="."):
     return subprocess.run(
-        [sys.executable, "-m", "dronecats.cli.main", "preflight", "--seconds", "2", *arguments],
+        [*DRONECATS, "preflight", "--seconds", "2", *arguments],
         input=typed, capture_output=True, text=True, timeout=120, check=False, cwd=folder,
     )  # fmt: skip
 

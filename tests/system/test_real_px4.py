@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from pymavlink import mavutil
 from dronecats.sitl.px4.simulator import free_instance
 from episodes import catalogue
 from foundation.frames import geodetic_to_ned
+from tests.support.command_line import DRONECATS, last_object
 from tests.system.courses import measured, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")
@@ -24,11 +24,8 @@ pytestmark = [
 ]
 
 
-CLI = [sys.executable, "-m", "dronecats.cli.main"]
-
-
 def dronecats(*words):
-    return [*CLI, *words, "--px4", COMMAND]
+    return [*DRONECATS, *words, "--px4", COMMAND]
 
 
 def estimate_errors(tlog, since_us):
@@ -72,7 +69,7 @@ def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
         dronecats("fly", "--sitl", "--autopilot", "px4", *words), capture_output=True, text=True, timeout=600
     )
     assert flown.returncode == 0, flown.stderr + flown.stdout
-    result = json.loads(flown.stdout.splitlines()[-1])
+    result = last_object(flown.stdout)
     assert result["success"]
     folder = out / result["episode"]
     begin = json.loads((folder / "truth.jsonl").open().readline())
@@ -88,10 +85,10 @@ def test_the_same_decisions_fly_the_same_square(tmp_path):
     words = ["--pilot", f"recorded:{square}", "--speed", "max", "--latency", "fixed:0.5", "--json"]
     words += ["--episode", "residential-searching-01"]
     ours, px4 = tmp_path / "ours", tmp_path / "px4"
-    subprocess.run([*CLI, "fly", "--sitl", *words, "--out", str(ours)], check=True, timeout=300)
+    subprocess.run([*DRONECATS, "fly", "--sitl", *words, "--out", str(ours)], check=True, timeout=300)
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words, "--out", str(px4))
     subprocess.run(fly, check=True, timeout=600)
-    compared = subprocess.run([*CLI, "compare", str(ours), str(px4), "--json"], capture_output=True, text=True)
+    compared = subprocess.run([*DRONECATS, "compare", str(ours), str(px4), "--json"], capture_output=True, text=True)
     assert compared.returncode == 0, compared.stdout + compared.stderr
     assert json.loads(compared.stdout)["agree"]
 

@@ -4,20 +4,20 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 
 import psutil
 import pytest
 
 from dronecats.pilots.server import PilotServer
+from tests.support.command_line import DRONECATS, last_object
 
 
 class Flight:
     """`dronecats fly --sitl` as a user starts it."""
 
     def __init__(self, out, *arguments):
-        command = [sys.executable, "-m", "dronecats.cli.main", "fly", "--sitl", "--out", str(out), "--json", *arguments]
+        command = [*DRONECATS, "fly", "--sitl", "--out", str(out), "--json", *arguments]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.out = out
         self.children = []
@@ -56,7 +56,7 @@ def fly(tmp_path):
 def test_a_flight_in_real_time_succeeds(fly):
     code, out, errors = fly("--speed", "3").ends(800)
     assert code == 0, errors
-    result = json.loads(out.splitlines()[-1])
+    result = last_object(out)
     assert result["success"]
     assert result["real_time_factor"] < 3.2  # paced; how well a busy machine keeps up is the benchmark's to say
 
@@ -71,7 +71,7 @@ def test_killing_a_part_in_flight_is_status_3_with_a_sentence(fly, kind):
     assert code == 3
     assert kind in errors
     assert len(errors.strip().splitlines()) == 1
-    result = json.loads(out.splitlines()[-1])
+    result = last_object(out)
     assert result["outcome"] == "error"
     verdict = json.loads((flight.out / result["episode"] / "verdict.json").read_text())
     assert verdict["outcome"] == "error"
@@ -87,7 +87,7 @@ def test_a_logger_that_hangs_in_flight_is_status_3_with_a_sentence(fly):
     assert code == 3
     (sentence,) = errors.strip().splitlines()
     assert "the logger process hangs" in sentence
-    result = json.loads(out.splitlines()[-1])
+    result = last_object(out)
     assert sentence.endswith(f"see {result['run_dir']}/logger.log")
     assert result["outcome"] == "error"
     assert "landing" in out
@@ -104,7 +104,7 @@ def test_ctrl_c_lands_closes_everything_and_leaves_a_readable_folder(fly, when):
     assert "interrupted" in errors
     if when not in ("waiting until", "taking off"):  # before, it may be caught on the ground and disarmed
         assert "landing" in out
-    assert json.loads(out.splitlines()[-1])["outcome"] == "error"
+    assert last_object(out)["outcome"] == "error"
 
 
 @pytest.mark.slow

@@ -6,33 +6,29 @@ Here that vehicle is our own simulator on another map, far away and heading else
 import json
 import math
 import subprocess
-import sys
 
 import pytest
 
 from dronecats.cli.main import main
 from dronecats.judge.files import lines
-from dronecats.processes.supervisor import Supervisor
 from dronecats.sitl.scenario import load_world
-from dronecats.stages import parts
+from tests.support.command_line import DRONECATS, last_object
+from tests.support.simulated_vehicle import simulated_vehicle
 
-THERE, HERE = "residential-approaching-01", "campus-approaching-01"
+HERE = "campus-approaching-01"
 
 
 @pytest.fixture
 def elsewhere(tmp_path):
     """Return the addresses of a vehicle that simulates itself on another map: its link's and its truth's."""
-    supervisor = Supervisor(tmp_path)
-    config = {"episode": THERE, "airframe": "x500", "seed": 0, "speed": 1.0}
-    ports = supervisor.start(parts.SIMULATOR, config).ready()
-    yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
-    supervisor.close()
+    with simulated_vehicle(tmp_path) as ports:
+        yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
 
 
 def fly(out, *arguments, typed="ARM\n"):
-    command = [sys.executable, "-m", "dronecats.cli.main", "fly", *arguments, "--out", str(out), "--json"]
+    command = [*DRONECATS, "fly", *arguments, "--out", str(out), "--json"]
     done = subprocess.run(command, input=typed, capture_output=True, text=True, timeout=300, check=False)
-    return done, json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else None
+    return done, last_object(done.stdout) if done.returncode == 0 else None
 
 
 @pytest.mark.slow
@@ -56,7 +52,7 @@ def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, 
     assert (run["connect"], run["truth"], run["camera"]["width"]) == (link, truth, 1280)
     assert (folder / "flight.tlog").stat().st_size > 10_000
     judged = subprocess.run(
-        [sys.executable, "-m", "dronecats.cli.main", "judge", str(tmp_path / "run"), "--json"],
+        [*DRONECATS, "judge", str(tmp_path / "run"), "--json"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert judged.returncode == 0, judged.stderr

@@ -12,11 +12,6 @@ ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 ARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(profile="minimal")
-
-
 @pytest.mark.parametrize(
     ("command", "parameters", "result"),
     [

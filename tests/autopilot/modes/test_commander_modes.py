@@ -6,12 +6,7 @@ import math
 import pytest
 
 from foundation.mavlink import MODES, dialect
-from tests.autopilot.commander_bench import Bench
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(profile="minimal")
+from tests.autopilot.commander_bench import Bench, sticks
 
 
 def landed_state(bench: Bench) -> int:
@@ -109,10 +104,6 @@ def test_return_climbs_goes_home_and_lands(bench: Bench) -> None:
     bench.until(lambda: not bench.commander.armed, 90)
     assert math.hypot(*bench.core.estimate["position_ned"][:2]) < 1.5
     assert bench.commander.landed
-
-
-def sticks(bench: Bench, x: int = 0, y: int = 0, z: int = 500, r: int = 0) -> None:
-    bench.client.send(dialect.MAVLink_manual_control_message(1, x, y, z, r, 0))
 
 
 def test_position_control_by_sticks(bench: Bench) -> None:

@@ -16,11 +16,6 @@ from tests.autopilot.commander_bench import Bench
 P = Parameters()
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(profile="minimal")
-
-
 def flown(bench: Bench, main: int, seconds: float = 1.0, **axes: int) -> None:
     """Fly the mode with these stick positions."""
     values = {"x": 0, "y": 0, "z": 500, "r": 0} | axes

@@ -6,12 +6,7 @@ import pytest
 
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
-from tests.autopilot.mavlink.test_mission_protocol import item, upload
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(profile="minimal")
+from tests.autopilot.plan_client import item, upload
 
 
 def place(bench: Bench) -> tuple[float, float, float]:

@@ -6,20 +6,10 @@ import pytest
 
 from foundation.frames import ned_to_geodetic, wrap_pi
 from foundation.mavlink import dialect
-from tests.autopilot.commander_bench import ORIGIN, Bench
-from tests.autopilot.mavlink.test_mission_protocol import item, upload
+from tests.autopilot.commander_bench import ORIGIN, Bench, put
+from tests.autopilot.plan_client import item, upload
 
 ORBIT = dialect.MAV_CMD_DO_ORBIT
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(profile="minimal")
-
-
-def put(bench: Bench, **parameters: float) -> None:
-    for name, value in parameters.items():
-        bench.autopilot.parameters.set(name, value)
 
 
 def place(bench: Bench) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from autopilot.plan.plans import Plans
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
-from tests.autopilot.mavlink.test_mission_protocol import ACCEPTED, PLANS, UNSUPPORTED, download, item, upload
+from tests.autopilot.plan_client import ACCEPTED, PLANS, UNSUPPORTED, download, item, upload
 
 
 def wire(bench: Bench, kind: int) -> list[bytes]:

@@ -15,6 +15,7 @@ from episodes.world import World
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from tests.episodes.gltf.files import Glb, block
+from tests.support.flight import fly_simulated
 
 
 @pytest.fixture
@@ -152,13 +153,11 @@ def test_the_oracle_flies_a_users_map_to_success(folder, yard, tmp_path, capsys)
     assert main(["maps", "import", str(yard), "--name", "yard", "--spawn", "0,0"]) == 0
     episode = tmp_path / "yard-approaching-01.json"
     episode.write_text(a_record("yard").to_json(), encoding="utf-8")
-    out = tmp_path / "run"
-    arguments = ["--pilot", "oracle", "--latency", "fixed:0.5", "--speed", "max", "--out", str(out), "--json"]
-    assert main(["fly", "--sitl", "--episode", str(episode), *arguments]) == 0
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    arguments = ["--pilot", "oracle", "--latency", "fixed:0.5", "--speed", "max"]
+    result, flown = fly_simulated(capsys, tmp_path / "run", "--episode", str(episode), *arguments)
     assert result["success"]
     assert result["ne_m"] <= 5.0
-    assert json.loads((out / result["episode"] / "episode.json").read_text())["map"] == "yard"
+    assert json.loads((flown / "episode.json").read_text())["map"] == "yard"
 
 
 def test_a_map_has_no_negative_seed(capsys):

@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import threading
-import time
 
 import pytest
 from hypothesis import given
@@ -15,11 +14,8 @@ from hil.cameras.open import open_camera
 from hil.cameras.snapshot import HttpCamera
 from hil.cameras.stream import StreamCamera
 from tests.hil.cameras import picture_code
+from tests.hil.cameras.host_clock import host_us
 from tests.hil.cameras.http_cameras import HttpServer, MjpegServer, jpeg, reply
-
-
-def host_us() -> int:
-    return time.monotonic_ns() // 1000
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import pytest
 from foundation.errors import CameraError
 from hil.cameras.open import open_camera
 from tests.hil.cameras import picture_code
+from tests.hil.cameras.host_clock import host_us
 
 SERVER = Path(__file__).with_name("rtsp_server.py")
 SYSTEM_PYTHON = "/usr/bin/python3"  # GStreamer's bindings come with the system, not from PyPI
@@ -54,10 +55,6 @@ def server():
     started = Server()
     yield started
     started.close()
-
-
-def host_us() -> int:
-    return time.monotonic_ns() // 1000
 
 
 def since_birth_s(frame) -> float:

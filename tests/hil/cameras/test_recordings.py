@@ -1,7 +1,6 @@
 """Video files and folders of pictures, at the pace at which they were taken; what is no camera at all."""
 
 import threading
-import time
 
 import cv2
 import numpy as np
@@ -10,13 +9,10 @@ import pytest
 from foundation.errors import CameraError, UsageError
 from hil.cameras.open import open_camera
 from tests.hil.cameras import picture_code
+from tests.hil.cameras.host_clock import host_us
 from tests.hil.cameras.http_cameras import jpeg
 
 RATE_HZ = 20.0
-
-
-def host_us() -> int:
-    return time.monotonic_ns() // 1000
 
 
 def shown(camera, end):

@@ -5,7 +5,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 
 import pytest
@@ -16,6 +15,8 @@ from foundation.mavlink import Packer, Parser, dialect
 from hil.impairment.channel import Impairment
 from hil.impairment.wire import Frames, ImpairedWire
 from hil.link.transport import Transport, connect
+from tests.support.command_line import DRONECATS
+from tests.support.ports import free_port
 
 PERFECT = Impairment()
 
@@ -133,16 +134,14 @@ def test_an_end_that_breaks_is_told() -> None:
 
 def command(*arguments: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, "-m", "dronecats.cli.main", "impair", *arguments],
+        [*DRONECATS, "impair", *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
 
 def test_the_command_counts_and_ends_with_ctrl_c() -> None:
     autopilot = connect("udpin://127.0.0.1:0")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     process = command(
         "--listen", f"udpin://127.0.0.1:{port}", "--to", f"udpout://127.0.0.1:{autopilot.port}",
         "--loss", "0.5,0", "--seed", "1",

@@ -10,6 +10,7 @@ from dronecats.sitl.px4.simulator import UDP_PORTS, Px4Simulator, free_instance
 from dronecats.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError
 from hil.simulator.server import PORT, SimulatorServer
+from tests.support.command_line import DRONECATS
 
 
 @pytest.mark.parametrize(
@@ -76,7 +77,7 @@ def test_instances_in_use_are_passed_over():
 def test_no_time_passes_until_px4_has_come(tmp_path):
     """The process as a user starts it: it says what it waits for, and an interrupt ends it with status 0."""
     instance = str(free_instance(1))
-    words = [sys.executable, "-m", "dronecats.cli.main", "sitl", "--autopilot", "px4", "--instance", instance]
+    words = [*DRONECATS, "sitl", "--autopilot", "px4", "--instance", instance]
     process = subprocess.Popen([*words, "--state", str(tmp_path)], stdout=subprocess.PIPE, text=True)
     try:
         said = "".join(iter(process.stdout.readline, "Ctrl-C ends it\n"))

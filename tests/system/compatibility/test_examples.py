@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.command_line import last_object
 from tests.system.compatibility.example_table import EXAMPLES, Example
 
 pytestmark = [pytest.mark.compatibility, pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -89,7 +90,7 @@ def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tu
         )
     if stage.returncode:
         pytest.fail(f"{example.name}: the stage fell: {(where / 'stage.txt').read_text()[-2000:]}")
-    answer = json.loads(stage.stdout.splitlines()[-1])
+    answer = last_object(stage.stdout)
     (where / "lines.txt").write_text("\n".join(answer["lines"]))
     reached = reach(state)
     fault = _fault(example, answer, reached[0] if reached else 0.0)
