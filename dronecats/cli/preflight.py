@@ -33,7 +33,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Print the table; return 0 when nothing fails, 1 when something does."""
     from foundation.errors import UsageError
-    from hil.link.link import Link, transport
+    from hil.link import transport
+    from hil.link.link import Link
     from hil.preflight.check import check, mend
 
     if not 1.0 <= args.seconds <= 600.0:
