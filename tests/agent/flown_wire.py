@@ -20,6 +20,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
 from foundation.setpoints import Hold, Sight
+from tests.support.json_lines import rows
 
 CAMERA = CameraModel()
 
@@ -130,5 +131,5 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
     agent.fly(stop=lambda decision: decision.step + 1 == steps and decision.drone + 1 == drones)
     log.close()
     model.close()
-    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
+    decisions = rows(folder / "decisions.jsonl")
     return decisions, views, vehicles

@@ -1,6 +1,5 @@
 """A fleet on the truth bus: the pictures and the log of one drone are of the instant at which all of them are known."""
 
-import json
 import math
 
 import numpy as np
@@ -15,6 +14,7 @@ from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
 from foundation.mavlink import Packer
 from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message, truth_message
+from tests.support.json_lines import rows
 
 EPISODE = "blocks-commanding-01"
 HALF = CameraModel(640, 360)
@@ -67,8 +67,7 @@ def log(world, tmp_path):
     recorder.begin(1_000_000)
 
     def written(kind):
-        lines = (tmp_path / "truth.jsonl").read_text().splitlines()
-        return [line for line in map(json.loads, lines) if line["kind"] == kind]
+        return rows(tmp_path / "truth.jsonl", kind)
 
     yield recorder, written
     recorder.close()
