@@ -10,10 +10,19 @@ import hashlib
 import os
 import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
+
+P = ParamSpec("P")
+R = TypeVar("R", covariant=True)
+# in a kernel's signature:
+Record = Any  # a numpy record, its fields as attributes; the argument's name tells its dtype
+Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
 # where kernels live, and the constants and records that they are compiled with; tests/architecture holds it complete
@@ -61,12 +70,24 @@ def _prepare() -> None:
     numba.config.CACHE_DIR = str(folder)
 
 
-def njit(*args: Any, **options: Any) -> Any:
-    """Return `numba.njit(…, cache=True)`; usable with and without arguments.
+class Kernel(Protocol[P, R]):
+    """A function as numba keeps it: called like its source, and compiled at the first call or when asked to."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R: ...
+
+    def compile(self, sig: tuple[numba.types.Type, ...]) -> object:
+        """Compile it for arguments of these types and leave it in the cache."""
+
+
+def njit(**options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+    """Return the decorator `numba.njit(cache=True, …)`; what it compiles keeps its signature for the type checker.
 
     Without the wrapper by which C code would call a kernel: nobody does, and it takes a tenth of the compile time.
     """
-    return numba.njit(*args, **{"cache": True, "no_cfunc_wrapper": True, **options})
+    compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(
+        **{"cache": True, "no_cfunc_wrapper": True, **options}
+    )
+    return compiled
 
 
 prange = numba.prange

@@ -8,9 +8,13 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from typing import ParamSpec, TypeVar
 
 from dronecats.agent.models.model import Model, Reply, Request
 from foundation.errors import UsageError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 Charge = Callable[[float], float]  # measured wall seconds -> vehicle seconds
 SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
@@ -44,8 +48,8 @@ def latency(text: str) -> Latency:
 class InlineExecutor(Executor):
     """Runs a call at once, in the caller: while it runs, nothing else happens. The executor of lockstep."""
 
-    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
-        future: Future[object] = Future()
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
         except Exception as error:
@@ -56,8 +60,8 @@ class InlineExecutor(Executor):
 class DaemonExecutor(Executor):
     """Runs each call on a thread that the interpreter does not wait for: a silent endpoint must not keep us alive."""
 
-    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
-        future: Future[object] = Future()
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
 
         def call() -> None:
             try:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 
-from foundation.compiled import ROOT, cache_folder
+from foundation.compiled import ROOT, Kernel, cache_folder
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
@@ -26,7 +26,7 @@ def cold() -> bool:
     return (os.cpu_count() or 1) > 1 and folder.is_dir() and not any(folder.rglob(f"multirotor.step{CACHED}"))
 
 
-def compile_both(core: Any, core_arguments: Iterable[Any]) -> None:
+def compile_both(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:
     """Return when the plant and `core` (a kernel) are compiled and cached for the arguments they will have.
 
     A second process that fails costs its time only: what it leaves undone is compiled when it is called.

@@ -20,6 +20,7 @@ from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.px4.lockstep import Px4Lockstep
 from dronecats.sitl.px4.simulator import Px4Simulator
 from dronecats.sitl.scenario import build, origin
+from dronecats.sitl.simulation import SimulatedVehicle
 from dronecats.sitl.vehicle_port import VehiclePort
 from episodes.world import World
 from foundation.camera import CameraModel
@@ -33,15 +34,18 @@ class LockstepStage:
     def __init__(self, plan: Plan, folder: Path, world: World) -> None:
         camera = self.camera_model = CameraModel()
         self._px4: Px4Simulator | None = None
+        clock: Lockstep | Px4Lockstep
+        ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with our autopilot
         if plan.autopilot == "px4":
             self._px4 = px4_simulator(plan, folder, world)
-            clock: Lockstep = Px4Lockstep(self._px4)
+            clock = Px4Lockstep(self._px4)
         else:
             clock = Lockstep(build(world, airframe=plan.airframe, seed=plan.seed))
+            ours = clock.simulation.vehicles
         self._simulation = clock.simulation
         self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
         clock.follow(self._recorder.truth)
-        for vehicle in () if self._px4 else self._simulation.vehicles:
+        for vehicle in ours:
             port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
@@ -66,7 +70,7 @@ class LockstepStage:
     def _keep(self, message: dialect.MAVLink_message) -> None:
         self._recorder.telemetry(bytes(message.get_msgbuf()))
 
-    def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep) -> Model:
+    def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep | Px4Lockstep) -> Model:
         if plan.pilot == "oracle":
             self._oracle = OracleModel(world, camera, origin(world), lambda: None)
             clock.follow(self._oracle.feed)

@@ -105,7 +105,7 @@ class Endpoint:
 
         On a thread of its own, since neither the look-up of a name nor a header that trickles in can be timed.
         """
-        coming: Future[T] = DaemonExecutor().submit(call, time.monotonic() + seconds)  # type: ignore[no-untyped-call]
+        coming: Future[T] = DaemonExecutor().submit(call, time.monotonic() + seconds)
         try:
             return coming.result(seconds)
         except NotInTimeError:
