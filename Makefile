@@ -17,7 +17,7 @@ test-slow: install
 
 # Other people's scripts; docs/compatibility.md says what EXAMPLES and MAVSDK3 are, and is written by it.
 compatibility: install
-	$(BIN)/python -m pytest tests/compatibility/test_examples.py -v --examples "$(EXAMPLES)" --mavsdk3 "$(MAVSDK3)"
+	$(BIN)/python -m pytest tests/system/compatibility/test_examples.py -v --examples "$(EXAMPLES)" --mavsdk3 "$(MAVSDK3)"
 
 lint: install
 	$(BIN)/ruff check .

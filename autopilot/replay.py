@@ -94,7 +94,7 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
         return Recording(str(found.pop("airframe")), sensors, setpoints, landed), found
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise UsageError(
-            f"{path} is not a recording of a flight ({error}): make one with tests/replay/record.py"
+            f"{path} is not a recording of a flight ({error}): make one with `python -m tests.autopilot.replay.record`"
         ) from error
 
 

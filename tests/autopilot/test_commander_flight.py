@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commander_bench import ORIGIN, Client
 from numba import njit
 
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore
 from autopilot.flight_core import update as core_update
 from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import ORIGIN, Client
 from vehicles.airframe import load
 from vehicles.multirotor import Multirotor
 from vehicles.multirotor import step as vehicle_step

@@ -4,13 +4,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from commander_bench import Bench
-from test_mission_protocol import item, upload
 
 from autopilot.failsafe import Action, Conditions, Failsafe, evaluate, reaction
 from autopilot.parameters import Parameters
 from foundation.frames import quat_from_euler
 from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import Bench
+from tests.autopilot.mavlink.test_mission_protocol import item, upload
 
 HEARTBEAT = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
 FENCE_BIT = 0x100000

@@ -3,12 +3,12 @@
 import math
 
 import pytest
-from commander_bench import ORIGIN
-from test_commander_flight import Aircraft
-from test_mission_protocol import item, upload
 
 from foundation.frames import ned_to_geodetic, wrap_pi
 from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import ORIGIN
+from tests.autopilot.mavlink.test_mission_protocol import item, upload
+from tests.autopilot.test_commander_flight import Aircraft
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-import tables
-from pages import PAGES, ROOT, commands
 
 from dronecats.cli.main import VERBS, parse
+from tests.docs import tables
+from tests.docs.pages import PAGES, ROOT, commands
 
 ALL = [command for page in PAGES for command in commands(page)]
 OURS = [command for command in ALL if re.match(r"(echo .* \| )?dronecats ", command.text)]

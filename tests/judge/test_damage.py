@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from episode_logs import BEGIN, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from dronecats.judge.contradictions import of_logs
 from dronecats.judge.episode import judge_run, outcome, write_verdict
 from dronecats.judge.files import read
 from foundation.errors import UsageError
+from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
 
 DECISIONS = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0), decision(2, 2, 12.0, None)]
 TARGET = {"target_ned": [10.0, 0.0, 0.0]}

@@ -6,12 +6,12 @@ Times are sixteenths of a second, which a float holds exactly.
 import math
 
 import pytest
-from episode_logs import BEGIN, END, decision, frame, logs, pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.diagnostics import of_drones, of_fleet
 from dronecats.judge.episode import outcome
+from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, pose
 
 TICK_S = 1 / 16
 GAP_TICKS = 12  # 0.75 s

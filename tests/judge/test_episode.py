@@ -2,13 +2,13 @@ import json
 from pathlib import Path
 
 import pytest
-from episode_logs import BEGIN, DECIDED, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
 from dronecats.judge.files import read
 from foundation.errors import UsageError
+from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, pose, write
 
 
 @pytest.fixture

@@ -1,8 +1,6 @@
 """Whatever else breaks at the end of a flight, the vehicle has been told to land."""
 
 import signal
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -14,9 +12,7 @@ from foundation.errors import LinkError
 from foundation.mavlink import dialect
 from hil.link.envelope import Limits
 from hil.link.link import Link
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "hil"))
-from scripted_vehicle import ScriptedVehicle, flying
+from tests.hil.link.scripted_vehicle import ScriptedVehicle, flying
 
 
 class Landing(ScriptedVehicle):

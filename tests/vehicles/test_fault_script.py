@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
-from fleet import vehicle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import UsageError
+from tests.vehicles.fleet import vehicle
 from vehicles.fault_script import load, parse
 from vehicles.faults import KINDS, PARTS, Fault
 
