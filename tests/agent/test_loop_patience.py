@@ -17,6 +17,10 @@ class Vehicle:
     """Holds, while its clock goes on."""
 
     time_us = 0
+    steady = True
+
+    def sight(self, time_us):
+        raise AssertionError("nothing was seen")
 
     def fly(self, setpoint, seconds=None, seen=None):
         pass
@@ -34,6 +38,10 @@ class StuckCamera:
 
     def newest(self, drone=0):
         self.free.wait()
+        raise CameraError("the camera was let go")
+
+    def close(self):
+        self.free.set()
 
 
 class Model:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from autopilot.autopilot import Autopilot
+from autopilot.logging.flight_log import FlightLog
 from autopilot.mavlink.port import Port
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY, SETPOINT
 from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
@@ -178,6 +179,11 @@ class Bench:
     @property
     def commander(self) -> Any:
         return self.autopilot.commander
+
+    @property
+    def log(self) -> FlightLog:
+        assert self.autopilot.log is not None
+        return self.autopilot.log
 
     @property
     def height(self) -> float:

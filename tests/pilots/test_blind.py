@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -90,7 +91,8 @@ def test_an_unknown_one_is_refused_with_all_that_there_are() -> None:
 def test_only_those_that_do_not_look_fly_without_pictures() -> None:
     for pilot in ("oracle", "blind", "blind:straight"):
         assert resolve(pilot=pilot, factor="max", rendered=False).camera is None
-    for asked in ({"pilot": "vision"}, {}, {"model": "local/blind:straight"}):
+    wanted: tuple[dict[str, Any], ...] = ({"pilot": "vision"}, {}, {"model": "local/blind:straight"})
+    for asked in wanted:
         with pytest.raises(UsageError, match="without rendering"):
             resolve(factor="max", rendered=False, **asked)
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -14,7 +15,7 @@ from foundation.errors import UsageError
 JPEG = b"\xff\xd8\xff\xd9"
 
 
-def recording(folder: Path, *rows: dict) -> Path:
+def recording(folder: Path, *rows: dict[str, Any]) -> Path:
     path = folder / "decisions.jsonl"
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     return path

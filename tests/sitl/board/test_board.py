@@ -230,7 +230,8 @@ def free_instance():
 
 
 def test_a_client_on_the_offboard_port_talks_with_the_board(board, path):
-    instance, said = free_instance(), []
+    instance = free_instance()
+    said: list[str] = []
     client = connect(f"udpin://127.0.0.1:{14540 + instance}")
     simulator = BoardSimulator(
         {
