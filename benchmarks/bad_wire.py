@@ -26,6 +26,7 @@ from typing import Any
 
 from dronecats.processes.bus_listener import Listener
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.stages import parts
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.frames import quat_yaw, wrap_pi
@@ -139,9 +140,12 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
         supervisor = Supervisor(Path(folder))
         try:
             speed = SHORT_SPEED if args.short else 1.0
-            px4 = {"autopilot": "px4", "px4": args.px4, "log_dir": folder} if args.px4 else {}
+            px4 = bool(args.px4)
             simulator = supervisor.start(
-                parts.SIMULATOR, {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": speed, **px4}
+                parts.SIMULATOR,
+                SimulatorConfig(
+                    episode=EPISODE, speed=speed, autopilot="px4" if px4 else "ours", px4=args.px4, log_dir=folder
+                ),
             )
             ports = simulator.ready()
             while px4 and not simulator.do("in step"):

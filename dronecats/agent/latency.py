@@ -1,23 +1,31 @@
-"""Model latency in vehicle time: as it really passes, as measured, or fixed.
+"""Model latency in vehicle time: as it really passes, as measured, fixed, or drawn.
 
 The drone holds while the model decodes, and the world keeps moving. In real time latency passes by itself; in lockstep
-the vehicle's clock stands still during the call, so the latency is charged afterwards.
+the vehicle's clock stands still during the call, so the latency is charged afterwards. What each policy promises:
+docs/latency.md.
 """
 
-import threading
+import math
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import ParamSpec, TypeVar
 
-from dronecats.agent.models.model import Model, Reply, Request
+import numpy as np
+
 from foundation.errors import UsageError
 
-P = ParamSpec("P")
-T = TypeVar("T")
+LONGEST_S = 300.0  # an episode
 
-Charge = Callable[[float], float]  # measured wall seconds -> vehicle seconds
-SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What tells one question from every other: nothing of a random latency depends on anything else."""
+
+    seed: tuple[int, ...]  # of the episode, and of this flight of it
+    step: int
+    drone: int  # the first of those that are asked together
+
+
+Charge = Callable[[Question, float], float]  # question, measured wall seconds → vehicle seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,85 +37,31 @@ class Latency:
 
 
 def latency(text: str) -> Latency:
-    """Return the policy named `real`, `measured` or `fixed:SECONDS`. Raises UsageError."""
+    """Return the policy named `real`, `measured`, `fixed:SECONDS` or `lognormal:MEDIAN,SIGMA`. Raises UsageError."""
     kind, _, value = text.partition(":")
     if text == "real":
         return Latency(text, None)
     if text == "measured":
-        return Latency(text, lambda measured_s: measured_s)
-    if kind == "fixed":
-        try:
-            seconds = float(value)
-        except ValueError:
-            seconds = -1.0
-        if 0.0 <= seconds <= 300.0:
-            return Latency(text, lambda _measured_s: seconds)
-    raise UsageError(f"--latency wants real, measured or fixed:SECONDS (0 … 300), got '{text}'")
+        return Latency(text, lambda _question, measured_s: measured_s)
+    numbers = _numbers(value)
+    if kind == "fixed" and len(numbers) == 1 and 0.0 <= numbers[0] <= LONGEST_S:
+        return Latency(text, lambda _question, _measured_s: numbers[0])
+    if kind == "lognormal" and len(numbers) == 2 and 0.0 < numbers[0] <= LONGEST_S and 0.0 <= numbers[1] <= 3.0:
+        median_s, sigma = numbers
+        return Latency(text, lambda question, _measured_s: _lognormal(question, median_s, sigma))
+    raise UsageError(
+        f"--latency wants real, measured, fixed:SECONDS (0 … 300) or lognormal:MEDIAN,SIGMA (SIGMA 0 … 3), got '{text}'"
+    )
 
 
-class InlineExecutor(Executor):
-    """Runs a call at once, in the caller: while it runs, nothing else happens. The executor of lockstep."""
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        future: Future[T] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
+def _lognormal(question: Question, median_s: float, sigma: float) -> float:
+    """Return the draw of a question: its logarithm is normal, so half of all replies come within the median."""
+    draw = np.random.default_rng((*question.seed, question.step, question.drone)).normal(0.0, sigma)
+    return min(median_s * math.exp(draw), LONGEST_S)
 
 
-class DaemonExecutor(Executor):
-    """Runs each call on a thread that the interpreter does not wait for: a silent endpoint must not keep us alive."""
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        future: Future[T] = Future()
-
-        def call() -> None:
-            try:
-                future.set_result(fn(*args, **kwargs))
-            except BaseException as error:
-                future.set_exception(error)
-
-        threading.Thread(target=call, name="model", daemon=True).start()
-        return future
-
-
-class Asking:
-    """A question on its way."""
-
-    def __init__(self, model: Model, request: Request, executor: Executor, policy: Latency, now_s: float) -> None:
-        self._future: Future[Reply] = executor.submit(model.ask, request)
-        self._policy = policy
-        self._asked_s = now_s
-
-    def due(self, now_s: float) -> bool:
-        """Return whether the reply is there and its latency has passed on the vehicle's clock."""
-        if not self._future.done():
-            return False
-        if self._future.exception() is not None:
-            return True
-        if self._policy.charge is None:
-            return now_s >= self._asked_s - 1e-9  # a picture may be newer than what the vehicle has told since
-        return now_s >= self._asked_s + self._policy.charge(self.reply().latency_s) - 1e-9
-
-    @property
-    def answered(self) -> bool:
-        """Return whether the call has come back, with a reply or with an error."""
-        return self._future.done()
-
-    def reply(self) -> Reply:
-        """Return the reply. Raises what the model raised."""
-        return self._future.result()
-
-    def latency_s(self, now_s: float) -> float:
-        """Return the vehicle seconds that the reply took, `now_s` being when it was acted on.
-
-        What was charged, where that is how long it took to within the ticks of the clock; else how long it really
-        took: always without a charge, and where the reply came later than the charge.
-        """
-        elapsed_s = (now_s - self._asked_s) * self.reply().share  # attempts that failed are not the model's
-        if self._policy.charge is None:
-            return elapsed_s
-        charged_s = self._policy.charge(self.reply().latency_s)
-        return charged_s if elapsed_s <= charged_s + SLACK_S else elapsed_s
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        return ()

@@ -48,17 +48,21 @@ class Prompt:
         if path is None:
             return cls(files("dronecats.agent").joinpath("prompt.txt").read_text(encoding="utf-8"))
         try:
-            template = path.read_text(encoding="utf-8")
+            return cls.of(path.read_text(encoding="utf-8"), f"the prompt file {path}")
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(f"the prompt file {path} cannot be read: {error}") from None
+
+    @classmethod
+    def of(cls, template: str, where: str) -> "Prompt":
+        """Return a prompt of one's own, `where` naming it in errors. Raises UsageError when it cannot be used."""
         for name in _LIKE_A_FIELD.findall(template):
             if name not in FIELDS:
                 near = difflib.get_close_matches(name, FIELDS, n=1)
                 hint = f"did you mean {{{near[0]}}}?" if near else f"fields are {', '.join(FIELDS)}"
-                raise UsageError(f"the prompt file {path} has {{{name}}}, which is no field; {hint}")
+                raise UsageError(f"{where} has {{{name}}}, which is no field; {hint}")
         missing = [name for name in NEEDED if f"{{{name}}}" not in template]
         if missing:
-            raise UsageError(f"the prompt file {path} lacks the field {{{missing[0]}}}")
+            raise UsageError(f"{where} lacks the field {{{missing[0]}}}")
         return cls(template)
 
     @property

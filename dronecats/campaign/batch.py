@@ -52,10 +52,14 @@ class Batch:
         """Return where an episode is kept. Raises UsageError when its record cannot be read."""
         return self.run / self._record(episode).id
 
+    def record(self, episode: str) -> dict[str, Any]:
+        """Return an episode's record as JSON values. Raises UsageError when it cannot be read."""
+        return dict(json.loads(self._record(episode).to_json()))
+
     def done(self, episode: str) -> dict[str, Any] | None:
         """Return the verdict of an episode that has been flown to its end as its record is now, None for any other."""
         folder = self.folder(episode)
-        if json_object(folder / "episode.json") != json.loads(self._record(episode).to_json()):
+        if json_object(folder / "episode.json") != self.record(episode):
             return None
         verdict = json_object(folder / "verdict.json")
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None

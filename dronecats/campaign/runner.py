@@ -2,24 +2,26 @@
 
 import queue
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from dronecats.campaign.batch import Batch
+from dronecats.campaign.config import WorkerConfig
+from dronecats.flight.spec import FlightSpec
 from dronecats.judge.episode import write_verdict
 from dronecats.processes.supervisor import ChildProcess, Kind
 from foundation.errors import DronecatsError, InfrastructureError
 
-WORKER = Kind("worker", "dronecats.campaign.worker")
+WORKER = Kind("worker", "dronecats.campaign.worker", WorkerConfig)
 Result = dict[str, Any]  # what `fly --json` prints of an episode
 
 
 class Runner:
     """Hands out episodes, one at a time to each worker, and collects what came of them."""
 
-    def __init__(self, batch: Batch, flight: Mapping[str, Any], jobs: int) -> None:
-        """`flight`: the arguments of `dronecats.run.plan.resolve` but for the episode, as JSON values."""
-        self._batch, self._flight, self._jobs = batch, dict(flight), max(1, jobs)
+    def __init__(self, batch: Batch, flight: FlightSpec, jobs: int) -> None:
+        """`flight`: each of the run's, but for its episode."""
+        self._batch, self._flight, self._jobs = batch, flight, max(1, jobs)
         self._log = batch.run / "worker.log"
         self._workers: set[ChildProcess] = set()
         self._lock = threading.Lock()
@@ -93,7 +95,7 @@ class Runner:
 
     def _one(self, worker: ChildProcess, episode: str) -> Result:
         folder = self._batch.fresh(episode)
-        return dict(worker.do("fly", None, episode=episode, folder=str(folder)))
+        return dict(worker.do("fly", None, record=self._batch.record(episode), folder=str(folder)))
 
     def _lost(self, episode: str, death: InfrastructureError) -> Result:
         """Return the result of an episode whose worker died in flight."""
@@ -103,7 +105,7 @@ class Runner:
 
     def _start(self) -> ChildProcess:
         try:
-            worker = ChildProcess(WORKER, {"flight": self._flight}, self._log)
+            worker = ChildProcess(WORKER, WorkerConfig(flight=self._flight), self._log)
         except OSError as error:
             raise InfrastructureError(f"no worker can be started: {error}") from None
         with self._lock:

@@ -2,22 +2,21 @@
 
 import os
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.prompt import Prompt
-from dronecats.run.plan import resolve
-from dronecats.run.simulated import configuration, fly_plan
+from dronecats.campaign.config import WorkerConfig
+from dronecats.flight.flight import look_up
+from dronecats.run.settings import settings
+from dronecats.run.simulated import fly_in
 
 
 class Worker:
     """Part of a run (`dronecats.processes.child`). Its one command flies an episode and answers with the result."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        self._flight = dict(config["flight"])
-        prompt_file = self._flight.pop("prompt_file", None)
-        self._prompt_file = Path(prompt_file) if prompt_file else None
-        self._prompt = Prompt.load(self._prompt_file)
+    def __init__(self, config: WorkerConfig) -> None:
+        self._spec = config.flight
         self._idle = threading.Event()
         compile_all()
 
@@ -25,15 +24,10 @@ class Worker:
         return {"pid": os.getpid()}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        """Fly `episode` in `folder`."""
-        plan = resolve(**self._flight, episode=arguments["episode"], prompt_file=self._prompt_file)
-        result = fly_plan(
-            plan,
-            self._prompt,
-            Path(arguments["folder"]),
-            lambda line: None,
-            configuration(plan, self._prompt),
-        )
+        """Fly the episode of a `record` in `folder`."""
+        flight = look_up(replace(self._spec, episode=None, record=arguments["record"]), ask_model=False)
+        folder = Path(arguments["folder"])
+        result = fly_in(folder, flight, lambda line: None, settings(flight, flight.camera))
         return {key: value for key, value in result.items() if key not in ("status", "run_dir")}
 
     def turn(self) -> None:
@@ -58,6 +52,6 @@ def compile_all() -> None:
     vehicle.close()
 
 
-def create(config: dict[str, Any]) -> Worker:
-    """Return a worker: key flight, the arguments of `dronecats.run.plan.resolve` but for the episode."""
+def create(config: WorkerConfig) -> Worker:
+    """Return a worker. Raises UsageError."""
     return Worker(config)

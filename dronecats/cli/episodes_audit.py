@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli import signals
 
 if TYPE_CHECKING:
+    from dronecats.flight.spec import FlightSpec
     from episodes.blind import Flight
 
 
@@ -40,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.campaign.audit import flights, floor, groups, pars, row, text
     from dronecats.campaign.batch import Batch
     from dronecats.campaign.runner import Runner
+    from dronecats.flight.flight import look_up
+    from dronecats.run.settings import settings
     from dronecats.rundir.folder import fresh_run
     from episodes import blind
     from foundation.errors import UsageError
@@ -52,8 +55,9 @@ def run(args: argparse.Namespace) -> int:
     if args.write_blind and not args.pilot.startswith("blind:"):
         raise UsageError("--write-blind keeps a blind pilot's flights; add --pilot blind:NAME")
     chosen = _chosen(args.episodes, args.suite)
-    settings, flight = _settings(args)
-    batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings)
+    spec = _flight(args)
+    flight = look_up(spec)
+    batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
     left = batch.left(chosen)
     results = [{"episode": batch.folder(e).name, **(batch.done(e) or {})} for e in chosen if e not in left]
     bar = _bar(len(chosen), len(results))
@@ -65,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
     try:
         if left:
-            results += Runner(batch, flight, args.jobs or os.cpu_count() or 1).fly(left, ended)
+            results += Runner(batch, spec, args.jobs or os.cpu_count() or 1).fly(left, ended)
     except KeyboardInterrupt:
         print(f"\ngo on where it stopped with --out {batch.run}", file=sys.stderr)
         raise
@@ -114,24 +118,19 @@ def _chosen(episodes: list[str], suite: str | None) -> list[str]:
     return chosen
 
 
-def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return (what run.json holds, what the workers resolve their plans from). Raises UsageError."""
-    from dronecats.agent.prompt import Prompt
+def _flight(args: argparse.Namespace) -> "FlightSpec":
+    """Return each flight of the run, but for its episode."""
+    from dronecats.flight.spec import FlightSpec, Simulated
     from dronecats.pilots import roster
-    from dronecats.run.plan import resolve
-    from dronecats.run.simulated import configuration
 
-    flight = {
-        "pilot": args.pilot,
-        "factor": "max",
-        "seed": args.seed,
-        "latency": args.latency,
-        "rendered": args.rendered or roster.looks(args.pilot),
+    return FlightSpec(
+        pilot=args.pilot,
+        simulated=Simulated(speed=None, rendered=args.rendered or roster.looks(args.pilot)),
+        seed=args.seed,
+        latency=args.latency,
         # what a flight says of its declarations is said of the whole time; the oracle's par is settled by its first
-        "full": args.pilot != "oracle",
-    }
-    plan = resolve(**flight)
-    return {**configuration(plan, Prompt.load(None)), "full": plan.full}, flight
+        full=args.pilot != "oracle",
+    )
 
 
 def _bar(total: int, done: int) -> Any:

@@ -8,11 +8,6 @@ from typing import Any
 
 from dronecats.cli import signals
 
-SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4")
-CONNECTED_ONLY = (
-    "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
-    "target", "target_std",
-)  # fmt: skip
 ARM = "ARM"  # what has to be typed
 
 
@@ -70,6 +65,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     run_group.add_argument(
         "--patience", type=float, metavar="S", help="with --connect: end the flight after S without a reply (60)"
     )
+    run_group.add_argument(
+        "--spec", type=Path, metavar="FILE", help="fly what a run.json says, or the flight in it, once more"
+    )
     run_group.add_argument("--full", action="store_true", help="fly to the cap even when the verdict is decided")
     run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
     run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
@@ -78,60 +76,21 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-    from foundation.errors import UsageError
+    from dronecats.cli.fly_spec import spec_of
 
     signals.as_interrupts()
-    if args.sitl == bool(args.connect):
-        raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
-    if args.model and args.pilot:
-        raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
-    if args.base_url and not args.model:
-        raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
-    strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
-    stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
-    if stray:
-        stray = stray.replace("_", "-")
-        raise UsageError(f"--{stray} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
-    if args.connect:
-        _check_eyes(args)
-        if args.no_envelope:
-            raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
-        if args.arm and args.dry_run:
-            raise UsageError("--dry-run moves nothing, so it goes without --arm")
-        if args.arm:
-            _confirm(args.connect)
-        if args.world:
-            from dronecats.run.connected_world import fly_world
+    spec = spec_of(args)
+    if spec.connected and spec.connected.authority.arm:
+        _confirm(spec.connected.url)
+    from dronecats.run.fly import fly
 
-            result = fly_world(args, say=_say)
-        else:
-            from dronecats.afterflight.rejudge import traced
-            from dronecats.afterflight.surveyed_target import target_from
-            from dronecats.run.connected import fly_connected
+    if spec.connected and not spec.connected.truth:
+        from dronecats.afterflight.rejudge import traced
+        from dronecats.afterflight.surveyed_target import target_from
 
-            target = target_from(args.target, args.target_std) if args.target else None
-            result = traced(fly_connected(args, say=_say), target, say=_say)
-    else:
-        from dronecats.run.simulated import fly_simulated
-
-        result = fly_simulated(args, say=_say)
-    return _report(result, args.json)
-
-
-def _check_eyes(args: argparse.Namespace) -> None:
-    """Raise UsageError unless it is clear through what a connected vehicle looks, and what at."""
-    from foundation.errors import UsageError
-
-    if bool(args.world) != bool(args.truth):
-        raise UsageError("--world and --truth go together: the world is drawn where the truth says that the vehicle is")
-    if args.world and args.target:
-        raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
-    if args.target_std is not None and not args.target:
-        raise UsageError("--target-std goes with --target; add it or leave it out")
-    if args.world and (args.camera or args.calibration):
-        raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
-    if not args.world and not (args.camera and args.instruction):
-        raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
+        target = target_from(args.target, args.target_std) if args.target else None
+        return _report(traced(fly(spec, args.out, _say), target, say=_say), args.json)
+    return _report(fly(spec, args.out, _say), args.json)
 
 
 def _confirm(url: str) -> None:

@@ -33,13 +33,13 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Print the table; return 0 when nothing fails, 1 when something does."""
     from foundation.errors import UsageError
+    from hil.link import transport
     from hil.link.link import Link
-    from hil.link.transport import connect
     from hil.preflight.check import check, mend
 
     if not 1.0 <= args.seconds <= 600.0:
         raise UsageError(f"--seconds wants 1 to 600, got {args.seconds:g}")
-    link = Link(connect(args.connect))
+    link = Link(transport.connect(args.connect))
     try:
         link.connect()
         found = check(link, seconds=args.seconds, folder=args.out, camera_url=args.camera)

@@ -51,7 +51,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until interrupted."""
-    from dronecats.run.plan import speed
+    from dronecats.cli.speed import speed
     from episodes import catalogue
     from episodes.optics.file import load
     from foundation.errors import UsageError
@@ -85,27 +85,32 @@ def run(args: argparse.Namespace) -> int:
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.processes.supervisor import Supervisor
     from dronecats.sitl.board.simulator import BoardSimulator
+    from dronecats.sitl.config import CameraConfig, SimulatorConfig
     from dronecats.sitl.px4.simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
     from dronecats.stages import parts
 
-    config = {
-        "episode": episode,
-        "airframe": args.airframe,
-        "seed": args.seed,
-        "speed": factor,
-        "instance": args.instance,
-        "count": args.count or 1,
-        "wind": wind,
-        "gusts": args.gusts,
-        "faults": str(args.faults) if args.faults else None,
-        "state_dir": str(args.state or Path("runs") / f"sitl-{args.instance}"),
-    }
+    config = SimulatorConfig(
+        episode=episode,
+        airframe=args.airframe,
+        seed=args.seed,
+        speed=factor,
+        instance=args.instance,
+        count=args.count or 1,
+        wind=wind,
+        gusts=args.gusts,
+        faults=str(args.faults) if args.faults else None,
+        state_dir=str(args.state or Path("runs") / f"sitl-{args.instance}"),
+        autopilot=args.autopilot,
+        px4=args.px4,
+        restart=True,
+        hitl=args.hitl,
+    )
     simulator: Simulator | Px4Simulator | BoardSimulator
     if args.hitl:
-        simulator = BoardSimulator({**config, "hitl": args.hitl}, say=_say)
+        simulator = BoardSimulator(config, say=_say)
     elif args.autopilot == "px4":
-        simulator = Px4Simulator({**config, "px4": args.px4, "restart": True}, say=_say)
+        simulator = Px4Simulator(config, say=_say)
     else:
         simulator = Simulator(config)
     with tempfile.TemporaryDirectory(prefix="dronecats-sitl-") as logs:
@@ -115,15 +120,15 @@ def run(args: argparse.Namespace) -> int:
             camera = None
             if args.camera is not None:
                 truth = f"udpout://127.0.0.1:{ports['truth']}"
-                config = {
-                    "episode": episode,
-                    "airframe": args.airframe,
-                    "count": args.count or 1,
-                    "truth": truth,
-                    "port": args.camera,
-                    "optics": optics,
-                }
-                child = supervisor.start(parts.CAMERA, config)
+                watched = CameraConfig(
+                    episode=episode,
+                    airframe=args.airframe,
+                    count=args.count or 1,
+                    truth=truth,
+                    port=args.camera,
+                    optics=optics,
+                )
+                child = supervisor.start(parts.CAMERA, watched)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
             simulator.ready()

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from dronecats.logger.config import EstimateLoggerConfig
 from dronecats.logger.estimate import EstimateRecorder
 from hil.link.transport import UdpTransport
 
@@ -10,8 +11,8 @@ from hil.link.transport import UdpTransport
 class EstimateLogger:
     """Part of a flight on a vehicle that we did not start."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        self._recorder = EstimateRecorder(Path(config["folder"]))
+    def __init__(self, config: EstimateLoggerConfig) -> None:
+        self._recorder = EstimateRecorder(Path(config.folder))
         self._socket = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
 
     def ready(self) -> dict[str, Any]:
@@ -33,6 +34,6 @@ class EstimateLogger:
         self._socket.close()
 
 
-def create(config: dict[str, Any]) -> EstimateLogger:
+def create(config: EstimateLoggerConfig) -> EstimateLogger:
     """Return the logger for an episode folder."""
     return EstimateLogger(config)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from dronecats.logger.config import LoggerConfig
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.logger.world_measure import measured_in
@@ -14,12 +15,12 @@ from foundation.camera import CameraModel
 class Logger:
     """Part of a real-time flight."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        world = load_world(config["episode"], config.get("airframe"))
-        self._recorder = Recorder(Path(config["folder"]), origin(world), measured_in(world), CameraModel())
+    def __init__(self, config: LoggerConfig) -> None:
+        world = load_world(config.episode, config.airframe)
+        self._recorder = Recorder(Path(config.folder), origin(world), measured_in(world), CameraModel())
         self._drones = len(world.record.starts)
-        self._truth = Listener(config["truth"], self._recorder.truth)
-        self._telemetry = [Listener(url, self._recorder.telemetry) for url in config["telemetry"]]
+        self._truth = Listener(config.truth, self._recorder.truth)
+        self._telemetry = [Listener(url, self._recorder.telemetry) for url in config.telemetry]
         for index, listener in enumerate(self._telemetry):
             subscribe(listener.send, index + 1)
 
@@ -46,6 +47,6 @@ class Logger:
         self._recorder.close()
 
 
-def create(config: dict[str, Any]) -> Logger:
+def create(config: LoggerConfig) -> Logger:
     """Return the logger for an episode file, its airframe, an episode folder, and the URLs to listen on."""
     return Logger(config)

@@ -40,6 +40,9 @@ class OracleModel:
         replies = [self._reply(drone) if drone == nearest else reply_text.think() for drone in drones]
         return Reply(reply_text.fleet(replies), 0.0)
 
+    def check(self) -> None:
+        """It is here."""
+
     def close(self) -> None:
         pass
 

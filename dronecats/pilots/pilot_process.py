@@ -4,17 +4,16 @@ import time
 from typing import Any
 
 from dronecats.pilots import roster
+from dronecats.pilots.config import PilotConfig
 from dronecats.pilots.server import PilotServer
 
 
 class PilotPart:
     """Part of a real-time flight."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        name = config["pilot"]
-        self._server = PilotServer(
-            roster.answer(name), name, owned_by=roster.owner(name), port=config.get("port", 0)
-        ).start()
+    def __init__(self, config: PilotConfig) -> None:
+        name = config.pilot
+        self._server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name), port=config.port).start()
 
     def ready(self) -> dict[str, Any]:
         return {"base_url": self._server.base_url}
@@ -29,6 +28,6 @@ class PilotPart:
         self._server.close()
 
 
-def create(config: dict[str, Any]) -> PilotPart:
-    """Return the endpoint of a pilot: keys pilot, port."""
+def create(config: PilotConfig) -> PilotPart:
+    """Return the endpoint of a pilot. Raises UsageError."""
     return PilotPart(config)

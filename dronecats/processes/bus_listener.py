@@ -31,6 +31,11 @@ class Listener:
             self._transport.send(self._packer.pack(HELLO))  # the simulator was not listening yet
         return bool(data)
 
+    def drain(self) -> None:
+        """Hand on all that has come."""
+        while self.read(0.0):
+            pass
+
     def send(self, data: bytes) -> None:
         self._transport.send(data)
 

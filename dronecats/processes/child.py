@@ -15,13 +15,15 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, get_type_hints
+
+import msgspec
 
 from foundation.errors import DronecatsError
 
 
 class Part(Protocol):
-    """What a child process does. Its module offers `create(config) -> Part`.
+    """What a child process does. Its module offers `create(config) -> Part`, the type of whose argument is declared.
 
     A part whose commands take long may also have `orphaned()`: called, from another thread, when the parent is gone.
     """
@@ -53,7 +55,7 @@ def main() -> int:
 
     config = json.loads(sys.stdin.readline() or "{}")
     try:
-        part: Part = importlib.import_module(sys.argv[1]).create(config)
+        part: Part = _created(importlib.import_module(sys.argv[1]), config)
     except DronecatsError as error:
         say({"error": str(error), "status": error.exit_status})
         return error.exit_status
@@ -79,6 +81,13 @@ def main() -> int:
         return error.exit_status
     finally:
         part.close()
+
+
+def _created(module: Any, config: Any) -> Part:
+    """Return the part that a module creates, of its configuration as its own `create` declares it."""
+    of_type = get_type_hints(module.create)["config"]
+    part: Part = module.create(msgspec.convert(config, of_type))
+    return part
 
 
 def _read(commands: "queue.SimpleQueue[str | None]", orphaned: Callable[[], None] | None) -> None:

@@ -13,7 +13,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
+
+import msgspec
 
 from dronecats.processes.heartbeat import Heartbeat
 from foundation.errors import InfrastructureError, UsageError
@@ -24,20 +26,22 @@ READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow an
 # the socket of a listener that does not read overflows sooner.
 ANSWER_S = 30.0
 CLOSE_S = 5.0
+C = TypeVar("C")
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(Generic[C]):
     """What a child process is."""
 
     name: str  # in sentences, and of its log
     module: str  # with `create(config) -> Part`; by name, since only the child imports it
+    config: type[C]  # a frozen dataclass of JSON values
 
 
 class ChildProcess:
     """One supervised process. Raises InfrastructureError, in one sentence, when it is not what it should be."""
 
-    def __init__(self, kind: Kind, config: dict[str, Any], log: Path, answer_s: float = ANSWER_S) -> None:
+    def __init__(self, kind: Kind[C], config: C, log: Path, answer_s: float = ANSWER_S) -> None:
         """`answer_s` without an answer, and the process hangs."""
         self.kind, self.log, self._answer_s = kind.name, log, answer_s
         with log.open("ab") as errors:
@@ -52,7 +56,7 @@ class ChildProcess:
         self._answers: deque[dict[str, Any]] = deque()
         self._heartbeat: Heartbeat | None = None  # from when it is ready: until then it may compile for minutes
         self._silent_s = 0.0  # for which it was waited in vain; above nothing, it is not waited for again
-        self._say(config)
+        self._say(msgspec.to_builtins(config))
 
     @property
     def pid(self) -> int:
@@ -176,7 +180,7 @@ class Supervisor:
         self._log_dir, self._answer_s = log_dir, answer_s
         self.children: list[ChildProcess] = []
 
-    def start(self, kind: Kind, config: dict[str, Any]) -> ChildProcess:
+    def start(self, kind: Kind[C], config: C) -> ChildProcess:
         child = ChildProcess(kind, config, self._log_dir / f"{kind.name}.log", self._answer_s)
         self.children.append(child)
         return child

@@ -1,93 +1,95 @@
-"""`fly --connect`: the same episode code on a vehicle that we did not start. Without truth there is no verdict."""
+"""A flight of a vehicle that we did not start: the same episode code. Without truth there is no verdict."""
 
-import argparse
+from pathlib import Path
 from typing import Any
 
-from dronecats.agent.loop import Pilot
+from dronecats.flight.flight import look_up
+from dronecats.flight.spec import Connected, FlightSpec
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import Start
-from dronecats.run.episode import fly
+from dronecats.run.episode import Flown, fly
 from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
-from dronecats.run.terms import FRAMES_S, SILENCE_S, terms
+from dronecats.run.pilot import AgentMaker, opened, papers_agent
+from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
 from dronecats.stages.connected import ConnectedStage
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
-from hil.cameras.calibration import Calibration
-from hil.cameras.calibration import load as load_calibration
 from hil.cameras.open import open_camera
-from hil.cameras.patient import PatientCamera
+from hil.cameras.patient import FRAMES_S, PatientCamera
+from hil.link.envelope import Limits
 from hil.link.link import Link
 from hil.link.reopening import Reopening
 from hil.link.transport import connect
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off, PX4's MIS_TAKEOFF_ALT
+SILENCE_S = 30.0  # wall seconds that a cable may be out; what the vehicle does meanwhile is its own failsafe's matter
 
 
-def fly_connected(args: argparse.Namespace, say: Say) -> dict[str, Any]:
+def fly_connected(
+    spec: FlightSpec, vehicle: Connected, out: Path | None, say: Say, agent: AgentMaker = papers_agent
+) -> dict[str, Any]:
     """Return what `fly --json` prints, with `status` and `reason`.
 
     Everything that can be refused is refused before the run folder is made: UsageError.
     """
-    if args.pilot == "oracle":
+    if spec.pilot == "oracle":
         raise UsageError(
             "the oracle needs the truth, which --sitl knows, or --world with --truth; choose --pilot vision or --model"
         )
-    agreed = terms(args)
-    calibration = load_calibration(args.calibration) if args.calibration else None
-    link = Link(Reopening(lambda: connect(args.connect)), silence_s=SILENCE_S, limits=agreed.limits, mute=args.dry_run)
-    camera = _camera(args.camera, link, calibration, agreed.limits.frame_s, say)
-    configuration = agreed.configuration(
-        args.connect,
+    flight = look_up(spec)
+    link = open_link(vehicle, spec.envelope)
+    camera = _camera(vehicle, link, say)
+    dry = vehicle.authority.dry
+    found = settings(
+        flight,
         {
             "width": camera.model.width,
             "height": camera.model.height,
             "hfov_deg": round(camera.model.hfov_deg, 3),
-            "url": shown(args.camera),
+            "url": shown(vehicle.camera or ""),
         },
     )
-    folder = folders.create(args.out, agreed.pilot_name, EPISODE, configuration)
-    folders.write_json(folder / "episode.json", {"id": EPISODE, "instruction": args.instruction})
+    folder = folders.create(out, spec.pilot_name, EPISODE, found)
+    folders.write_json(folder / "episode.json", {"id": EPISODE, "instruction": flight.instruction})
 
-    def flight() -> Any:
-        stage = ConnectedStage(link, camera, agreed.pilot, agreed.model, agreed.base_url, folder)
+    def fly_it() -> Flown:
+        stage = ConnectedStage(link, camera, folder)
         try:
-            return fly(
-                stage,
-                [Start((0.0, 0.0, -HEIGHT_M), None)],
-                Pilot(
-                    stage.model,
-                    agreed.prompt,
-                    args.instruction,
-                    agreed.latency,
-                    patience_s=agreed.patience_s,
-                    last_reply=False,  # nothing is scored here, so nothing is worth staying up for
-                ),
-                folder,
-                cap_s=agreed.seconds,
-                authority=agreed.authority,
-                on_step=progress(say, camera.model),
-                say=say,
-            )
+            with opened(flight, stage, folder) as pilot:
+                return fly(
+                    stage, [Start((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, agent), folder,
+                    seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
+                    check=pilot.check, on_step=progress(say, camera.model), say=say,
+                )  # fmt: skip
         finally:
             stage.close()
 
-    def afterwards(flown: Any) -> None:
-        firmware = str(link.firmware) if link.firmware else None
-        folders.write_run(
-            folder.parent, {**configuration, "firmware": firmware, "served_rate_hz": served_rate_hz(folder)}
-        )
-        if args.dry_run:
+    def afterwards(flown: Flown) -> None:
+        folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
+        if dry:
             say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / 'intent'}")
 
-    return conclude(flight, folder, EPISODE, agreed.pilot_name, afterwards)
+    return conclude(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
 
 
-def _camera(url: str, link: Link, calibration: Calibration | None, max_age_s: float, say: Say) -> PatientCamera:
+def open_link(vehicle: Connected, limits: Limits | None) -> Link:
+    """Return the link to somebody else's vehicle, whose cable may come and go. Raises UsageError, LinkError."""
+    wire = Reopening(lambda: connect(vehicle.url))
+    return Link(wire, silence_s=SILENCE_S, limits=limits, mute=vehicle.authority.dry)
+
+
+def told_by(link: Link) -> dict[str, Any]:
+    """Return what run.json says of the autopilot."""
+    return {"firmware": str(link.firmware) if link.firmware else None}
+
+
+def _camera(vehicle: Connected, link: Link, say: Say) -> PatientCamera:
     """Return the camera, from which a frame has come: no picture, no flight, said before anything moves. UsageError."""
+    max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
     try:
-        camera = open_camera(url, lambda: link.time_us, calibration, max_age_s=max_age_s)
+        camera = open_camera(vehicle.camera or "", lambda: link.time_us, vehicle.calibration, max_age_s=max_age_s)
     except CameraError as error:
         link.close()
         raise UsageError(str(error)) from None

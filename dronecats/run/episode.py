@@ -5,10 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decisions import Decision, DecisionLog
-from dronecats.agent.loop import CAP_S, Agent, Pilot
+from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
 from dronecats.judge.files import read
+from dronecats.protocol import CAP_S
 from dronecats.run.ascent import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
@@ -18,14 +20,7 @@ from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
 
-
-@dataclass(frozen=True, slots=True)
-class Authority:
-    """What we may do to a vehicle besides flying it. A simulated one of our own: everything."""
-
-    arm: bool = True  # False: a person arms, takes off and hands over
-    then: str = "land"  # what follows the hold at the end: land, return or hold
-    dry: bool = False  # decide, but move nothing
+EVERYTHING = Authority()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +37,20 @@ class Flown:
 def fly(
     stage: Stage,
     starts: list[Start],
-    pilot: Pilot,
+    make_agent: AgentFactory,
     folder: Path,
     *,
+    seed: tuple[int, ...] = (0,),
     full: bool = False,
     cap_s: float = CAP_S,
-    authority: Authority = Authority(),
+    authority: Authority = EVERYTHING,
+    check: Callable[[], None] = lambda: None,
     on_step: Callable[[Decision], None] = lambda decision: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Flown:
-    """Fly the drones of a stage to their start poses, let the agent fly the episode, and land.
+    """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
+    `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
     Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
     """
     log = DecisionLog(folder / "decisions.jsonl")
@@ -72,7 +70,7 @@ def fly(
             link.settle_envelope()
             if link.limits and (what := unwatched(link.state, link.limits)):
                 say(f"      envelope: {what}")
-        agent = _begin(stage, pilot, folder, log, on_step, cap_s)
+        agent = _begin(stage, make_agent, folder, log, on_step, check, cap_s, seed)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
@@ -114,7 +112,14 @@ def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], 
 
 
 def _begin(
-    stage: Stage, pilot: Pilot, folder: Path, log: DecisionLog, on_step: Callable[[Decision], None], cap_s: float
+    stage: Stage,
+    make_agent: AgentFactory,
+    folder: Path,
+    log: DecisionLog,
+    on_step: Callable[[Decision], None],
+    check: Callable[[], None],
+    cap_s: float,
+    seed: tuple[int, ...],
 ) -> Agent:
     for link in stage.links:
         if not link.streaming:  # one that we have brought to its start pose goes on being held there
@@ -126,17 +131,24 @@ def _begin(
         link.wait(0.1)
     for link in stage.links:  # from now on the agent ticks them all in turn
         link.on_wait = stage.check
-    return Agent(
-        pilot=pilot,
-        vehicles=stage.links,
-        camera=stage.camera,
-        camera_model=stage.camera_model,
-        log=log,
-        frames_dir=folder / "frames",
-        executor=stage.executor,
-        t0_us=t0_us,
-        on_step=on_step,
-        on_tick=stage.check,
+
+    def on_tick() -> None:
+        stage.check()
+        check()
+
+    return make_agent(
+        Cockpit(
+            aircraft=stage.links,
+            camera=stage.camera,
+            camera_model=stage.camera_model,
+            log=log,
+            frames_dir=folder / "frames",
+            executor=stage.executor,
+            t0_us=t0_us,
+            seed=seed,
+            on_step=on_step,
+            on_tick=on_tick,
+        )
     )
 
 

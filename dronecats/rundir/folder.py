@@ -14,8 +14,9 @@ from dronecats.judge.files import json_object
 from foundation.errors import UsageError
 from foundation.json_file import write_json as write_json
 
-OURS = ("dronecats", "autopilot", "vehicles", "episodes", "hil")
+OURS = ("foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil")
 SIMULATION = ("numba", "embreex", "matplotlib")
+PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
@@ -36,7 +37,7 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
         (folder / "frames").mkdir(parents=True, exist_ok=True)
         for log in ("decisions.jsonl", "truth.jsonl"):
             (folder / log).touch()  # a flight that breaks off before its first line is judged too
-        write_run(run, configuration)
+        write_run(run, configuration if before is None else of_several(configuration))
     except OSError as error:
         raise UsageError(f"the run folder {out or 'runs'} cannot be written: {error.strerror}") from None
     return folder
@@ -58,9 +59,16 @@ def fresh_run(pilot_name: str) -> Path:
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:
-    """Return the names of what a run was configured with otherwise; `before` is as it stands in run.json."""
+    """Return what a run was configured with otherwise, but for its episodes; `before` is as it stands in run.json."""
     now = json.loads(json.dumps(configuration))  # tuples are lists there
-    return [key for key, value in now.items() if before.get(key) != value]
+    flight, then = now.pop("flight", {}), before.get("flight", {})
+    named = [key for key in flight if key not in PER_EPISODE and then.get(key) != flight[key]]
+    return named + [key for key, value in now.items() if before.get(key) != value]
+
+
+def of_several(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the configuration of a run of several episodes: it names none of them."""
+    return {**configuration, "flight": {**configuration["flight"], **dict.fromkeys(PER_EPISODE)}}
 
 
 def missing_package(error: ImportError) -> str | None:

@@ -9,6 +9,7 @@ import cv2
 
 from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.camera import WorldCamera
+from dronecats.sitl.config import CameraConfig
 from dronecats.sitl.scenario import load_world
 from episodes.optics.file import optics_of
 from foundation.camera import CameraModel, Frame
@@ -25,14 +26,13 @@ ENCODINGS = {
 class CameraPart:
     """Part of a real-time flight. `/frame.bmp` is what the agent takes: nothing of the picture is lost on the wire."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        table = config.get("optics")
-        optics = optics_of(table, "optics") if table else None
-        world = load_world(config["episode"], config.get("airframe"), config.get("count"))
+    def __init__(self, config: CameraConfig) -> None:
+        optics = optics_of(config.optics, "optics") if config.optics else None
+        world = load_world(config.episode, config.airframe, config.count)
         self._camera = WorldCamera(world, CameraModel(), self._announce, optics=optics)
-        self._bus = Listener(config["truth"], self._camera.feed)
+        self._bus = Listener(config.truth, self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
-        host, port = "127.0.0.1", int(config.get("port", 0))
+        host, port = "127.0.0.1", int(config.port)
         try:
             self._server = ThreadingHTTPServer((host, port), handler(self._camera))
         except OSError as error:
@@ -102,6 +102,6 @@ def stamp(frame: Frame) -> dict[str, str]:
     return {"X-Frame-Id": str(frame.frame_id), "X-Frame-Time-Us": str(frame.time_us)}
 
 
-def create(config: dict[str, Any]) -> CameraPart:
-    """Return the camera of an episode: keys episode, truth (URL); airframe, count, port, optics (a table)."""
+def create(config: CameraConfig) -> CameraPart:
+    """Return the camera of an episode. Raises UsageError."""
     return CameraPart(config)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dronecats.sitl.collisions import Traffic
+from dronecats.sitl.config import AIRFRAME
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
 from episodes import catalogue
 from episodes.assets.multirotor import outline
@@ -18,8 +19,6 @@ from foundation.truth import Origin
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind
-
-AIRFRAME = "x500"  # if none is named
 
 
 def origin(world: World) -> Origin:

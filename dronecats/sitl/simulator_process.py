@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.processes.child import Part
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.ports import Ports
 from dronecats.sitl.scenario import build, load_world
@@ -16,23 +17,23 @@ from vehicles.wind import Wind
 class Simulator:
     """Part of a real-time flight: one turn is one tick of the simulation."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        world = load_world(config["episode"])
-        script = config.get("faults")
-        rotors = len(airframes.load(config["airframe"]).rotors)
-        north, east = config.get("wind") or (0.0, 0.0)
+    def __init__(self, config: SimulatorConfig) -> None:
+        world = load_world(config.episode)
+        script = config.faults
+        rotors = len(airframes.load(config.airframe).rotors)
+        north, east = config.wind
         self.simulation = build(
             world,
-            airframe=config["airframe"],
-            seed=config["seed"],
-            count=config.get("count"),
-            state_dir=Path(config["state_dir"]) if config.get("state_dir") else None,
-            wind=Wind((north, east, 0.0), config.get("gusts") or 0.0),
+            airframe=config.airframe,
+            seed=config.seed,
+            count=config.count,
+            state_dir=Path(config.state_dir) if config.state_dir else None,
+            wind=Wind((north, east, 0.0), config.gusts),
             faults=fault_script.load(Path(script), rotors) if script else (),
         )
         self.simulation.advance()  # compiles, on the first run of an installation
-        self.ports = Ports(self.simulation, config.get("instance"))
-        self.speed = float(config["speed"])
+        self.ports = Ports(self.simulation, config.instance)
+        self.speed = 1.0 if config.speed is None else config.speed
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
         self.pace = PaceReport(self._keeper)
 
@@ -67,14 +68,9 @@ class Simulator:
             port.close()
 
 
-def create(config: dict[str, Any]) -> Part:
-    """Return the simulator of an episode's vehicles.
-
-    Keys episode, airframe, seed, speed, instance or None; if wanted count, state_dir, wind (north and east in m/s),
-    gusts (m/s at 20 ft) and faults (a script's path). With autopilot "px4", a PX4 flies each: see `Px4Simulator`.
-    Raises UsageError.
-    """
-    if config.get("autopilot") == "px4":
+def create(config: SimulatorConfig) -> Part:
+    """Return the simulator of an episode's vehicles, under our autopilot or a PX4 each. Raises UsageError."""
+    if config.autopilot == "px4":
         from dronecats.sitl.px4.simulator import Px4Simulator
 
         return Px4Simulator(config)

@@ -8,6 +8,7 @@ from typing import Any
 
 from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.bus import TruthBus
+from dronecats.sitl.config import TruthBridgeConfig
 from dronecats.sitl.placement import Placement, TruthClock, own_yaw, speed, standing
 from dronecats.sitl.scenario import ground_places, load_world, origin
 from dronecats.sitl.sockets import UdpPort
@@ -68,11 +69,11 @@ class TruthSource:
 class TruthBridge:
     """Part of a flight of somebody else's vehicle in our world."""
 
-    def __init__(self, config: dict[str, Any]) -> None:
-        world = load_world(config["episode"])
+    def __init__(self, config: TruthBridgeConfig) -> None:
+        world = load_world(config.episode)
         self._origin = origin(world)
         place = ground_places(world)[0]
-        self._source = TruthSource(config["truth"])
+        self._source = TruthSource(config.truth)
         _, message = self._source.first()
         self._yaw = own_yaw(message)
         self._placement: Placement = standing(message, place.position_ned, place.yaw)
@@ -112,6 +113,6 @@ class TruthBridge:
         self._port.close()
 
 
-def create(config: dict[str, Any]) -> TruthBridge:
-    """Return the bridge from a truth URL to an episode: keys truth and episode. Raises UsageError."""
+def create(config: TruthBridgeConfig) -> TruthBridge:
+    """Return the bridge from a truth URL to an episode. Raises UsageError."""
     return TruthBridge(config)

@@ -1,12 +1,11 @@
-"""A vehicle that somebody else started: its link, its camera, a pilot, and a logger of what it says of itself."""
+"""A vehicle that somebody else started: its link, its camera, and a logger of what it says of itself."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.latency import DaemonExecutor
+from dronecats.agent.executors import DaemonExecutor
+from dronecats.logger.config import EstimateLoggerConfig
 from dronecats.processes.supervisor import Supervisor
 from dronecats.stages import parts
-from dronecats.stages.served_pilot import asked, served
 from foundation.mavlink import dialect
 from hil.cameras.patient import PatientCamera
 from hil.link.link import Link
@@ -16,24 +15,18 @@ from hil.link.transport import connect
 class ConnectedStage:
     """The link's bytes are copied to the logger, which is a process of its own here as well."""
 
-    def __init__(
-        self,
-        link: Link,
-        camera: PatientCamera,
-        pilot: str | None,
-        model: str | None,
-        base_url: str | None,
-        folder: Path,
-    ) -> None:
+    lockstep = False
+
+    def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
+        """`folder` is the episode's, for the logs. Raises InfrastructureError."""
         self._supervisor = Supervisor(folder)
         self.executor = DaemonExecutor()
         self.links = [link]
         self.camera, self.camera_model = camera, camera.model
         try:
-            self._logger = self._supervisor.start(parts.ESTIMATE_LOGGER, {"folder": str(folder)})
+            self._logger = self._supervisor.start(parts.ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
             link.listeners.append(self._to_logger)
-            self.model = asked(pilot, served(self._supervisor, pilot), model, base_url)
         except BaseException:
             self.close()
             raise
@@ -51,8 +44,9 @@ class ConnectedStage:
         self._supervisor.check()
 
     def close(self) -> None:
-        closing: list[Callable[[], None]] = [link.close for link in self.links]
-        closing += [getattr(self, part).close for part in ("model", "camera", "_copy") if hasattr(self, part)]
-        for close in closing:
-            close()
+        for link in self.links:
+            link.close()
+        self.camera.close()
+        if hasattr(self, "_copy"):
+            self._copy.close()
         self._supervisor.close()

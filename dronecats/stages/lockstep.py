@@ -1,20 +1,16 @@
 """Everything in one process on one clock that waits for whoever is slowest."""
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 
-from dronecats.agent.latency import InlineExecutor
-from dronecats.agent.models.model import Model
-from dronecats.agent.models.openai_chat import ChatModel
-from dronecats.agent.models.providers import PROVIDERS, split
+from dronecats.agent.executors import InlineExecutor
+from dronecats.flight.flight import Flight
+from dronecats.flight.spec import Simulated
 from dronecats.logger.recorder import Recorder
 from dronecats.logger.telemetry import subscribe
 from dronecats.logger.world_measure import measured_in
-from dronecats.pilots import roster
-from dronecats.pilots.oracle_model import OracleModel
-from dronecats.pilots.server import PilotServer
-from dronecats.run.plan import Plan
 from dronecats.sitl.camera import WorldCamera
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.px4.lockstep import Px4Lockstep
@@ -22,6 +18,7 @@ from dronecats.sitl.px4.simulator import Px4Simulator
 from dronecats.sitl.scenario import build, origin
 from dronecats.sitl.simulation import SimulatedVehicle
 from dronecats.sitl.vehicle_port import VehiclePort
+from dronecats.stages.parts import simulator_config
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.mavlink import dialect
@@ -29,20 +26,24 @@ from hil.link.link import Link
 
 
 class LockstepStage:
-    """The same parts as in real time, without the sockets between them; the pilot keeps its HTTP endpoint."""
+    """The same parts as in real time, without the sockets between them."""
 
-    def __init__(self, plan: Plan, folder: Path, world: World) -> None:
-        camera = self.camera_model = CameraModel()
+    lockstep = True
+
+    def __init__(self, flight: Flight, simulated: Simulated, folder: Path, world: World) -> None:
+        """`folder` is the episode's, for the logs. Raises UsageError, InfrastructureError."""
+        spec, camera = flight.spec, CameraModel()
+        self.camera_model = camera
         self._px4: Px4Simulator | None = None
         clock: Lockstep | Px4Lockstep
         ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with our autopilot
-        if plan.autopilot == "px4":
-            self._px4 = px4_simulator(plan, folder, world)
+        if simulated.autopilot == "px4":
+            self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
             clock = Px4Lockstep(self._px4)
         else:
-            clock = Lockstep(build(world, airframe=plan.airframe, seed=plan.seed))
+            clock = Lockstep(build(world, airframe=simulated.airframe, seed=spec.seed))
             ours = clock.simulation.vehicles
-        self._simulation = clock.simulation
+        self._clock, self._simulation = clock, clock.simulation
         self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
         clock.follow(self._recorder.truth)
         for vehicle in ours:
@@ -50,15 +51,12 @@ class LockstepStage:
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
         self.camera = WorldCamera(
-            world, camera, lambda data: announce(data), rendered=plan.rendered, optics=plan.optics
+            world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics
         )
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
-        self._server: PilotServer | None = None
-        self._oracle: OracleModel | None = None
-        self.model = self._model(plan, world, camera, clock)
         drones = range(len(self._simulation.vehicles))
-        self.links = [Link(clock.transport(index), limits=plan.limits, simulated=True) for index in drones]
+        self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
         if self._px4:
             for link in self.links:
                 link.listeners.append(self._keep)
@@ -70,22 +68,15 @@ class LockstepStage:
     def _keep(self, message: dialect.MAVLink_message) -> None:
         self._recorder.telemetry(bytes(message.get_msgbuf()))
 
-    def _model(self, plan: Plan, world: World, camera: CameraModel, clock: Lockstep | Px4Lockstep) -> Model:
-        if plan.pilot == "oracle":
-            self._oracle = OracleModel(world, camera, origin(world), lambda: None)
-            clock.follow(self._oracle.feed)
-            return self._oracle
-        if plan.pilot:
-            self._server = PilotServer(roster.answer(plan.pilot), plan.pilot, owned_by=roster.owner(plan.pilot)).start()
-            return ChatModel(PROVIDERS["local"], plan.pilot, self._server.base_url)
-        return ChatModel(*split(plan.model or ""), plan.base_url)
+    def tap(self, feed: Callable[[bytes], None]) -> "FedTap":
+        """Have the truth bus fed to somebody after every tick."""
+        self._clock.follow(feed)
+        return FedTap()
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._simulation.begin(t0_us)
         self._recorder.begin(t0_us, cap_s)
         self.camera.begin(t0_us)
-        if self._oracle:
-            self._oracle.begin(t0_us)
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._recorder.end(reason, error)
@@ -94,9 +85,6 @@ class LockstepStage:
         """One process: what breaks raises by itself."""
 
     def close(self) -> None:
-        self.model.close()
-        if self._server:
-            self._server.close()
         self._recorder.close()
         if self._px4:
             for link in self.links:
@@ -104,14 +92,11 @@ class LockstepStage:
             self._px4.close()
 
 
-def px4_simulator(plan: Plan, folder: Path, world: World) -> Px4Simulator:
-    """Return the simulator of a plan's vehicles under PX4, which nobody paces. Raises UsageError."""
-    config = {
-        "episode": plan.episode,
-        "airframe": plan.airframe,
-        "seed": plan.seed,
-        "speed": None,
-        "px4": plan.px4,
-        "log_dir": str(folder),
-    }
-    return Px4Simulator(config, world=world)
+class FedTap:
+    """The end of a bus that is read at every tick."""
+
+    def drain(self) -> None:
+        """It has come."""
+
+    def close(self) -> None:
+        pass

@@ -4,13 +4,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.latency import DaemonExecutor
-from dronecats.pilots.bus_oracle import BusOracle
+from dronecats.agent.executors import DaemonExecutor
+from dronecats.flight.flight import Flight
+from dronecats.flight.spec import Simulated
+from dronecats.logger.config import LoggerConfig
+from dronecats.processes.bus_listener import Listener
 from dronecats.processes.supervisor import Supervisor
-from dronecats.run.plan import Plan
-from dronecats.sitl.scenario import load_world
+from dronecats.sitl.config import CameraConfig
 from dronecats.stages import parts
-from dronecats.stages.served_pilot import asked, served
+from dronecats.stages.parts import simulator_config
 from foundation.camera import CameraModel
 from hil.cameras.snapshot import HttpCamera
 from hil.link.link import Link
@@ -18,67 +20,59 @@ from hil.link.transport import UdpTransport, connect
 
 
 class RealtimeStage:
-    """Simulator, camera, logger and pilot as supervised processes, on ports that the system chose."""
+    """Simulator, camera and logger as supervised processes, on ports that the system chose."""
 
-    def __init__(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
+    lockstep = False
+
+    def __init__(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
+        """`folder` is the episode's, with its record. Raises UsageError, InfrastructureError."""
         self._supervisor = Supervisor(folder)
         self._copies: list[Copy] = []
         self.executor = DaemonExecutor()
         self.camera_model = CameraModel()
         try:
-            self._start(plan, folder, say)
+            self._start(flight, simulated, folder, say)
         except BaseException:
             self.close()
             raise
 
-    def _start(self, plan: Plan, folder: Path, say: Callable[[str], None]) -> None:
-        patience = Patience(say)
-        pilot = served(self._supervisor, plan.pilot)
-        simulator = self._supervisor.start(
-            parts.SIMULATOR,
-            {
-                "episode": plan.episode,
-                "airframe": plan.airframe,
-                "seed": plan.seed,
-                "speed": plan.speed,
-                "autopilot": plan.autopilot,
-                "px4": plan.px4,
-                "log_dir": str(folder),
-            },
-        )
-        self._simulator = simulator
+    def _start(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
+        patience, px4 = Patience(say), simulated.autopilot == "px4"
+        config = simulator_config(flight.spec, simulated, folder)
+        simulator = self._simulator = self._supervisor.start(parts.SIMULATOR, config)
         ports = simulator.ready(patience)
-        truth = f"udpout://127.0.0.1:{ports['truth']}"
-        optics = plan.optics.as_dict() if plan.optics else None
-        direction = "udpin" if plan.autopilot == "px4" else "udpout"  # PX4 speaks first, to a place that it knows
+        self._truth = f"udpout://127.0.0.1:{ports['truth']}"
+        direction = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
         self.links = [
-            Link(connect(f"{direction}://127.0.0.1:{port}"), limits=plan.limits, simulated=True)
+            Link(connect(f"{direction}://127.0.0.1:{port}"), limits=flight.spec.envelope, simulated=True)
             for port in ports["agent"]
         ]
-        flown = {"episode": plan.episode, "airframe": plan.airframe, "truth": truth}
-        camera = self._supervisor.start(parts.CAMERA, {**flown, "optics": optics})
-        if plan.autopilot == "px4":
+        camera = self._camera_process = self._supervisor.start(
+            parts.CAMERA,
+            CameraConfig(episode=config.episode, airframe=config.airframe, truth=self._truth, optics=simulated.optics),
+        )
+        if px4:
             self._await_px4(ports["px4"], say)
             self._copies = [Copy(link) for link in self.links]
         log = [copy.port for copy in self._copies] or ports["log"]
         self._logger = self._supervisor.start(
             parts.LOGGER,
-            {
-                **flown,
-                "folder": str(folder),
-                "telemetry": [f"udpout://127.0.0.1:{port}" for port in log],
-            },
+            LoggerConfig(
+                episode=config.episode,
+                airframe=config.airframe,
+                folder=str(folder),
+                truth=self._truth,
+                telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in log),
+            ),
         )
         self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
-        self._camera_process = camera
         self._logger.ready(patience)
         for copy in self._copies:
             copy.begin()
-        self.model = (
-            BusOracle(load_world(plan.episode), truth)
-            if plan.pilot == "oracle"
-            else asked(plan.pilot, pilot, plan.model, plan.base_url, patience)
-        )
+
+    def tap(self, feed: Callable[[bytes], None]) -> Listener:
+        """Have the truth bus fed to somebody, who reads it."""
+        return Listener(self._truth, feed)
 
     def _await_px4(self, ports: list[int], say: Callable[[str], None]) -> None:
         """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
@@ -97,8 +91,6 @@ class RealtimeStage:
         self._simulator.do("begin", t0_us=t0_us)
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
-        if isinstance(self.model, BusOracle):
-            self.model.begin(t0_us)
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -111,9 +103,8 @@ class RealtimeStage:
         self._supervisor.check()
 
     def close(self) -> None:
-        for closing in ("model", "camera"):
-            if hasattr(self, closing):
-                getattr(self, closing).close()
+        if hasattr(self, "camera"):
+            self.camera.close()
         for part in (*getattr(self, "links", []), *self._copies):
             part.close()
         self._supervisor.close()

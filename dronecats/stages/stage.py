@@ -1,16 +1,25 @@
-"""What an episode is flown on: vehicles to command, a camera, a model, and a logger that looks on."""
+"""What an episode is flown on: vehicles to command, a camera, a clock, and a logger that looks on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import Protocol
 
-from dronecats.agent.models.model import Model
 from foundation.camera import Camera, CameraModel
 from hil.link.link import Link
 
 
+class TruthTap(Protocol):
+    """Somebody's end of the truth bus, who is not the agent."""
+
+    def drain(self) -> None:
+        """Take in what has come."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class Stage(Protocol):
-    """Lockstep in one process, or real time over sockets: the episode does not know which."""
+    """Lockstep in one process, or real time over sockets: the episode does not know which. Nor does it decide here."""
 
     @property
     def links(self) -> Sequence[Link]: ...
@@ -19,9 +28,14 @@ class Stage(Protocol):
     @property
     def camera_model(self) -> CameraModel: ...
     @property
-    def model(self) -> Model: ...
+    def executor(self) -> Executor:
+        """Where what may take long is called."""
+        ...
+
     @property
-    def executor(self) -> Executor: ...
+    def lockstep(self) -> bool:
+        """Whether the vehicle's clock waits, and everything is in this process."""
+        ...
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets.
@@ -39,3 +53,11 @@ class Stage(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+class TruthfulStage(Stage, Protocol):
+    """A stage on which the truth is known."""
+
+    def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
+        """Have the truth bus fed to somebody, for instance the oracle."""
+        ...

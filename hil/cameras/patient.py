@@ -7,6 +7,7 @@ from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError
 from hil.cameras.open import RealCamera
 
+FRAMES_S = 10.0  # wall seconds without a fresh frame after which a flight ends
 AGAIN_S = 0.1  # wall seconds between two attempts
 
 

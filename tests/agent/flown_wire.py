@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.latency import InlineExecutor, latency
-from dronecats.agent.loop import Agent, Pilot
-from dronecats.agent.models.openai_chat import ChatModel
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.latency import latency
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
 from foundation.setpoints import Hold, Sight
@@ -118,13 +121,16 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
     folder.mkdir(exist_ok=True)
     views = views or Views()
     vehicles = [Clock() for _ in range(drones)]
-    model = ChatModel(PROVIDERS[provider], "maker/model-1", endpoint.url)
+    model = open_model(ModelSpec(provider=provider, name="maker/model-1", base_url=endpoint.url))
     log = DecisionLog(folder / "decisions.jsonl")
-    pilot = Pilot(model, prompt or Prompt.load(None), "go to the cyan SUV", latency("fixed:0"), axis_order=axis_order)
-    agent = Agent(
-        pilot=pilot, vehicles=vehicles, camera=views, camera_model=CAMERA, log=log,
+    asked = Questions(
+        model, prompt or Prompt.load(None), "go to the cyan SUV", latency("fixed:0"), axis_order=axis_order
+    )
+    cockpit = Cockpit(
+        aircraft=vehicles, camera=views, camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
+    agent = PaperAgent(asked, cockpit)
     agent.fly(stop=lambda decision: decision.step + 1 == steps and decision.drone + 1 == drones)
     log.close()
     model.close()

@@ -1,12 +1,17 @@
+import math
+import statistics
 from concurrent.futures import Executor, Future
 
 import pytest
 
-from dronecats.agent.latency import Asking, InlineExecutor, latency
+from dronecats.agent.asking import Asking
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.latency import LONGEST_S, Latency, Question, latency
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError, UsageError
 
 REQUEST = Request("p", (b"",), False)
+FIRST = Question((0,), 0, 0)
 
 
 class Answering:
@@ -19,6 +24,9 @@ class Answering:
         if self.error:
             raise self.error
         return Reply("{}", self.latency_s)
+
+    def check(self):
+        pass
 
     def close(self):
         pass
@@ -36,35 +44,84 @@ class Later(Executor):
 
 @pytest.mark.parametrize(("policy", "due_s"), [("measured", 10.2), ("fixed:1.5", 11.5), ("fixed:0", 10.0)])
 def test_latency_is_charged_on_the_vehicles_clock(policy, due_s):
-    asking = Asking(Answering(), REQUEST, InlineExecutor(), latency(policy), 10.0)
+    asking = Asking(Answering(), REQUEST, InlineExecutor(), latency(policy), FIRST, 10.0)
     assert not asking.due(due_s - 0.01) or due_s == 10.0
     assert asking.due(due_s)
     assert asking.latency_s(due_s + 0.05) == pytest.approx(due_s - 10.0)
 
 
 def test_a_reply_that_comes_after_its_charge_is_written_down_as_late_as_it_was():
-    asking = Asking(Answering(3.0), REQUEST, InlineExecutor(), latency("fixed:0.5"), 10.0)
+    asking = Asking(Answering(3.0), REQUEST, InlineExecutor(), latency("fixed:0.5"), FIRST, 10.0)
     assert asking.latency_s(13.0) == pytest.approx(3.0)
-    passing = Asking(Answering(0.2), REQUEST, InlineExecutor(), latency("real"), 10.0)
+    passing = Asking(Answering(0.2), REQUEST, InlineExecutor(), latency("real"), FIRST, 10.0)
     assert passing.latency_s(10.8) == pytest.approx(0.8)
 
 
 def test_a_slow_call_is_never_due_before_it_has_come_back():
     later = Later()
-    asking = Asking(Answering(), REQUEST, later, latency("fixed:0.5"), 0.0)
+    asking = Asking(Answering(), REQUEST, later, latency("fixed:0.5"), FIRST, 0.0)
     assert not asking.due(100.0)
     later.future.set_result(Reply("{}", 3.0))
     assert asking.due(100.0)
 
 
 def test_an_error_is_due_at_once_and_raised():
-    asking = Asking(Answering(error=ModelError("gone")), REQUEST, InlineExecutor(), latency("fixed:9"), 0.0)
+    asking = Asking(Answering(error=ModelError("gone")), REQUEST, InlineExecutor(), latency("fixed:9"), FIRST, 0.0)
     assert asking.due(0.0)
     with pytest.raises(ModelError, match="gone"):
         asking.reply()
 
 
-@pytest.mark.parametrize("text", ["", "fast", "fixed:", "fixed:x", "fixed:-1", "fixed:nan", "fixed:301"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "fast",
+        "fixed:",
+        "fixed:x",
+        "fixed:-1",
+        "fixed:nan",
+        "fixed:301",
+        "fixed:1,2",
+        "lognormal:1",
+        "lognormal:0,1",
+        "lognormal:1,-1",
+    ],
+)
 def test_wrong_policies_are_refused(text):
     with pytest.raises(UsageError, match="--latency"):
         latency(text)
+
+
+def draw(policy, question):
+    asking = Asking(Answering(), REQUEST, InlineExecutor(), latency(policy), question, 0.0)
+    return asking.latency_s(0.0)
+
+
+def test_a_drawn_latency_is_the_questions_and_nothing_elses():
+    policy = "lognormal:1,0.7"
+    assert draw(policy, Question((1, 2), 3, 0)) == draw(policy, Question((1, 2), 3, 0))
+    others = [Question((1, 2), 4, 0), Question((1, 2), 3, 1), Question((1, 3), 3, 0), Question((2, 2), 3, 0)]
+    assert len({draw(policy, question) for question in [Question((1, 2), 3, 0), *others]}) == 5
+
+
+def test_a_latency_is_drawn_once_however_often_the_clock_ticks():
+    drawn = []
+
+    def charge(question, measured_s):
+        drawn.append(question)
+        return 1.0 + 0.1 * len(drawn)
+
+    policy = Latency("counting", charge)
+    asking = Asking(Answering(), REQUEST, InlineExecutor(), policy, FIRST, 0.0)
+    due = [asking.due(0.05 * tick) for tick in range(40)]
+    assert due == [0.05 * tick >= 1.1 - 1e-9 for tick in range(40)]
+    assert asking.latency_s(1.1) == 1.1
+    assert drawn == [FIRST]
+
+
+def test_drawn_latencies_have_the_median_and_the_spread_that_were_asked_for():
+    logarithms = [math.log(draw("lognormal:2,0.5", Question((9,), step, 0))) for step in range(400)]
+    assert statistics.median(logarithms) == pytest.approx(math.log(2.0), abs=0.1)
+    assert statistics.pstdev(logarithms) == pytest.approx(0.5, rel=0.15)
+    assert max(draw("lognormal:300,3", Question((9,), step, 0)) for step in range(20)) == LONGEST_S

@@ -4,9 +4,12 @@ import threading
 
 import pytest
 
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.latency import DaemonExecutor, latency
-from dronecats.agent.loop import Agent, Pilot
+from dronecats.agent.executors import DaemonExecutor
+from dronecats.agent.latency import latency
+from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
@@ -47,6 +50,9 @@ class StuckCamera:
 class Model:
     name = "never asked"
 
+    def check(self):
+        pass
+
     def ask(self, request):
         return Reply("", 0.0)
 
@@ -56,11 +62,11 @@ class Model:
 
 def test_a_camera_that_hangs_ends_the_flight(tmp_path):
     camera = StuckCamera()
-    agent = Agent(
-        pilot=Pilot(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0),
-        vehicles=[Vehicle()], camera=camera, camera_model=CameraModel(), log=DecisionLog(tmp_path / "d.jsonl"),
+    cockpit = Cockpit(
+        aircraft=[Vehicle()], camera=camera, camera_model=CameraModel(), log=DecisionLog(tmp_path / "d.jsonl"),
         frames_dir=tmp_path, executor=DaemonExecutor(), t0_us=0,
     )  # fmt: skip
+    agent = PaperAgent(Questions(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0), cockpit)
     with pytest.raises(CameraError, match="has not answered for 5 s"):
         agent.fly(300.0)
     assert agent.now_s < 6.0

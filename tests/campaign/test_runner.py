@@ -12,10 +12,13 @@ import pytest
 
 from dronecats.campaign.batch import UNFINISHED, Batch
 from dronecats.campaign.runner import Runner
+from dronecats.flight.file import as_kept
+from dronecats.flight.spec import FlightSpec, Simulated
 from episodes import catalogue
 from foundation.errors import InfrastructureError
 
-ORACLE = {"pilot": "oracle", "factor": "max", "rendered": False}
+ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
+SETTINGS = {"flight": as_kept(ORACLE)}
 EASY = "residential-approaching-01"
 
 
@@ -48,7 +51,7 @@ def workers():
 @pytest.mark.slow
 def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     episodes = [EASY, "residential-searching-01", "residential-tracking-01"]
-    batch, killed = Batch(tmp_path / "run", ORACLE), []
+    batch, killed = Batch(tmp_path / "run", SETTINGS), []
 
     class Fragile(Runner):
         """Its second episode's worker dies when it has just been told to fly."""
@@ -87,7 +90,7 @@ def test_no_worker_outlives_the_run(tmp_path, how):
 
 
 def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
-    batch = Batch(tmp_path / "run", ORACLE)
+    batch = Batch(tmp_path / "run", SETTINGS)
     batch.fresh(EASY)
     (tmp_path / "run" / UNFINISHED).write_text("a file where what was broken off has to be moved to")
     with pytest.raises(InfrastructureError, match="cannot be written: File exists"):
@@ -96,7 +99,7 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
 
 
 def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
-    runner = Runner(Batch(tmp_path / "run", ORACLE), ORACLE, jobs=1)
+    runner = Runner(Batch(tmp_path / "run", SETTINGS), ORACLE, jobs=1)
     runner._close()
     with pytest.raises(InfrastructureError, match="killed by SIGKILL"):
         runner._start()

@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -11,13 +10,16 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import ActionError, Finished, Go, Rotate, parse, parse_fleet
 from dronecats.agent.controller import plan
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
+from dronecats.flight.flight import look_up
+from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.pilots import patterns, roster
-from dronecats.run.plan import resolve
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.setpoints import Turn, Velocity
 
+UNDRAWN = Simulated(speed=None, rendered=False)
 NAMES = sorted(patterns.PATTERNS)
 PROMPT = Prompt.load().render("go to the cyan SUV", "", 5)
 
@@ -90,11 +92,11 @@ def test_an_unknown_one_is_refused_with_all_that_there_are() -> None:
 
 def test_only_those_that_do_not_look_fly_without_pictures() -> None:
     for pilot in ("oracle", "blind", "blind:straight"):
-        assert resolve(pilot=pilot, factor="max", rendered=False).camera is None
-    wanted: tuple[dict[str, Any], ...] = ({"pilot": "vision"}, {}, {"model": "local/blind:straight"})
-    for asked in wanted:
+        assert look_up(FlightSpec(pilot=pilot, simulated=UNDRAWN)).camera is None
+    model = ModelSpec(provider="local", name="blind:straight", base_url="http://127.0.0.1:9/v1")
+    for spec in (FlightSpec(pilot="vision", simulated=UNDRAWN), FlightSpec(model=model, simulated=UNDRAWN)):
         with pytest.raises(UsageError, match="without rendering"):
-            resolve(factor="max", rendered=False, **asked)
+            look_up(spec)
 
 
 def test_random_is_the_same_for_the_same_words_and_another_for_others() -> None:

@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 from dronecats.pilots import roster
+from dronecats.pilots.config import PilotConfig
 from dronecats.pilots.pilot_process import create
 from dronecats.pilots.recorded import player, replies
 from foundation.errors import UsageError
@@ -44,7 +45,7 @@ def test_it_is_served_like_any_other_and_never_as_a_model(tmp_path: Path) -> Non
     path = recording(tmp_path, {"step": 0, "drone": 0, "reply": "first"})
     name = f"recorded:{path}"
     assert roster.check(name) == name
-    served = create({"pilot": name})
+    served = create(PilotConfig(pilot=name))
     try:
         url = served.ready()["base_url"]
         assert "not a model" in httpx.get(f"{url}/models").json()["data"][0]["owned_by"]

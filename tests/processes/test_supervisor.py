@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from dronecats.pilots.config import PilotConfig
 from dronecats.processes.supervisor import Supervisor
 from dronecats.stages import parts
 from foundation.errors import InfrastructureError, UsageError
@@ -28,7 +29,7 @@ def gone(pid: int) -> bool:
 
 
 def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
-    child = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     assert child.ready()["base_url"].startswith("http://127.0.0.1:")
     supervisor.check()
     supervisor.close()
@@ -36,7 +37,7 @@ def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
 
 
 def test_a_killed_child_is_named_with_the_signal(supervisor):
-    child = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     child.ready()
     os.kill(child.pid, signal.SIGKILL)
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
@@ -55,7 +56,7 @@ def looks(supervisor, until, limit_s=60):
 
 def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_path):
     supervisor = Supervisor(tmp_path, answer_s=1.0)
-    child = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     child.ready()
     os.kill(child.pid, signal.SIGSTOP)
     sentence = r"the pilot process hangs: no answer for 1 s; see .*pilot\.log"
@@ -68,7 +69,7 @@ def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_p
 
 
 def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
-    child = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     child.ready()
     os.kill(child.pid, signal.SIGSTOP)
     supervisor.check()
@@ -78,7 +79,7 @@ def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
 
 
 def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
-    child = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     child.ready()
     for _ in range(3):
         child._heartbeat._answered_s = None  # due at once
@@ -89,7 +90,7 @@ def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
 
 def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
     supervisor = Supervisor(tmp_path, answer_s=0.0)
-    child = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     for _ in range(3):
         supervisor.check()
         time.sleep(0.01)
@@ -98,16 +99,17 @@ def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
 
 
 def test_wrong_usage_in_a_child_is_wrong_usage_here(supervisor):
-    first = supervisor.start(parts.PILOT, {"pilot": "blind"})
+    first = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
     port = int(first.ready()["base_url"].split(":")[2].split("/")[0])
     with pytest.raises(UsageError, match=str(port)):
-        supervisor.start(parts.PILOT, {"pilot": "blind", "port": port}).ready()
+        supervisor.start(parts.PILOT, PilotConfig(pilot="blind", port=port)).ready()
 
 
 def test_children_of_a_killed_parent_end_by_themselves(tmp_path):
     script = (
         "import sys, time\nfrom pathlib import Path\nfrom dronecats.processes.supervisor import Supervisor\n"
-        "s = Supervisor(Path(sys.argv[1]))\nc = s.start('pilot', {'pilot': 'blind'})\nc.ready()\n"
+        "from dronecats.pilots.config import PilotConfig\nfrom dronecats.stages.parts import PILOT\n"
+        "s = Supervisor(Path(sys.argv[1]))\nc = s.start(PILOT, PilotConfig(pilot='blind'))\nc.ready()\n"
         "print(c.pid, flush=True)\ntime.sleep(60)\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)

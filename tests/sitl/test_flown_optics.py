@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.cli.main import main
-from dronecats.run.plan import CAMERA, resolve
+from dronecats.flight.flight import CAMERA, look_up
+from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.sitl.camera import WorldCamera, rates_between
 from dronecats.sitl.scenario import origin
 from episodes import catalogue
+from episodes.optics.file import load
 from episodes.optics.options import Exposure, Optics, Sensor
 from episodes.world import World
 from foundation.camera import CameraModel
@@ -84,9 +86,9 @@ def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
 def test_a_run_says_what_it_was_flown_with(tmp_path):
     file = tmp_path / "hazy.toml"
     file.write_text("[haze]\ndensity_per_m = 0.02\n")
-    plan = resolve(optics_file=file)
-    assert json.loads(json.dumps(plan.camera))["optics"]["haze"]["density_per_m"] == 0.02
-    assert resolve().camera == CAMERA
+    flight = look_up(FlightSpec(pilot="oracle", simulated=Simulated(optics=load(file).as_dict())))
+    assert json.loads(json.dumps(flight.camera))["optics"]["haze"]["density_per_m"] == 0.02
+    assert look_up(FlightSpec(pilot="oracle", simulated=Simulated())).camera == CAMERA
 
 
 @pytest.mark.parametrize("verb", [["fly", "--sitl"], ["sitl", "--camera"]])

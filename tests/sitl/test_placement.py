@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.processes.supervisor import ChildProcess
+from dronecats.sitl.config import TruthBridgeConfig
 from dronecats.sitl.placement import TruthClock, standing
 from dronecats.sitl.scenario import ground_places, load_world, origin
 from dronecats.stages import parts
@@ -102,7 +103,9 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, free_por
     somebody = Somebody(free_port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
-        parts.TRUTH_BRIDGE, {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}, tmp_path / "bridge.log"
+        parts.TRUTH_BRIDGE,
+        TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{free_port}"),
+        tmp_path / "bridge.log",
     )
     try:
         ready = bridge.ready()
@@ -142,7 +145,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, free_por
 
 def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_port):
     somebody = Somebody(free_port, speed=2.0)
-    config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}
+    config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{free_port}")
     bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=r"moves at 2\.0 m/s: it has to stand where the episode begins"):
         bridge.ready()
@@ -154,7 +157,7 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(tmp_path, free_po
 @pytest.mark.parametrize("timed", [None, False])
 def test_a_stream_without_truth_or_without_time_is_said(tmp_path, free_port, timed):
     somebody = None if timed is None else Somebody(free_port, timed=timed)
-    config = {"episode": EPISODE, "truth": f"udpin://127.0.0.1:{free_port}"}
+    config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{free_port}")
     bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=r"no truth comes on --truth udpin://127\.0\.0\.1:\d+ within 10 s"):
         bridge.ready()

@@ -10,6 +10,7 @@ import pytest
 from pymavlink import mavutil
 
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.stages import parts
 
 SPEED = 2.0
@@ -18,9 +19,7 @@ SPEED = 2.0
 @pytest.fixture
 def simulator(tmp_path):
     supervisor = Supervisor(tmp_path)
-    child = supervisor.start(
-        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": SPEED}
-    )
+    child = supervisor.start(parts.SIMULATOR, SimulatorConfig(episode="residential-approaching-01", speed=SPEED))
     yield child.ready()
     supervisor.close()
 

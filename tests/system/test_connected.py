@@ -11,6 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import CameraConfig, SimulatorConfig
 from dronecats.stages import parts
 from foundation.mavlink import MODES, Packer, Parser, dialect
 
@@ -24,10 +25,10 @@ def field(tmp_path):
     One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off.
     """
     supervisor = Supervisor(tmp_path)
-    config = {"episode": EPISODE, "airframe": "x500", "seed": 0, "speed": SPEED}
+    config = SimulatorConfig(episode=EPISODE, speed=SPEED)
     ports = supervisor.start(parts.SIMULATOR, config).ready()
     truth = f"udpout://127.0.0.1:{ports['truth']}"
-    camera = supervisor.start(parts.CAMERA, {"episode": EPISODE, "truth": truth, "optics": None})
+    camera = supervisor.start(parts.CAMERA, CameraConfig(episode=EPISODE, truth=truth))
     yield ports["agent"][0], camera.ready()["url"]
     supervisor.close()
 
@@ -132,8 +133,9 @@ def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
     assert told["steps"] > 1
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     assert run["firmware"].startswith("PX4 ")
-    assert run["envelope"]["ceiling_m"] == 30.0
-    assert run["authority"] == {"arm": True, "then": "land", "dry": False}
+    flight = run["flight"]
+    assert flight["envelope"]["ceiling_m"] == 30.0
+    assert flight["connected"]["authority"] == {"arm": True, "then": "land", "dry": False}
     modes = [m.param2 * 100 + m.param3 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176]
     assert modes[-2:] == [403, 406]  # held before it landed
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.stages import parts
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
@@ -22,9 +23,7 @@ def autopilot(tmp_path_factory: pytest.TempPathFactory):
     """Give the port of a simulated vehicle that has written two logs, and the folder in which they lie on board."""
     folder = tmp_path_factory.mktemp("vehicle")
     supervisor = Supervisor(folder)
-    config = {
-        "episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 4.0, "state_dir": str(folder),
-    }  # fmt: skip
+    config = SimulatorConfig(episode="residential-approaching-01", speed=4.0, state_dir=str(folder))
     port = supervisor.start(parts.SIMULATOR, config).ready()["agent"][0]
     link = Link(connect(f"udpout://127.0.0.1:{port}"))
     link.connect()

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.stages import parts
 from hil.link.link import Link
 from hil.link.transport import connect
@@ -25,9 +26,7 @@ WITHIN_S = 2.0
 @pytest.fixture
 def simulator(tmp_path):
     supervisor = Supervisor(tmp_path)
-    child = supervisor.start(
-        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
-    )
+    child = supervisor.start(parts.SIMULATOR, SimulatorConfig(episode="residential-approaching-01", speed=1.0))
     ports = child.ready()
     yield f"udpout://127.0.0.1:{ports['agent'][0]}", TruthWatch(ports["truth"])
     supervisor.close()

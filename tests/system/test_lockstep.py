@@ -72,7 +72,7 @@ def test_one_seed_gives_the_same_bytes_and_another_gives_others(fly, capsys):
 def test_two_flights_with_nothing_asked_for_but_lockstep_are_the_same_bytes(fly, capsys):
     _, first = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02")
     _, second = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02", again=1)
-    assert json.loads((first.parent / "run.json").read_text())["latency"] == "fixed:0.5"
+    assert json.loads((first.parent / "run.json").read_text())["flight"]["latency"] == "fixed:0.5"
     for name in ("truth.jsonl", "decisions.jsonl"):
         assert (first / name).read_bytes() == (second / name).read_bytes()
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.stages import parts
 from foundation import wire
 from foundation.mavlink import dialect
@@ -26,9 +27,7 @@ FAILS = {"COM_OBL_RC_ACT = 0", "COM_LOW_BAT_ACT = 0", "GF_MAX_HOR_DIST = 0", "GF
 def vehicle(tmp_path_factory):
     """The URL of a simulated vehicle whose autopilot stands ready."""
     supervisor = Supervisor(tmp_path_factory.mktemp("simulator"))
-    child = supervisor.start(
-        parts.SIMULATOR, {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": 1.0}
-    )
+    child = supervisor.start(parts.SIMULATOR, SimulatorConfig(episode="residential-approaching-01", speed=1.0))
     url = f"udpout://127.0.0.1:{child.ready()['agent'][0]}"
     link = Link(connect(url))
     link.connect()

@@ -13,6 +13,7 @@ import pytest
 from dronecats.cli.main import main
 from dronecats.judge.files import lines
 from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.scenario import load_world
 from dronecats.stages import parts
 
@@ -23,7 +24,7 @@ THERE, HERE = "residential-approaching-01", "campus-approaching-01"
 def elsewhere(tmp_path):
     """Return the addresses of a vehicle that simulates itself on another map: its link's and its truth's."""
     supervisor = Supervisor(tmp_path)
-    config = {"episode": THERE, "airframe": "x500", "seed": 0, "speed": 1.0}
+    config = SimulatorConfig(episode=THERE)
     ports = supervisor.start(parts.SIMULATOR, config).ready()
     yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
     supervisor.close()
@@ -53,7 +54,8 @@ def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, 
     measured = {line["frame_id"] for line in lines(folder / "truth.jsonl") if line["kind"] == "frame"}
     assert decided <= measured
     run = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert (run["connect"], run["truth"], run["camera"]["width"]) == (link, truth, 1280)
+    connected = run["flight"]["connected"]
+    assert (connected["url"], connected["truth"], run["camera"]["width"]) == (link, truth, 1280)
     assert (folder / "flight.tlog").stat().st_size > 10_000
     judged = subprocess.run(
         [sys.executable, "-m", "dronecats.cli.main", "judge", str(tmp_path / "run"), "--json"],

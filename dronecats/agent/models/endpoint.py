@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import httpx
 
-from dronecats.agent.latency import DaemonExecutor
+from dronecats.agent.executors import DaemonExecutor
 from foundation.errors import ModelError, UsageError
 from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
 

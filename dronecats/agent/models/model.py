@@ -11,8 +11,6 @@ class Request:
     text: str
     images_jpeg: tuple[bytes, ...]  # one per drone, in a fixed order
     thinking: bool  # extended reasoning for this call only
-    temperature: float = 0.4
-    max_tokens: int = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +36,10 @@ class Model(Protocol):
 
     def ask(self, request: Request) -> Reply:
         """Return the reply. Raises ModelError when there is none to be had."""
+        ...
+
+    def check(self) -> None:
+        """Raise UsageError when nothing answers where the model should be."""
         ...
 
     def close(self) -> None: ...

@@ -3,29 +3,32 @@
 import base64
 import json
 import os
+from collections.abc import Mapping
 from typing import Any
 
 from dronecats.agent.models.endpoint import DEFAULT, Endpoint, Patience
 from dronecats.agent.models.model import Reply, Request
-from dronecats.agent.models.providers import PROVIDERS, Provider
+from dronecats.agent.models.providers import PROVIDERS, provider_of
+from dronecats.agent.models.reply_schema import response_format
+from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 
 
 class ChatModel:
     """`ask` blocks for one HTTP exchange. Keys come from the environment and go nowhere but into the header."""
 
-    def __init__(
-        self, provider: Provider, name: str, base_url: str | None = None, patience: Patience = DEFAULT
-    ) -> None:
-        url = base_url or provider.base_url
+    def __init__(self, spec: ModelSpec, patience: Patience = DEFAULT) -> None:
+        """Raises UsageError for an unknown provider, and where an address or a key is missing."""
+        provider = provider_of(spec.provider)
+        url = spec.base_url or provider.base_url
         if url is None:
-            raise UsageError(f"--model {provider.name}/{name} needs --base-url http://HOST:PORT/v1")
-        self.name = name
-        self.provider = provider
+            raise UsageError(f"--model {spec.title} needs --base-url http://HOST:PORT/v1")
+        self.name = spec.name
+        self._spec, self._provider = spec, provider
         variables = [known.key_variable for known in PROVIDERS.values() if known.key_variable]
         keys = {variable: os.environ.get(variable, "").strip() for variable in variables}
         key = keys.get(provider.key_variable or "")
-        if provider.key_variable and not key and base_url is None and not url.startswith("http://127."):
+        if provider.key_variable and not key and spec.base_url is None and not url.startswith("http://127."):
             raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
         self._endpoint = Endpoint(url, key, tuple(keys.values()), patience)
 
@@ -45,10 +48,18 @@ class ChatModel:
         return {
             "model": self.name,
             "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
-            "temperature": request.temperature,
-            self.provider.tokens_field: request.max_tokens,
-            **(self.provider.thinking if request.thinking else self.provider.quick),
+            "temperature": self._spec.temperature,
+            self._provider.tokens_field: self._spec.max_tokens,
+            **self._reasoning(request.thinking),
+            **({"response_format": response_format(self._spec.schema)} if self._spec.schema else {}),
         }
+
+    def _reasoning(self, lifted: bool) -> Mapping[str, Any]:
+        """Return the fields that switch extended reasoning on or off."""
+        own, of_provider = (
+            (self._spec.thinking, self._provider.thinking) if lifted else (self._spec.quick, self._provider.quick)
+        )
+        return of_provider if own is None else own
 
     def ask(self, request: Request) -> Reply:
         """Return the reply, without any key of ours that is echoed in it. Raises ModelError."""

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import UsageError
 
 
@@ -50,11 +51,18 @@ PROVIDERS = {
 }
 
 
-def split(model: str) -> tuple[Provider, str]:
-    """Return (provider, model name) of 'PROVIDER/NAME'. Raises UsageError for an unknown provider."""
-    head, slash, name = model.partition("/")
-    if slash and name and head in PROVIDERS:
-        return PROVIDERS[head], name
-    near = difflib.get_close_matches(head, PROVIDERS, n=1)
+def provider_of(name: str) -> Provider:
+    """Return a provider by its name. Raises UsageError with the nearest one."""
+    if name in PROVIDERS:
+        return PROVIDERS[name]
+    near = difflib.get_close_matches(name, PROVIDERS, n=1)
     hint = f"did you mean '{near[0]}/…'?" if near else f"known providers: {', '.join(PROVIDERS)}"
-    raise UsageError(f"--model wants PROVIDER/NAME, got '{model}'; {hint}")
+    raise UsageError(f"there is no model provider '{name}'; {hint}")
+
+
+def spec_of(model: str, base_url: str | None = None) -> ModelSpec:
+    """Return the model that 'PROVIDER/NAME' names. Raises UsageError for what has no such form."""
+    head, slash, name = model.partition("/")
+    if not (slash and name):
+        raise UsageError(f"--model wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
+    return ModelSpec(provider=provider_of(head).name, name=name, base_url=base_url)

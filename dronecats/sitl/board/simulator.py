@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from dronecats.sitl.board.vehicle import BoardVehicle
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.pace import PaceReport
 from dronecats.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, truth_port
 from dronecats.sitl.scenario import built_of, load_world
@@ -19,19 +20,19 @@ from vehicles.wind import Wind
 class BoardSimulator:
     """One turn is one tick. What the board says goes to both ports, what their clients say goes to the board."""
 
-    def __init__(self, config: dict[str, Any], say: Callable[[str], None]) -> None:
-        """Keys episode, airframe, seed, instance, wind, gusts, hitl (the wire's URL). Raises UsageError, LinkError."""
-        url, instance = config["hitl"], config["instance"]
-        north, east = config["wind"]
+    def __init__(self, config: SimulatorConfig, say: Callable[[str], None]) -> None:
+        """Raises UsageError, LinkError."""
+        url, instance = config.hitl or "", config.instance or 0
+        north, east = config.wind
         period_us = sensor_period_us(url)
         self._line = BoardLine(lambda: connect(url), Packer(1, TRUTH_COMPONENT))
         self.simulation: Simulation[BoardVehicle] = built_of(
             lambda *arguments, **physics: BoardVehicle(*arguments, line=self._line, period_us=period_us, **physics),
-            load_world(config["episode"]),
-            airframe=config["airframe"],
-            seed=config["seed"],
+            load_world(config.episode),
+            airframe=config.airframe,
+            seed=config.seed,
             count=1,
-            wind=Wind((north, east, 0.0), config["gusts"]),
+            wind=Wind((north, east, 0.0), config.gusts),
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles, on the first run of an installation

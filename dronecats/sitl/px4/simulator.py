@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from dronecats.sitl.px4.process import INSTANCE, Px4Process
@@ -51,38 +52,35 @@ def _say(line: str) -> None:
 class Px4Simulator:
     """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
 
-    def __init__(self, config: dict[str, Any], say: Callable[[str], None] = _say, world: World | None = None) -> None:
-        """Keys as `simulator_process.create` has them, but instance: added to each of PX4's ports. None is a free one
-        when the command says where it goes, and otherwise 0. A speed of None does not wait for the wall.
-
-        If wanted px4: the command that starts one; log_dir: for its output; state_dir: where its files stay, without it
-        a temporary folder; restart: whether one that ends is started again. `say` gets a line for whoever looks on;
-        `world` saves loading the episode's.
+    def __init__(self, config: SimulatorConfig, say: Callable[[str], None] = _say, world: World | None = None) -> None:
+        """An instance of None is a free one when the command says where it goes, and otherwise 0; without a folder for
+        its state PX4 has a temporary one. `say` gets a line for whoever looks on; `world` saves loading the episode's.
+        Raises UsageError.
         """
-        world = world or load_world(config["episode"])
-        script, command = config.get("faults"), config.get("px4")
-        rotors = len(airframes.load(config["airframe"]).rotors)
+        world = world or load_world(config.episode)
+        script, command = config.faults, config.px4
+        rotors = len(airframes.load(config.airframe).rotors)
         if rotors != ROTORS:
-            raise UsageError(f"PX4 flies quadrotors here, and {config['airframe']} has {rotors} rotors; choose another")
-        north, east = config.get("wind") or (0.0, 0.0)
-        self._say, self._restarts = say, bool(config.get("restart"))
-        self.instance = config.get("instance") or 0
-        if config.get("instance") is None and INSTANCE in (command or ""):
-            self.instance = free_instance(config.get("count") or len(world.record.starts))
-        self.speed: float | None = config["speed"]
+            raise UsageError(f"PX4 flies quadrotors here, and {config.airframe} has {rotors} rotors; choose another")
+        north, east = config.wind
+        self._say, self._restarts = say, config.restart
+        self.instance = config.instance or 0
+        if config.instance is None and INSTANCE in (command or ""):
+            self.instance = free_instance(config.count or len(world.record.starts))
+        self.speed: float | None = config.speed
         self.simulation: Simulation[Px4Vehicle] = built_of(
             self._vehicle,
             world,
-            airframe=config["airframe"],
-            seed=config["seed"],
-            count=config.get("count"),
-            wind=Wind((north, east, 0.0), config.get("gusts") or 0.0),
+            airframe=config.airframe,
+            seed=config.seed,
+            count=config.count,
+            wind=Wind((north, east, 0.0), config.gusts),
             faults=fault_script.load(Path(script), rotors) if script else (),
         )
         self.vehicles = self.simulation.vehicles
         for vehicle in self.vehicles:
             vehicle.plant.advance(0)  # compiles, on the first run of an installation
-        self._truth = truth_port(self.simulation, config.get("instance"))
+        self._truth = truth_port(self.simulation, config.instance)
         self._in_step = [False] * len(self.vehicles)
         self._started_at = [0] * len(self.vehicles)
         self._processes: list[Px4Process] = []
@@ -102,10 +100,10 @@ class Px4Simulator:
     def _vehicle(self, index: int, *arguments: Any, **physics: Any) -> Px4Vehicle:
         return Px4Vehicle(index, *arguments, port=PORT + self.instance + index, **physics)
 
-    def _px4(self, command: str, index: int, config: dict[str, Any]) -> Px4Process:
+    def _px4(self, command: str, index: int, config: SimulatorConfig) -> Px4Process:
         name = f"vehicle-{index + 1}"
-        folder = Path(config.get("state_dir") or self._passing.name).absolute() / name
-        log = Path(config["log_dir"]).absolute() / f"px4-{name}.log" if config.get("log_dir") else folder / "px4.log"
+        folder = Path(config.state_dir or self._passing.name).absolute() / name
+        log = Path(config.log_dir).absolute() / f"px4-{name}.log" if config.log_dir else folder / "px4.log"
         return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
 
     def _reset_pace(self) -> None:

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.openai_chat import ChatModel
-from dronecats.agent.models.providers import PROVIDERS, split
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.providers import spec_of
+from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 
 KEY = "sk-SECRET-1234567890"
@@ -48,7 +49,7 @@ def completion(content="{}", **more):
 
 
 def model(url, provider="openai"):
-    return ChatModel(PROVIDERS[provider], "m", url)
+    return open_model(ModelSpec(provider=provider, name="m", base_url=url))
 
 
 def test_one_user_message_text_first_then_the_picture(endpoint, monkeypatch):
@@ -127,6 +128,9 @@ def test_a_key_that_is_echoed_and_a_password_in_a_url_are_never_said(endpoint, m
 
 
 def test_providers_are_split_at_the_first_slash():
-    assert split("openrouter/qwen/qwen3.5-9b") == (PROVIDERS["openrouter"], "qwen/qwen3.5-9b")
+    spec = spec_of("openrouter/qwen/qwen3.5-9b")
+    assert (spec.provider, spec.name, spec.title) == ("openrouter", "qwen/qwen3.5-9b", "openrouter/qwen/qwen3.5-9b")
     with pytest.raises(UsageError, match="did you mean 'openrouter/…'"):
-        split("openruter/x")
+        spec_of("openruter/x")
+    with pytest.raises(UsageError, match="wants PROVIDER/NAME"):
+        spec_of("openrouter")

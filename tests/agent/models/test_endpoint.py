@@ -14,20 +14,26 @@ from email.utils import format_datetime
 import httpx
 import pytest
 
+from dronecats.agent.asking import Asking
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.latency import Asking, DaemonExecutor, InlineExecutor, latency
-from dronecats.agent.loop import Agent, Pilot
+from dronecats.agent.executors import DaemonExecutor, InlineExecutor
+from dronecats.agent.latency import Question, latency
+from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models import endpoint as endpoints
 from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, Patience, pause_asked_for
 from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
 from dronecats.agent.models.openai_chat import ChatModel
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
 from tests.agent.flown_wire import Clock, Views
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
+FIRST = Question((0,), 0, 0)
 QUICK = Patience(give_up_s=0.5, attempts=3, pause_s=0.0)
 
 
@@ -114,7 +120,7 @@ def serve():
 
 
 def model(wire, patience=QUICK):
-    return ChatModel(PROVIDERS["local"], "m", wire.url, patience)
+    return open_model(ModelSpec(provider="local", name="m", base_url=wire.url), patience)
 
 
 @pytest.mark.parametrize(
@@ -229,21 +235,22 @@ def test_retry_after_as_a_date():
 
 def test_the_time_of_attempts_that_failed_is_no_latency(serve):
     busy = say(b"HTTP/1.1 429 Busy\r\nRetry-After: 0.2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
-    asking = Asking(model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), latency("real"), 100.0)
+    asking = Asking(model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), latency("real"), FIRST, 100.0)
     reply = asking.reply()
     assert reply.waited_s >= 0.2
     took_s = 10.0 * (reply.latency_s + reply.waited_s)  # the vehicle's clock at ten times the wall's
     assert asking.latency_s(100.0 + took_s) == pytest.approx(10.0 * reply.latency_s)
 
 
-def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QUICK):
-    agent = Agent(
-        pilot=Pilot(model(wire, patience), Prompt.load(None), "go", latency("fixed:0"), patience_s=patience_s,
-                    last_reply=last_reply),
-        vehicles=[Clock()], camera=Views(), camera_model=CameraModel(), log=DecisionLog(folder / "decisions.jsonl"),
-        frames_dir=folder, executor=executor, t0_us=0,
+def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QUICK, on_tick=lambda: None):
+    asked = Questions(
+        model(wire, patience), Prompt.load(None), "go", latency("fixed:0"), patience_s=patience_s, last_reply=last_reply
+    )
+    cockpit = Cockpit(
+        aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=DecisionLog(folder / "decisions.jsonl"),
+        frames_dir=folder, executor=executor, t0_us=0, on_tick=on_tick,
     )  # fmt: skip
-    return agent
+    return PaperAgent(asked, cockpit)
 
 
 class Answering(DaemonExecutor):
@@ -278,8 +285,10 @@ def test_a_model_that_is_slow_at_the_end_has_only_come_too_late(serve, tmp_path)
         connection.sendall(completion('{"action":"finished"}'))
 
     answer = say(completion('{"action":"rotate","angle_deg":9}'))
-    agent = flight(serve(answer, slow), tmp_path, Answering(1), patience=Patience(give_up_s=60.0))
-    agent.on_tick = lambda: late.set() if agent.now_s > 31.0 else None
+    agent: PaperAgent = flight(
+        serve(answer, slow), tmp_path, Answering(1), patience=Patience(give_up_s=60.0),
+        on_tick=lambda: late.set() if agent.now_s > 31.0 else None,
+    )  # fmt: skip
     agent.fly(30.0)
     assert agent.steps == 1
     assert agent.now_s > 31.0
@@ -312,12 +321,12 @@ def test_the_path_goes_before_the_query():
 )
 def test_what_is_no_url_is_said_without_it(url):
     with pytest.raises(UsageError) as refused:
-        ChatModel(PROVIDERS["local"], "m", url).check()
+        open_model(ModelSpec(provider="local", name="m", base_url=url)).check()
     assert "SECRET9" not in str(refused.value)
 
 
 def test_a_key_that_cannot_be_sent_is_not_said(monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-Schlüssel")
     with pytest.raises(UsageError, match="holds a character that cannot be sent") as refused:
-        ChatModel(PROVIDERS["openai"], "m")
+        open_model(ModelSpec(provider="openai", name="m"))
     assert "Schl" not in str(refused.value)

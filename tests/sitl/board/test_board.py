@@ -14,6 +14,7 @@ import pytest
 from dronecats.cli.main import main
 from dronecats.sitl.board.simulator import BoardSimulator
 from dronecats.sitl.board.vehicle import BoardVehicle
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.vehicle import Place
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
@@ -234,15 +235,7 @@ def test_a_client_on_the_offboard_port_talks_with_the_board(board, path):
     said: list[str] = []
     client = connect(f"udpin://127.0.0.1:{14540 + instance}")
     simulator = BoardSimulator(
-        {
-            "episode": "blocks-commanding-01",
-            "airframe": "x500",
-            "seed": 0,
-            "instance": instance,
-            "wind": (0.0, 0.0),
-            "gusts": 0.0,
-            "hitl": f"serial://{path}:921600",
-        },
+        SimulatorConfig(episode="blocks-commanding-01", instance=instance, hitl=f"serial://{path}:921600"),
         said.append,
     )
     try:

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.px4.simulator import UDP_PORTS, Px4Simulator, free_instance
 from dronecats.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError
@@ -36,16 +37,13 @@ def turn_for_ever(simulator):
 
 def test_a_px4_that_ends_before_it_answered_is_an_error_that_names_its_log(tmp_path):
     simulator = Px4Simulator(
-        {
-            "episode": "blocks-commanding-01",
-            "airframe": "x500",
-            "seed": 0,
-            "speed": 1,
-            "count": 1,
-            "state_dir": str(tmp_path),
-            "px4": f"{sys.executable} -c 'import sys; print(\"no {{instance}}\"); sys.exit(5)'",
-            "restart": True,
-        },
+        SimulatorConfig(
+            episode="blocks-commanding-01",
+            count=1,
+            state_dir=str(tmp_path),
+            px4=f"{sys.executable} -c 'import sys; print(\"no {{instance}}\"); sys.exit(5)'",
+            restart=True,
+        ),
         lambda line: None,
     )
     try:

@@ -8,6 +8,7 @@ from functools import partial
 import pytest
 from pymavlink import mavutil
 
+from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.simulator_process import Simulator
 from foundation.mavlink import dialect
 
@@ -100,9 +101,7 @@ class Client:
 
 @pytest.fixture
 def simulator():
-    simulator = Simulator(
-        {"episode": "residential-approaching-01", "airframe": "x500", "seed": 0, "speed": SPEED, "count": 1}
-    )
+    simulator = Simulator(SimulatorConfig(episode="residential-approaching-01", speed=SPEED, count=1))
     simulator.ready()
     ended = threading.Event()
 

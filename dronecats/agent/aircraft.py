@@ -1,11 +1,11 @@
-"""What the agent needs of a vehicle: a clock, something to stream, and the next tick of telemetry."""
+"""What the agent needs of what it flies: a clock, something to stream, and the next tick of telemetry."""
 
 from typing import Protocol
 
 from foundation.setpoints import Setpoint, Sight
 
 
-class Vehicle(Protocol):
+class Aircraft(Protocol):
     """One drone over MAVLink; `hil.link.link.Link` is the one there is."""
 
     @property

@@ -1,0 +1,53 @@
+"""What an agent is given to fly an episode with. All of it comes in here, and nothing else."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from dronecats.agent.aircraft import Aircraft
+from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.protocol import CAP_S
+from foundation.camera import Camera, CameraModel
+
+
+def _nothing(*_: object) -> None:
+    """Take what nobody listens to."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cockpit:
+    """One episode's vehicles, eyes and log. Times of the episode count from `t0_us` on the vehicles' clock."""
+
+    aircraft: Sequence[Aircraft]  # one per drone, in a fixed order
+    camera: Camera
+    camera_model: CameraModel
+    log: DecisionLog
+    frames_dir: Path
+    executor: Executor  # where what may take long is called
+    t0_us: int  # µs, the vehicles' clock when the episode began
+    seed: tuple[int, ...] = (0,)  # of all that an agent draws
+    on_step: Callable[[Decision], None] = _nothing  # called with every decision
+    on_tick: Callable[[], None] = _nothing  # called at every tick; what it raises ends the flight
+
+
+class Agent(Protocol):
+    """Whoever flies. `dronecats.agent.loop.PaperAgent` is the paper's; another is one class more."""
+
+    @property
+    def now_s(self) -> float:
+        """Vehicle seconds since the episode began."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """How many steps were decided."""
+        ...
+
+    def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
+        """Fly until `cap_s`, or until `stop` says so of a decision just made. Raises DronecatsError."""
+        ...
+
+
+AgentFactory = Callable[[Cockpit], Agent]

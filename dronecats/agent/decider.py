@@ -1,0 +1,163 @@
+"""Who decides for some drones together: their pictures in one question, an action for each out of one reply.
+
+A decider is a generator that yields whenever vehicle time has to pass. So several of them fly side by side, each
+asking for its own drones when those have flown what they were told.
+"""
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+from dronecats.agent import action as actions
+from dronecats.agent.asking import Asking
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decisions import Decision
+from dronecats.agent.drone import Drone
+from dronecats.agent.history import LENGTH as HISTORY_LENGTH
+from dronecats.agent.last_reply import outlast
+from dronecats.agent.latency import Latency, Question
+from dronecats.agent.models.model import Model, Request
+from dronecats.agent.prompt import Prompt
+from foundation.camera import Frame
+from foundation.errors import CameraError, ModelError
+from foundation.picture import encode
+
+
+@dataclass(frozen=True, slots=True)
+class Questions:
+    """Whom a decider asks, and how."""
+
+    model: Model
+    prompt: Prompt
+    instruction: str
+    latency: Latency
+    axis_order: actions.AxisOrder = "xy"
+    patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
+    last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
+
+
+class Decider:
+    """Decides for its drones, step by step. Of one drone it is the paper's pilot, of four its joint command."""
+
+    def __init__(
+        self,
+        questions: Questions,
+        drones: Sequence[Drone],
+        cockpit: Cockpit,
+        now_s: Callable[[], float],
+        numbers: Iterator[int] | None = None,
+    ) -> None:
+        """`now_s` reads the episode's clock; `numbers` are those of the steps, shared by who shares the episode."""
+        self._questions, self._drones, self._cockpit = questions, drones, cockpit
+        self._now_s = now_s
+        self._numbers = numbers or count()
+        self._decided_s: float | None = None
+        self.steps = 0
+
+    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
+        """Decide and act until `cap_s`, or until `stop` says so of a decision; yield for every tick that passes.
+
+        Returns whether it was told to stop. Raises ModelError, CameraError, LinkError.
+        """
+        while self._now_s() < cap_s:
+            frames = yield from self._see()
+            decisions = yield from self._step(frames, cap_s)
+            if any(stop(decision) for decision in decisions):
+                return True
+        return False
+
+    def _see(self) -> Generator[None, None, list[Frame]]:
+        """Return every drone's newest frame. The vehicles are kept holding meanwhile: a fleet's frames take a while."""
+        camera, drones, patience_s = self._cockpit.camera, self._drones, self._questions.patience_s
+        coming = self._cockpit.executor.submit(lambda: [camera.newest(drone.index) for drone in drones])
+        asked_s = self._now_s()
+        while not coming.done():
+            yield
+            if patience_s is not None and self._now_s() > asked_s + patience_s:
+                raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
+        frames = coming.result()
+        for drone, frame in zip(drones, frames, strict=True):
+            drone.see(frame.time_us)
+        return frames
+
+    def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
+        """Ask, await the reply, and have every drone begin what it says; return when all have flown it."""
+        patience_s = self._questions.patience_s
+        # a frame may be newer than what its drone has told since; no reply is older than its picture
+        asked_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
+        thinking = any(drone.thinks_next for drone in self._drones)  # one call answers for all of them
+        step = next(self._numbers)
+        asking = self._ask(frames, thinking, step, asked_s)
+        while not asking.due(self._now_s()):
+            yield
+            if self._now_s() >= cap_s:
+                break
+            if patience_s is not None and self._now_s() > asked_s + patience_s:
+                raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
+        if not asking.due(self._now_s()):
+            if self._questions.last_reply:
+                yield from outlast(asking, lambda: self._now_s() - asked_s, patience_s)
+            if not self.steps:
+                raise ModelError("the model did not answer once before the episode was over")
+            return []  # the episode is over before the reply: whatever it says came too late to be an action
+        decisions = self._decide(frames, asking, thinking, step)
+        while any(drone.busy for drone in self._drones) and self._now_s() < cap_s:
+            yield
+            for drone in self._drones:
+                drone.advance(self._now_s())
+        return decisions
+
+    def _ask(self, frames: Sequence[Frame], thinking: bool, step: int, now_s: float) -> Asking:
+        asked, cockpit = self._questions, self._cockpit
+        pictures = tuple(encode(frame.image_rgb) for frame in frames)
+        for frame, jpeg in zip(frames, pictures, strict=True):
+            suffix = f"_d{frame.drone}" if frame.drone else ""
+            (cockpit.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
+        text = asked.prompt.render(
+            asked.instruction, self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
+        )
+        question = Question(cockpit.seed, step, self._drones[0].index)
+        return Asking(asked.model, Request(text, pictures, thinking), cockpit.executor, asked.latency, question, now_s)
+
+    def _histories(self) -> str:
+        if len(self._drones) == 1:
+            return self._drones[0].history.render()
+        return "\n".join(f"Drone {place}:\n{drone.history.render()}" for place, drone in enumerate(self._drones, 1))
+
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, step: int) -> list[Decision]:
+        reply, now_s = asking.reply(), self._now_s()
+        rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
+        self._decided_s = now_s
+        decisions = []
+        parsed = actions.parse_fleet(reply.text, len(self._drones), self._questions.axis_order)
+        for drone, frame, outcome in zip(self._drones, frames, parsed, strict=True):
+            action = None if isinstance(outcome, actions.ActionError) else outcome
+            decision = Decision(
+                step=step,
+                drone=drone.index,
+                frame_id=frame.frame_id,
+                t_frame=round(self._since_begin_s(frame), 6),
+                t_decided=round(now_s, 6),
+                reply=reply.text,
+                action=action.as_json() if action else None,
+                error=str(outcome) if isinstance(outcome, actions.ActionError) else None,
+                latency_s=round(asking.latency_s(now_s), 6),
+                tokens_in=reply.tokens_in,
+                tokens_out=reply.tokens_out,
+                thinking=thinking,
+                rate_hz=None if rate_hz is None else round(rate_hz, 6),
+            )
+            self._cockpit.log.write(decision)
+            drone.thinks_next = isinstance(action, actions.Think)
+            if action is not None:
+                drone.history.append(action)
+            self._cockpit.on_step(decision)
+            decisions.append(decision)
+            drone.plan(action)
+        self.steps += 1
+        for drone in self._drones:
+            drone.begin(self._now_s())
+        return decisions
+
+    def _since_begin_s(self, frame: Frame) -> float:
+        return (frame.time_us - self._cockpit.t0_us) / 1e6

@@ -1,0 +1,58 @@
+"""One vehicle under a decider: what is remembered of it, and its own clock of actions."""
+
+from dronecats.agent.action import Action
+from dronecats.agent.aircraft import Aircraft
+from dronecats.agent.controller import Segment, plan
+from dronecats.agent.history import History
+from foundation.camera import CameraModel
+from foundation.setpoints import Hold, Sight
+
+
+class Drone:
+    """Flies one action after the other; who decides on them, alone or for several together, is another matter."""
+
+    def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
+        self.index, self.aircraft = index, aircraft
+        self.history = History(camera_model)
+        self.thinks_next = False  # its newest reply asked to reason at length in the next call
+        self._segments: list[Segment] = []  # what is still to be flown of the current action
+        self._segment_ends_s = 0.0
+        self._seen: Sight | None = None  # where it was when the picture was taken on which it acts
+
+    @property
+    def busy(self) -> bool:
+        """Whether its action is still being flown."""
+        return bool(self._segments)
+
+    def see(self, time_us: int) -> None:
+        """Remember where it was when its picture was taken: the angles of the next action count from there."""
+        self.aircraft.listen()  # a frame takes its time to come, which is not the model's
+        self._seen = self.aircraft.sight(time_us)
+
+    def plan(self, action: Action | None) -> None:
+        """Take an action, None for an unreadable reply; `begin` flies it."""
+        self._segments = list(plan(action, self.history.camera))
+
+    def begin(self, now_s: float) -> None:
+        """Fly what was planned from now on."""
+        self._next_segment(now_s, now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Go on to the next segment when one has been flown."""
+        if self._segments and self._is_over(now_s):
+            settled = self._segments.pop(0).settle_s > 0.0
+            self._next_segment(now_s if settled else self._segment_ends_s, now_s)
+
+    def _is_over(self, now_s: float) -> bool:
+        """Return whether the segment has been flown; a turn has been when the vehicle has made it, and stands."""
+        late_s = now_s - self._segment_ends_s
+        return late_s >= -1e-9 and (self.aircraft.steady or late_s >= self._segments[0].settle_s)
+
+    def _next_segment(self, starts_s: float, now_s: float) -> None:
+        if self._segments:
+            segment = self._segments[0]
+            self._segment_ends_s = starts_s + segment.duration_s
+            seconds = self._segment_ends_s + segment.settle_s - now_s
+            self.aircraft.fly(segment.setpoint, seconds, self._seen)
+        else:
+            self.aircraft.fly(Hold())

@@ -1,0 +1,26 @@
+"""A model as a value: who serves it, under which name, and everything that is declared about it."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from dronecats.agent.action import AxisOrder
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelSpec:
+    """What `open_model` opens. Sampling is the paper's ("Model Serving and Decoding") unless said otherwise."""
+
+    provider: str  # a key of providers.PROVIDERS
+    name: str  # as the provider calls it
+    base_url: str | None = None  # None: the provider's own
+    axis_order: AxisOrder = "xy"
+    temperature: float = 0.4
+    max_tokens: int = 8192  # of a reply
+    schema: Literal["object", "array"] | None = None  # the root that the server holds replies to; None: none is sent
+    thinking: dict[str, Any] | None = None  # of the request while reasoning is lifted; None: the provider's fields
+    quick: dict[str, Any] | None = None  # … and while it is not
+
+    @property
+    def title(self) -> str:
+        """PROVIDER/NAME, as the command line has it."""
+        return f"{self.provider}/{self.name}"

@@ -1,0 +1,181 @@
+"""From the words of `dronecats fly` to a flight."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dronecats.cli.speed import speed
+
+if TYPE_CHECKING:
+    from dronecats.flight.spec import FlightSpec
+    from hil.link.envelope import Limits
+
+SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4", "no_envelope")
+CONNECTED_ONLY = (
+    "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
+    "target", "target_std",
+)  # fmt: skip
+BESIDE_SPEC = ("episode", "base_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run")
+PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
+
+
+def spec_of(args: argparse.Namespace) -> "FlightSpec":
+    """Return the flight that was asked for. Raises UsageError for words that do not go together."""
+    from foundation.errors import UsageError
+
+    if args.spec:
+        return _read(args)
+    if args.sitl == bool(args.connect):
+        raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
+    if args.model and args.pilot:
+        raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
+    if args.base_url and not args.model:
+        raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
+    strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
+    stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
+    if stray == "no_envelope":
+        raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
+    if stray:
+        raise UsageError(f"--{_option(stray)} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
+    return _connected(args) if args.connect else _simulated(args)
+
+
+def _simulated(args: argparse.Namespace) -> "FlightSpec":
+    from dronecats.flight.spec import LATENCY, FlightSpec, Simulated
+    from episodes import catalogue
+    from episodes.optics.file import load as load_optics
+    from foundation.errors import UsageError
+    from hil.link.envelope import SIMULATED
+
+    if args.no_envelope and args.envelope:
+        raise UsageError("--no-envelope and --envelope FILE contradict each other; choose one")
+    if args.px4 and args.autopilot != "px4":
+        raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+    factor = speed(args.speed or "1")
+    vehicle = Simulated(
+        airframe=args.airframe or Simulated().airframe,
+        autopilot=args.autopilot or "ours",
+        px4=args.px4,
+        speed=factor,
+        optics=load_optics(args.optics).as_dict() if args.optics else None,
+    )
+    return FlightSpec(
+        **_of_episode(args.episode or catalogue.DEFAULT),
+        **_of_pilot(args),
+        simulated=vehicle,
+        latency=args.latency or (LATENCY if factor is None else "real"),
+        seed=args.seed or 0,
+        full=args.full,
+        envelope=None if args.no_envelope else _limits(args.envelope, SIMULATED),
+    )
+
+
+def _connected(args: argparse.Namespace) -> "FlightSpec":
+    from dronecats.flight.spec import Authority, Connected, FlightSpec
+    from foundation.errors import UsageError
+    from hil.cameras.calibration import load as load_calibration
+    from hil.link.envelope import Limits
+
+    _check_eyes(args)
+    if args.arm and args.dry_run:
+        raise UsageError("--dry-run moves nothing, so it goes without --arm")
+    vehicle = Connected(
+        url=args.connect,
+        camera=args.camera,
+        calibration=load_calibration(args.calibration) if args.calibration else None,
+        truth=args.truth,
+        authority=Authority(arm=args.arm, then=args.then or ("land" if args.arm else "hold"), dry=args.dry_run),
+    )
+    return FlightSpec(
+        **(_of_world(args.world, args.instruction) if args.world else {"instruction": args.instruction}),
+        **_of_pilot(args),
+        connected=vehicle,
+        latency=args.latency or "real",
+        patience_s=PATIENCE_S if args.patience is None else args.patience,
+        **({} if args.seconds is None else {"seconds": args.seconds}),
+        envelope=_limits(args.envelope, Limits()),
+    )
+
+
+def _read(args: argparse.Namespace) -> "FlightSpec":
+    """Return the flight of a file, with what cannot stand in one, or is another, from the command line."""
+    from dronecats.flight.file import hidden, read
+    from foundation.errors import UsageError
+
+    stray = next((n for n, v in vars(args).items() if n not in BESIDE_SPEC and v not in (None, False)), None)
+    if stray:
+        raise UsageError(f"--spec says what is flown: leave --{_option(stray)} out")
+    spec = read(args.spec)
+    if args.episode:
+        spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
+    if args.base_url and spec.model:
+        spec = replace(spec, model=replace(spec.model, base_url=args.base_url))
+    if args.camera and spec.connected:
+        spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
+    if missing := hidden(spec):
+        raise UsageError(f"--spec {args.spec} does not hold the whole address, which may have a key: add {missing[0]}")
+    if spec.simulated and not (spec.episode or spec.record or spec.map):
+        raise UsageError(f"--spec {args.spec} is of a run of several episodes: name one with --episode")
+    return spec
+
+
+def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
+    from dronecats.agent.models.providers import spec_of
+    from dronecats.agent.prompt import Prompt
+    from dronecats.pilots import roster
+
+    prompt = Prompt.load(args.prompt).template if args.prompt else None
+    if args.model:
+        return {"model": spec_of(args.model, args.base_url), "prompt": prompt}
+    return {"pilot": roster.check(args.pilot or "vision"), "prompt": prompt}
+
+
+def _of_episode(name: str) -> dict[str, Any]:
+    """Return which of a spec's fields name an episode: its id when it ships, and else its record."""
+    import json
+
+    from episodes import catalogue
+
+    if name in catalogue.known():
+        return {"episode": name}
+    return {"record": json.loads(catalogue.load(name).to_json())}
+
+
+def _of_world(name: str, instruction: str | None) -> dict[str, Any]:
+    from episodes import maps
+    from foundation.errors import UsageError
+
+    if name in maps.names():
+        if not instruction:
+            raise UsageError(f"'{name}' is a map: say with --instruction what to do there, or name an episode")
+        return {"map": name, "instruction": instruction}
+    if instruction:
+        raise UsageError("an episode brings its instruction: leave --instruction out, or name a map with --world")
+    return _of_episode(name)
+
+
+def _limits(file: Path | None, base: "Limits") -> "Limits":
+    from hil.link.envelope_file import load
+
+    return load(file, base) if file else base
+
+
+def _check_eyes(args: argparse.Namespace) -> None:
+    """Raise UsageError unless it is clear through what a connected vehicle looks, and what at."""
+    from foundation.errors import UsageError
+
+    if bool(args.world) != bool(args.truth):
+        raise UsageError("--world and --truth go together: the world is drawn where the truth says that the vehicle is")
+    if args.world and args.target:
+        raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
+    if args.target_std is not None and not args.target:
+        raise UsageError("--target-std goes with --target; add it or leave it out")
+    if args.world and (args.camera or args.calibration):
+        raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
+    if not args.world and not (args.camera and args.instruction):
+        raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
+
+
+def _option(name: str) -> str:
+    return name.replace("_", "-")

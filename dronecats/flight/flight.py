@@ -1,0 +1,125 @@
+"""What a spec comes to: everything that it names looked up and checked, before anything is started."""
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from dronecats.agent.latency import Latency, latency
+from dronecats.agent.models.open import open_model
+from dronecats.agent.prompt import Prompt
+from dronecats.flight.free_flight import free_flight
+from dronecats.flight.spec import FlightSpec
+from dronecats.pilots import roster
+from dronecats.protocol import CAP_S
+from episodes import catalogue, maps
+from episodes import record as records
+from episodes.optics.file import optics_of
+from episodes.optics.options import Optics
+from episodes.record import EpisodeRecord
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from vehicles import airframe as airframes
+
+SEED_MAX = 2**31 - 1
+SPEEDS = (0.01, 100.0)  # × real time
+PATIENCE_S = (1.0, CAP_S)
+_CAMERA = CameraModel()
+CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A flight that can be flown as far as anybody knows."""
+
+    spec: FlightSpec
+    record: EpisodeRecord | None  # None: a connected vehicle without our world
+    prompt: Prompt
+    latency: Latency
+    optics: Optics | None
+
+    @property
+    def instruction(self) -> str:
+        """What the pilot is told."""
+        return self.record.instruction if self.record else self.spec.instruction or ""
+
+    @property
+    def scored(self) -> bool:
+        """Whether the truth is measured, and a verdict is to be had."""
+        return not self.spec.connected or self.spec.connected.truth is not None
+
+    @property
+    def seed(self) -> tuple[int, ...]:
+        """Of everything that the agent draws: the record's, and this flight's."""
+        return (self.record.seed if self.record else 0, self.spec.seed)
+
+    @property
+    def camera(self) -> dict[str, Any] | None:
+        """What run.json says of a camera of our world: its geometry, and what is not as in the benchmark."""
+        if self.spec.simulated and not self.spec.simulated.rendered:
+            return None
+        return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
+
+
+def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
+    """Return the flight of a spec; `ask_model`: see whether its endpoint answers. Raises UsageError."""
+    _check_numbers(spec)
+    if spec.pilot:
+        roster.check(spec.pilot)
+    simulated = spec.simulated
+    if simulated:
+        airframes.load(simulated.airframe)
+        if not simulated.rendered and (spec.model or roster.looks(spec.pilot or "")):
+            raise UsageError(
+                "only the oracle and the blind can fly without rendering; every other pilot looks at the frames"
+            )
+        if simulated.px4 and simulated.autopilot != "px4":
+            raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+    policy = latency(spec.latency)
+    if policy.charge is None and simulated and simulated.speed is None:
+        raise UsageError(
+            "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
+        )
+    if spec.model:
+        model = open_model(spec.model)
+        try:
+            if ask_model:
+                model.check()
+        finally:
+            model.close()
+    return Flight(
+        spec=spec,
+        record=_record(spec),
+        prompt=Prompt.load() if spec.prompt is None else Prompt.of(spec.prompt, "the prompt"),
+        latency=policy,
+        optics=optics_of(simulated.optics, "optics") if simulated and simulated.optics else None,
+    )
+
+
+def _check_numbers(spec: FlightSpec) -> None:
+    if not 0 <= spec.seed <= SEED_MAX:
+        raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {spec.seed}")
+    if not (math.isfinite(spec.seconds) and 0.0 < spec.seconds <= CAP_S):
+        raise UsageError(f"--seconds wants more than 0 and at most {CAP_S:g}, got {spec.seconds:g}")
+    least, most = PATIENCE_S
+    if spec.patience_s is not None and not least <= spec.patience_s <= most:
+        raise UsageError(f"--patience wants {least:g} to {most:g} seconds, got {spec.patience_s:g}")
+    slowest, fastest = SPEEDS
+    speed = spec.simulated.speed if spec.simulated else None
+    if speed is not None and not slowest <= speed <= fastest:
+        raise UsageError(f"--speed wants max or a factor from {slowest:g} to {fastest:g}, got '{speed:g}'")
+
+
+def _record(spec: FlightSpec) -> EpisodeRecord | None:
+    if spec.episode is not None:
+        return catalogue.load(spec.episode)
+    if spec.record is not None:
+        return records.parse(json.dumps(spec.record), "the flight's record")
+    if spec.map is not None:
+        return free_flight(spec.map, spec.instruction or "")
+    return None
+
+
+def map_digest(record: EpisodeRecord | None) -> str | None:
+    """Return what a map of one's own is told by, None for one that ships."""
+    return maps.digest(record.map) if record else None

@@ -1,0 +1,87 @@
+"""Everything that decides what is flown, by whom and on what, as one value: it pickles, and it is JSON.
+
+It names nothing that only one machine has, but for a recording that is played and a map of one's own: what a file says
+is in it, not the file's name. So it is all that a worker needs, wherever that is.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.protocol import CAP_S
+from hil.cameras.calibration import Calibration
+from hil.link.envelope import SIMULATED, Limits
+
+LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulated:
+    """A vehicle of our own simulation, with its camera."""
+
+    airframe: str = "x500"
+    autopilot: Literal["ours", "px4"] = "ours"
+    px4: str | None = None  # the command that starts a PX4; None: it is waited for
+    speed: float | None = 1.0  # × real time; None: lockstep, as fast as it goes
+    rendered: bool = True  # False: grey frames, for a pilot that does not look at them
+    optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/camera.md); None: as in the benchmark
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Authority:
+    """What we may do to a vehicle besides flying it. A simulated one of our own: everything."""
+
+    arm: bool = True  # False: a person arms, takes off and hands over
+    then: Literal["land", "return", "hold"] = "land"  # what follows the hold at the end
+    dry: bool = False  # decide, but move nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Connected:
+    """A vehicle that somebody else started: a real one, or one that simulates itself and tells us its true poses."""
+
+    url: str  # of its MAVLink
+    camera: str | None = None  # address of its camera; None: our world, drawn where `truth` says that the vehicle is
+    calibration: Calibration | None = None
+    truth: str | None = None  # URL of its true poses
+    authority: Authority = Authority(arm=False, then="hold")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightSpec:
+    """One flight; or, without an episode, each flight of a run. Raises ValueError for what contradicts itself."""
+
+    episode: str | None = None  # id of one that ships
+    record: dict[str, Any] | None = None  # or one's own, as its file holds it
+    map: str | None = None  # or a map alone, to do what `instruction` says
+    instruction: str | None = None  # where no episode brings one
+    simulated: Simulated | None = None  # one of these two
+    connected: Connected | None = None
+    pilot: str | None = None  # a built-in pilot, no model; or
+    model: ModelSpec | None = None
+    prompt: str | None = None  # a template; None: the one that ships
+    latency: str = LATENCY
+    patience_s: float | None = None  # s without a frame or a reply after which the flight ends; None: theirs
+    seed: int = 0  # tells flights of one episode apart
+    seconds: float = CAP_S  # s of vehicle time, the length of the flight
+    full: bool = False  # fly to its end although the verdict is decided
+    envelope: Limits | None = SIMULATED  # None: no limits at all
+
+    def __post_init__(self) -> None:
+        """Look that it is one flight."""
+        _one("simulated or connected", self.simulated, self.connected)
+        _one("pilot or model", self.pilot, self.model)
+        if sum(place is not None for place in (self.episode, self.record, self.map)) > 1:
+            raise ValueError("it wants one of episode, record or map, and has more")
+        if self.envelope is None and self.connected:
+            raise ValueError("a vehicle that is not simulated wants an envelope")
+
+    @property
+    def pilot_name(self) -> str:
+        """The built-in pilot's name, or the model's as PROVIDER/NAME."""
+        return self.pilot or (self.model.title if self.model else "")
+
+
+def _one(names: str, *values: object) -> None:
+    if sum(value is not None for value in values) != 1:
+        raise ValueError(f"it wants one of {names}")

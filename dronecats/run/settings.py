@@ -1,0 +1,27 @@
+"""What run.json says of a flight: the flight itself, and what it came to when it was looked up."""
+
+from typing import Any
+
+from dronecats.flight.file import as_kept
+from dronecats.flight.flight import Flight, map_digest
+from dronecats.flight.spec import Simulated
+
+
+def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the contents of run.json but for versions, and for what only the flight tells. No key is in it."""
+    of_map = map_digest(flight.record)
+    return {
+        "flight": as_kept(flight.spec),
+        **({"map_sha256": of_map} if of_map else {}),
+        "prompt_sha256": flight.prompt.digest,
+        "clock": _clock(flight.spec.simulated),
+        "camera": camera,
+    }
+
+
+def _clock(simulated: Simulated | None) -> str:
+    if simulated is None:
+        return "the vehicle's"
+    if simulated.speed is not None:
+        return "real time"
+    return "lockstep but for PX4's telemetry" if simulated.autopilot == "px4" else "lockstep"

@@ -1,0 +1,47 @@
+"""What the simulator's processes are told when they start."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+AIRFRAME = "x500"  # if none is named
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatorConfig:
+    """Vehicles and who flies them."""
+
+    episode: str  # id, or a record's file; drones stand on the ground below its starts
+    airframe: str = AIRFRAME
+    seed: int = 0  # tells flights of one episode apart
+    speed: float | None = 1.0  # × real time; None: nobody paces it
+    instance: int | None = None  # added to every port; None: ports that the system chose
+    count: int | None = None  # vehicles; None: as many as the record has starts
+    wind: tuple[float, float] = (0.0, 0.0)  # m/s, to the north and to the east
+    gusts: float = 0.0  # m/s, the wind at 20 ft that the turbulence belongs to
+    faults: str | None = None  # file of a fault script
+    state_dir: str | None = None  # where parameters, plans and logs stay; None: nowhere
+    autopilot: Literal["ours", "px4"] = "ours"
+    px4: str | None = None  # the command that starts a PX4; None: it is waited for
+    log_dir: str | None = None  # for what a PX4 prints
+    restart: bool = False  # whether a PX4 that ends is started again
+    hitl: str | None = None  # URL of a board that flies the vehicle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraConfig:
+    """A camera in an episode's world."""
+
+    episode: str
+    truth: str  # URL of the truth bus
+    airframe: str | None = None  # of the drones that are in the pictures
+    count: int | None = None
+    port: int = 0  # TCP; 0: one that the system chose
+    optics: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruthBridgeConfig:
+    """A vehicle that simulates itself, moved to an episode's start."""
+
+    episode: str
+    truth: str  # URL of its true poses

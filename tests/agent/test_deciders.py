@@ -1,0 +1,79 @@
+"""Who decides is apart from what is flown: a drone is asked for alone or with others, each on its own clock."""
+
+import itertools
+import json
+
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.latency import Latency, Question, latency
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.models.model import Reply
+from dronecats.agent.prompt import Prompt
+from tests.agent.flown_wire import CAMERA, Clock, Views
+
+
+class Noting:
+    """A model that notes how many pictures it was asked about, and has each drone turn a little."""
+
+    name = "noting"
+
+    def __init__(self):
+        self.asked = []
+
+    def ask(self, request):
+        count = len(request.images_jpeg)
+        self.asked.append(count)
+        turn = {"action": "rotate", "angle_deg": 30}
+        return Reply(json.dumps(turn if count == 1 else [turn] * count), 0.1)
+
+    def check(self):
+        pass
+
+    def close(self):
+        pass
+
+
+def fly(folder, groups, policy, seconds=30.0):
+    """Fly three drones under deciders of these groups; return (decisions, how many were asked for at a time)."""
+    folder.mkdir()
+    model, log = Noting(), DecisionLog(folder / "decisions.jsonl")
+    cockpit = Cockpit(
+        aircraft=[Clock() for _ in range(3)], camera=Views(), camera_model=CAMERA, log=log,
+        frames_dir=folder, executor=InlineExecutor(), t0_us=0,
+    )  # fmt: skip
+    PaperAgent(Questions(model, Prompt.load(None), "go", policy), cockpit, groups).fly(seconds)
+    log.close()
+    return [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()], model.asked
+
+
+def test_all_under_one_decider_are_asked_for_at_once(tmp_path):
+    decisions, asked = fly(tmp_path / "run", None, latency("fixed:0.5"))
+    assert set(asked) == {3}
+    assert [d["drone"] for d in decisions[:6]] == [0, 1, 2, 0, 1, 2]
+    assert [d["step"] for d in decisions[:6]] == [0, 0, 0, 1, 1, 1]
+
+
+def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
+    def charge(question, measured_s):
+        return 1.0 + 2.0 * question.drone
+
+    decisions, asked = fly(tmp_path / "run", [[0], [1], [2]], Latency("by drone", charge))
+    assert set(asked) == {1}
+    counts = [sum(d["drone"] == drone for d in decisions) for drone in range(3)]
+    assert counts[0] > counts[1] > counts[2] > 2  # who answers sooner is asked more often
+    assert len({d["step"] for d in decisions}) == len(decisions)  # every question has a number of its own
+    assert [d["t_decided"] for d in decisions] == sorted(d["t_decided"] for d in decisions)
+    for drone in range(3):
+        own = [d for d in decisions if d["drone"] == drone]
+        for before, after in itertools.pairwise(own):  # it has turned by 30° at 60°/s before it is asked again
+            assert after["t_decided"] - before["t_decided"] > 0.5 + charge(Question((0,), 0, drone), 0.1) - 0.06
+
+
+def test_one_alone_beside_two_together(tmp_path):
+    decisions, asked = fly(tmp_path / "run", [[0], [1, 2]], latency("fixed:0.5"))
+    assert set(asked) == {1, 2}
+    together = [d for d in decisions if d["drone"] > 0]
+    assert [d["drone"] for d in together[:4]] == [1, 2, 1, 2]
+    assert together[0]["step"] == together[1]["step"] != together[2]["step"]

@@ -1,0 +1,55 @@
+"""No file needs a file that needs it, however late it asks for it; and nothing of ours stands outside the rooms."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from tests.architecture.import_graph import ROOMS, ROOT, circles, graph, modules
+
+BESIDE = {"tests", "benchmarks"}  # top-level packages that no room imports
+
+
+def test_no_file_is_in_a_circle_of_imports():
+    assert circles(graph(modules())) == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from foundation import second",
+        "def f():\n    import foundation.second",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from foundation.second import thing",
+        'CHILD = "foundation.second"',
+    ],
+    ids=["at the top", "late", "for a type checker", "by its name"],
+)
+def test_every_kind_of_circle_is_found(line, tmp_path):
+    (tmp_path / "foundation").mkdir()
+    for name, text in (("__init__", ""), ("first", line), ("second", "import foundation.first")):
+        (tmp_path / "foundation" / f"{name}.py").write_text(text)
+    found = circles(graph(modules(tmp_path, ("foundation",))))
+    assert found == [["foundation.first", "foundation.second"]]
+
+
+def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_rooms():
+    packages = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert packages - BESIDE == set(ROOMS)
+    for path in modules().values():
+        text = path.read_text(encoding="utf-8")
+        assert not any(f"\n{verb} {name}" in text for verb in ("from", "import") for name in BESIDE), path
+
+
+def test_children_that_are_named_can_be_imported():
+    known = modules()
+    named = {name for edges in graph(known).values() for name in edges if name.endswith(("_process", ".worker"))}
+    assert {"dronecats.sitl.simulator_process", "dronecats.campaign.worker"} <= named
+    assert all(find_spec(name) for name in named)
+    assert Path(known["dronecats.campaign.worker"]).is_file()
+
+
+def test_a_model_is_opened_in_one_place():
+    """Whoever wants one says which by a `ModelSpec`: a wire format is one file more, and no other place knows it."""
+    formats = {"dronecats.agent.models.openai_chat"}
+    users = {name for name, edges in graph(modules()).items() if edges & formats}
+    assert users == {"dronecats.agent.models.open"}
