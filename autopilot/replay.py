@@ -70,7 +70,7 @@ def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
     for field in SETPOINT.names or ():
         found[f"setpoint.{field}"] = recording.setpoints[field][rows]
     found["landed"] = np.packbits(recording.landed)
-    np.savez_compressed(path, **found, **extra)
+    np.savez_compressed(path, **(found | extra))
 
 
 def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:

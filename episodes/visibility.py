@@ -124,7 +124,8 @@ class Together(Solids):
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin."""
-        return np.any([group.hidden(origin, points) for group in self._groups], axis=0)
+        hidden: NDArray[np.bool_] = np.any([group.hidden(origin, points) for group in self._groups], axis=0)
+        return hidden
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
         """Return the distance (m) to the first solid along a direction; inf when there is none."""

@@ -5,7 +5,10 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hil.link.flight_logs import FlightLog
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -84,7 +87,7 @@ def _trace(args: argparse.Namespace) -> int:
     return 0
 
 
-def _table(logs: list) -> str:  # type: ignore[type-arg]
+def _table(logs: "list[FlightLog]") -> str:
     lines = [f"{log.number:6}  {log.date:24}  {log.size_bytes:12,} bytes" for log in logs]
     return "\n".join(lines) or "no logs on board"
 

@@ -130,7 +130,8 @@ class Drafting:
         if which == 0:
             record = replace(record, target=replace(record.target, inscription=written))
         else:
-            record = replace(record, candidates=_with(record.candidates, which - 1, inscription=written))
+            changed = replace(record.candidates[which - 1], inscription=written)
+            record = replace(record, candidates=_with(record.candidates, which - 1, changed))
         return self.settled(replace(draft, record=record))
 
     # ---- its path
@@ -244,7 +245,9 @@ class Drafting:
         """Return the draft with a look-alike elsewhere."""
         one = draft.record.candidates[which]
         yaw = one.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
-        moved = _with(draft.record.candidates, which, position_ned=self.on_ground(north, east), yaw_deg=yaw)
+        there = self.on_ground(north, east)
+        one = replace(draft.record.candidates[which], position_ned=there, yaw_deg=yaw)
+        moved = _with(draft.record.candidates, which, one)
         return self.settled(replace(draft, record=replace(draft.record, candidates=moved)))
 
     def drop_candidate(self, draft: Draft) -> Draft:
@@ -364,8 +367,7 @@ class Drafting:
         return self.grid(self.face(draft, 0)) if len(record.starts) != 4 else draft
 
 
-def _with(candidates: tuple[TargetRecord, ...], which: int, **fields: object) -> tuple[TargetRecord, ...]:
-    changed = replace(candidates[which], **fields)  # type: ignore[arg-type]
+def _with(candidates: tuple[TargetRecord, ...], which: int, changed: TargetRecord) -> tuple[TargetRecord, ...]:
     return (*candidates[:which], changed, *candidates[which + 1 :])
 
 

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
     return view.rgb, (north - high, north + high, east - wide, east + wide)
 
 
-def _truth(folder: Path) -> list[dict]:  # type: ignore[type-arg]
+def _truth(folder: Path) -> list[dict[str, Any]]:
     try:
         return list(lines(folder / "truth.jsonl"))
     except UsageError:

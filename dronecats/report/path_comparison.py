@@ -121,7 +121,7 @@ def _compare(
     at_a, at_b = _instants(a, b, *steps)
     if len(at_a) < 2:
         raise UsageError(f"the two flights of drone {drone} share no stretch of time")
-    t = np.arange(len(at_a)) * GRID_S
+    t = np.arange(len(at_a), dtype=np.float64) * GRID_S
     here, there = a.at(at_a), b.at(at_b)
     distance_m = np.linalg.norm(here - there, axis=1)
     spans = tuple(

@@ -4,6 +4,7 @@ import bisect
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,12 +22,15 @@ from dronecats.sitl.scenario import build, load_world, origin
 from foundation.errors import UsageError
 from foundation.frames import geodetic_to_ned, ned_to_geodetic
 from foundation.mavlink import Packer, Parser, dialect
-from foundation.setpoints import Hold, Turn, Velocity
+from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from foundation.truth import TruthSample, truth_sample
 from hil.link.link import Link
 
 EPISODE = "campus-approaching-01"
-STEPS = [(Velocity(1.2, None), 4.0), (Hold(), 1.5), (Turn(math.radians(60.0)), 1.0), (Velocity(1.2, 0.3), 3.0)] * 2
+ROUND: list[tuple[Setpoint, float]] = [
+    (Velocity(1.2, None), 4.0), (Hold(), 1.5), (Turn(math.radians(60.0)), 1.0), (Velocity(1.2, 0.3), 3.0),
+]  # fmt: skip
+STEPS = ROUND * 2
 
 
 class Truth:
@@ -51,7 +55,9 @@ class Flown:
 
     def __init__(self, folder: Path, truth: Truth, ulog: Path, map_origin) -> None:
         self.folder, self.truth, self.ulog, self.origin = folder, truth, ulog, map_origin
-        self.t0_us = read(folder).begin["t0_us"]
+        begin = read(folder).begin
+        assert begin is not None
+        self.t0_us = begin["t0_us"]
 
     def true(self, t: float):
         """Return the true place at an instant of the episode, m, NED about the map's origin."""
@@ -104,7 +110,7 @@ def _fly(folder: Path, link: Link) -> None:
     recorder.close()
 
 
-def rows(flown: Flown, kind: str) -> list[dict]:
+def rows(flown: Flown, kind: str) -> list[dict[str, Any]]:
     return [row for row in map(json.loads, (flown.folder / FILE).read_text().splitlines()) if row["kind"] == kind]
 
 
@@ -122,7 +128,7 @@ def test_the_trace_is_as_near_to_the_truth_as_it_says(flown: Flown, source: str)
     assert len(poses) >= 2 * sum(seconds for _, seconds in STEPS) - 1
     errors = []
     for pose in poses:
-        place = geodetic_to_ned(*flown.origin, *ned_to_geodetic(*head["origin"], *pose["position_ned"]))
+        place = geodetic_to_ned(*(*flown.origin, *ned_to_geodetic(*(*head["origin"], *pose["position_ned"]))))
         errors.append((np.array(place) - flown.true(pose["t"])) / pose["position_std_m"])
     assert np.abs(errors).max() < 3.0
     assert np.abs(errors).max() > 0.01  # it is an estimate
@@ -279,7 +285,8 @@ def test_a_target_is_what_it_was_written_as() -> None:
     assert target_from("47.39,8.54").altitude_m is None
     for target in (target_from("47.39,8.54,488.5", 0.02), target_from("-33,-70")):
         assert target_of(json.loads(json.dumps(target.as_json()))) == target
-    for wrong in (None, [], {}, {"latitude_deg": True, "longitude_deg": 0, "std_m": 1}):
+    wrongs: tuple[Any, ...] = (None, [], {}, {"latitude_deg": True, "longitude_deg": 0, "std_m": 1})
+    for wrong in wrongs:
         with pytest.raises(UsageError):
             target_of(wrong)
 

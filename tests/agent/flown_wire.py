@@ -6,6 +6,7 @@ import json
 import threading
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,9 @@ class Views:
         columns = np.linspace(0, 15.99, self.size[1]).astype(int)
         return np.ascontiguousarray(coarse[rows][:, columns])
 
+    def close(self):
+        pass
+
     def newest(self, drone=0):
         self.taken += 1
         return Frame(self.taken, drone, 0, self.picture(self.taken))
@@ -71,7 +75,7 @@ class Endpoint:
     """A server of chat completions that keeps every request and gives the replies in order, the last one for ever."""
 
     replies: list[str]
-    bodies: list[dict] = field(default_factory=list)
+    bodies: list[dict[str, Any]] = field(default_factory=list)
 
     def __enter__(self):
         endpoint = self

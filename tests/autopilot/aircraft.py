@@ -14,7 +14,7 @@ from vehicles.multirotor import Multirotor
 from vehicles.multirotor import step as vehicle_step
 
 
-@njit(cache=False)
+@njit(cache=False)  # type: ignore[untyped-decorator]  # numba tells no types
 def _live(milliseconds: int, vehicle: Any, core: Any) -> None:
     for _ in range(milliseconds):
         vehicle_step(*vehicle)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from autopilot.autopilot import Autopilot
+from autopilot.logging.flight_log import FlightLog
 from autopilot.mavlink.port import Port
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY, SETPOINT
 from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
@@ -195,6 +196,11 @@ class Bench(Timed):
         self.autopilot = Autopilot(AIRFRAME, self.core, self.sensors, **options)
         self.client = Client(self.autopilot.open_port(profile))
         self.run(1.5)
+
+    @property
+    def log(self) -> FlightLog:
+        assert self.autopilot.log is not None
+        return self.autopilot.log
 
     @property
     def height(self) -> float:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -66,7 +67,7 @@ def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, objec
             tally["false"] += int(str(one["false_declarations"]))
             tally["censored"] += one["censored"] is True
             if one["outcome"] == "success":
-                steps.append(one["steps"])
+                steps.append(int(str(one["steps"])))
             if one["declarations"]:
                 shares.append(1 - int(str(one["false_declarations"])) / int(str(one["declarations"])))
         assert (line.solved, line.flown, line.errors) == (len(steps), tally["flown"], tally["errors"])
@@ -85,7 +86,7 @@ def test_what_was_not_measured_is_a_dash_and_no_nought() -> None:
     assert text([bare], {}).splitlines()[1].split() == ["all", "1/1", "–", "–", "–", "–", "4"]
 
 
-def a_flight(**values: object) -> Flight:
+def a_flight(**values: Any) -> Flight:
     return dataclasses.replace(Flight(False, False, False, 9, 9, 50), **values)
 
 

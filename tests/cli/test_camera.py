@@ -10,6 +10,7 @@ import pytest
 
 from dronecats.cli.main import main
 from hil.cameras.calibration import load, save
+from tests import pictures
 from tests.hil.cameras.board_views import LENS, POSES, rays, view
 from tests.hil.cameras.http_cameras import HttpServer, MjpegServer, jpeg, reply
 
@@ -31,7 +32,7 @@ def test_check_says_how_often_and_how_old(mjpeg, tmp_path, capsys):
     assert found["interval_ms"] == pytest.approx(50.0, abs=10.0)
     assert 0.0 <= found["age_ms"] < 50.0
     assert found["repeated"] == 0
-    assert cv2.imread(str(saved)).shape == (144, 256, 3)
+    assert pictures.read(saved).shape == (144, 256, 3)
 
 
 def test_check_tells_repeated_and_missing_pictures(tmp_path, capsys):

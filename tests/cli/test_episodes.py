@@ -5,13 +5,13 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import pytest
 
 from dronecats.cli.main import main
 from episodes import catalogue, par, suites
 from episodes.maps import build
 from foundation.errors import UsageError
+from tests import pictures
 
 SHIPPED = catalogue.load(catalogue.DEFAULT)
 
@@ -50,7 +50,7 @@ def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path
     text = said(capsys, "show", catalogue.DEFAULT, "--picture", str(picture))
     for part in ("residential", "approaching", "one-drone, quick, all", "cyan suv", SHIPPED.instruction):
         assert part in text
-    drawn = cv2.imread(str(picture))
+    drawn = pictures.read(picture)
     assert drawn.shape == (720, 1280, 3)
     assert drawn.std() > 20.0
     shown = json.loads(said(capsys, "show", catalogue.DEFAULT, "--json"))
@@ -128,9 +128,9 @@ def test_recorded_numbers_are_short(tmp_path: Path) -> None:
 def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "sheet.jpg"
     said(capsys, "sheet", "suv", "--out", str(file))
-    one = cv2.imread(str(file))
+    one = pictures.read(file)
     said(capsys, "sheet", "suv", "bus", "--out", str(file))
-    two = cv2.imread(str(file))
+    two = pictures.read(file)
     assert two.shape[1] == one.shape[1]
     assert two.shape[0] > one.shape[0]
     assert main(["episodes", "sheet", "suw", "--out", str(file)]) == 2

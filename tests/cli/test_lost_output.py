@@ -15,6 +15,7 @@ FLY = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--la
 def after_one_line(command, **streams):
     """Start a command, read one line of its output, and close the pipe for ever, as `head -1` does."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, **{"stderr": subprocess.PIPE, **streams}, text=True)
+    assert process.stdout is not None
     assert process.stdout.readline()
     process.stdout.close()
     return process

@@ -5,6 +5,7 @@ import json
 import re
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import pytest
@@ -26,7 +27,7 @@ def read(document: object) -> EpisodeRecord:
     return parse(json.dumps(document), "e.json")
 
 
-def changed(document: dict, path: tuple, value: object) -> dict:
+def changed(document: dict[str, Any], path: tuple[Any, ...], value: object) -> dict[str, Any]:
     result = copy.deepcopy(document)
     place = result
     for key in path[:-1]:
@@ -95,7 +96,7 @@ def test_commanding_round_trip() -> None:
         (("targett",), {}, "did you mean 'target'"),
     ],
 )
-def test_refuses_and_names_the_field(path: tuple, value: object, says: str) -> None:
+def test_refuses_and_names_the_field(path: tuple[Any, ...], value: object, says: str) -> None:
     text = refusal(json.dumps(changed(BASE, path, value)))
     assert any(part in text for part in says.split("|"))
 
@@ -154,7 +155,7 @@ def test_a_native_target_is_named_and_keeps_what_the_map_gave_it() -> None:
         ({k: v for k, v in NATIVE.items() if k != "native"}, "target.paint"),
     ],
 )
-def test_a_native_target_that_is_not_one_is_refused_by_reader_and_schema(target: dict, says: str) -> None:
+def test_a_native_target_that_is_not_one_is_refused_by_reader_and_schema(target: dict[str, Any], says: str) -> None:
     document = {**BASE, "target": target}
     assert f"'{says}'" in refusal(json.dumps(document))
     with pytest.raises(jsonschema.ValidationError):
@@ -203,7 +204,7 @@ places = [
 
 @settings(max_examples=300, deadline=None)
 @given(path=st.sampled_from(places), value=json_values)
-def test_any_change_is_read_or_refused_as_the_schema_says(path: tuple, value: object) -> None:
+def test_any_change_is_read_or_refused_as_the_schema_says(path: tuple[Any, ...], value: object) -> None:
     document = changed(BASE, path, value)
     try:
         read(document)
@@ -219,7 +220,7 @@ def test_any_bytes_are_refused_politely(data: bytes | str) -> None:
 
 
 def test_schema_is_the_dataclasses() -> None:
-    shapes = {
+    shapes: dict[str, Any] = {
         "target": TargetRecord,
         "path": Path3D,
         "start": Start,
@@ -229,15 +230,15 @@ def test_schema_is_the_dataclasses() -> None:
     fields = list(EpisodeRecord.__dataclass_fields__)
     assert list(SCHEMA["properties"]) == fields
     assert SCHEMA["required"] == fields[:-1]
-    name = re.compile(SCHEMA["$defs"]["name"]["pattern"])
-    assert all(name.fullmatch(known) for known in maps.names())
+    word = re.compile(SCHEMA["$defs"]["name"]["pattern"])
+    assert all(word.fullmatch(known) for known in maps.names())
     assert SCHEMA["properties"]["cell"]["enum"] == list(records.CELLS)
     assert SCHEMA["$defs"]["asset"]["enum"] == assets.names()
     assert SCHEMA["$defs"]["target"]["properties"]["paint"]["enum"] == list(assets.PAINTS)
 
 
 def test_bounds_of_schema_and_loader_agree() -> None:
-    cases: list[tuple[tuple, float]] = [
+    cases: list[tuple[tuple[Any, ...], float]] = [
         (("start_distance_m",), 300), (("start_distance_m",), 0), (("bearing_deg",), 360), (("bearing_deg",), 0),
         (("seed",), 2**31 - 1), (("seed",), 0), (("target", "yaw_deg"), 360), (("target", "yaw_deg"), -360),
         (("starts", 0, "position_ned", 1), 1000), (("starts", 0, "position_ned", 1), -1000),

@@ -3,6 +3,7 @@
 import json
 import pickle
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -44,10 +45,13 @@ def specs(draw):
     vehicle = draw(st.sampled_from(["simulated", "connected"]))
     pilot = draw(st.sampled_from(["pilot", "model"]))
     place = draw(st.sampled_from(["episode", "map", "record", "instruction"]))
+    chosen: dict[str, Any] = {
+        vehicle: draw(simulated if vehicle == "simulated" else connected),
+        pilot: draw(TEXTS if pilot == "pilot" else models),
+        place: {"id": draw(TEXTS)} if place == "record" else draw(TEXTS),
+    }
     return FlightSpec(
-        **{vehicle: draw(simulated if vehicle == "simulated" else connected)},
-        **{pilot: draw(TEXTS if pilot == "pilot" else models)},
-        **{place: {"id": draw(TEXTS)} if place == "record" else draw(TEXTS)},
+        **chosen,
         prompt=draw(OPTIONAL), latency=draw(TEXTS), patience_s=draw(st.none() | NUMBERS),
         seed=draw(st.integers(0, 2**31 - 1)), seconds=draw(NUMBERS), full=draw(st.booleans()),
         envelope=draw(st.sampled_from([Limits(), SIMULATED, Limits(exclusions=(SQUARE,), battery_min=None)])),

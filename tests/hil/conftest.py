@@ -1,7 +1,7 @@
 import pytest
 
 from hil.link.link import Link
-from hil.link.transport import connect
+from tests.hil.link import listening
 from tests.hil.preflight.damaged_autopilot import Autopilot
 
 
@@ -11,7 +11,7 @@ def meet():
     opened = []
 
     def start(**wrong):
-        transport = connect("udpin://127.0.0.1:0")
+        transport = listening.udp()
         autopilot = Autopilot(f"udpout://127.0.0.1:{transport.port}", **wrong)
         link = Link(transport)
         opened.append((autopilot, link))

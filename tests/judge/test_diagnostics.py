@@ -4,6 +4,8 @@ Times are sixteenths of a second, which a float holds exactly.
 """
 
 import math
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -122,7 +124,7 @@ def test_every_drone_is_as_the_definition_has_it(flight, delta_m):
             assert_same(told[drone], naive.figures())
 
 
-BEST = {
+BEST: dict[str, Callable[[Iterable[Any]], Any]] = {
     "min_distance_m": min, "start_distance_m": min, "approach_ratio": max, "oracle_success": max, "first_seen_s": min,
     "dwell_s": max, "longest_loss_s": min, "path_m": sum, "flown_s": max, "untraced_s": max,
 }  # fmt: skip
@@ -157,12 +159,16 @@ def test_one_drones_view_is_not_anothers():
     flight = logs((), trace(20, lambda t: t < 5) + trace(20, lambda t: t >= 5, drone=1), end={**END, "t": 20.0})
     told = of_drones(flight)
     assert (told[0].longest_loss_s, told[1].longest_loss_s) == (15.0, 5.0)
-    assert of_fleet(told).longest_loss_s == 5.0
+    fleet = of_fleet(told)
+    assert fleet is not None
+    assert fleet.longest_loss_s == 5.0
 
 
 def test_dwell_is_one_drones_and_not_the_fleets_together():
     both = trace(10, distance_m=lambda t: 3.0) + trace(10, distance_m=lambda t: 4.0, drone=1)
-    assert of_fleet(of_drones(logs((), both, end={**END, "t": 10.0}))).dwell_s == 10.0
+    fleet = of_fleet(of_drones(logs((), both, end={**END, "t": 10.0})))
+    assert fleet is not None
+    assert fleet.dwell_s == 10.0
 
 
 def test_what_the_logger_did_not_trace_is_told():

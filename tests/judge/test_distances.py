@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,13 +14,13 @@ TARGET = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 480.0, "std_
 HEAD = {"kind": "estimate", "source": "flight.tlog", "target": TARGET}
 
 
-def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **more) -> dict:
+def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **more) -> dict[str, Any]:
     place = {"position_ned": [0.0, 0.0, 0.0], "distance_m": distance_m, "distance_std_m": std_m, "visible": None}
     return {"kind": kind, "t": t, "drone": 0, **place, **more}
 
 
 def flown(
-    folder: Path, estimate: list[dict], declared: list[int], *, source: str | None = "estimate", end="cap"
+    folder: Path, estimate: list[dict[str, Any]], declared: list[int], *, source: str | None = "estimate", end="cap"
 ) -> Path:
     """Write a flight whose decisions k were made on frames k at k seconds; those in `declared` are declarations."""
     folder.mkdir(exist_ok=True)
@@ -35,7 +36,7 @@ def flown(
     return folder
 
 
-def frames(*told: tuple[float | None, float | None]) -> list[dict]:
+def frames(*told: tuple[float | None, float | None]) -> list[dict[str, Any]]:
     return [row("frame", float(k), *t, frame_id=k) for k, t in enumerate(told)]
 
 
@@ -103,7 +104,7 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
         [HEAD, {"kind": "end", "reason": "cap"}, HEAD],
     ],
 )
-def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict]) -> None:
+def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict[str, Any]]) -> None:
     folder = flown(tmp_path / "e", damaged, [0])
     with pytest.raises(UsageError, match=r"estimate\.jsonl"):
         judge_folder(folder)

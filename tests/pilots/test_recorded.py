@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 
 from dronecats.pilots import roster
+from dronecats.pilots.config import PilotConfig
 from dronecats.pilots.pilot_process import create
 from dronecats.pilots.recorded import player, replies
 from foundation.errors import UsageError
@@ -14,7 +16,7 @@ from foundation.errors import UsageError
 JPEG = b"\xff\xd8\xff\xd9"
 
 
-def recording(folder: Path, *rows: dict) -> Path:
+def recording(folder: Path, *rows: dict[str, Any]) -> Path:
     path = folder / "decisions.jsonl"
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     return path
@@ -43,7 +45,7 @@ def test_it_is_served_like_any_other_and_never_as_a_model(tmp_path: Path) -> Non
     path = recording(tmp_path, {"step": 0, "drone": 0, "reply": "first"})
     name = f"recorded:{path}"
     assert roster.check(name) == name
-    served = create({"pilot": name})
+    served = create(PilotConfig(pilot=name))
     try:
         url = served.ready()["base_url"]
         assert "not a model" in httpx.get(f"{url}/models").json()["data"][0]["owned_by"]

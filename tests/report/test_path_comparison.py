@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -142,10 +143,11 @@ def test_the_same_decisions_on_another_vehicle_of_ours_agree(
 ) -> None:
     """Another seed errs otherwise in every sensor: the decisions, said again, lead it along the same path."""
 
-    def fly(pilot: str, seed: str, out: Path) -> dict:
+    def fly(pilot: str, seed: str, out: Path) -> dict[str, Any]:
         flown = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--json"]
         assert main([*flown, "--pilot", pilot, "--seed", seed, "--out", str(out)]) == 0
-        return json.loads(capsys.readouterr().out.splitlines()[-1])
+        said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+        return said
 
     first = fly("vision", "3", tmp_path / "a")
     decisions = Path(first["run_dir"]) / "decisions.jsonl"

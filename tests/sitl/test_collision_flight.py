@@ -1,6 +1,7 @@
 """A flight into the target of a shipped episode: the car stops it, the lens stays outside, and the bus says so."""
 
 import math
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,8 @@ class Flight:
         self.world: World = load_world(episode)
         self.simulation = build(self.world, seed=3)
         self.vehicle = self.simulation.vehicles[0]
-        self._tap, self._parser, self.said = self.simulation.bus.tap(), Parser(), []
+        self._tap, self._parser = self.simulation.bus.tap(), Parser()
+        self.said: list[Any] = []
         commander = self.commander = self.vehicle.autopilot.commander
         place, yaw = self.world.target_pose(0.0)
         state, down = self.vehicle.plant.state, self.vehicle.plant.params["contact_position"][:, 2].max()

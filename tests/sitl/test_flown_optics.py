@@ -59,7 +59,7 @@ def bus(world, time_us, yaw):
 
 def frames(world, optics, turn):
     """Return two pictures and what was announced, the vehicle turning by `turn` (rad) in 20 ms."""
-    said = []
+    said: list[bytes] = []
     camera = WorldCamera(world, SMALL, said.append, optics=optics)
     camera.feed(bus(world, 1_000_000, 0.3))
     camera.feed(bus(world, 1_020_000, 0.3 + turn))

@@ -125,6 +125,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
             sample = newest.of(0)
             if sample and math.dist(sample.position_ned[:2], ahead) < 0.05:
                 break
+        assert sample is not None
         assert sample.position_ned[:2] == pytest.approx(ahead, abs=0.05)
         assert sample.position_ned[2] == pytest.approx(place.position_ned[2], abs=0.02)
         assert sample.time_us % 1000 == 0

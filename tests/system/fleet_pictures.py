@@ -1,6 +1,7 @@
 """Whether the pictures that a fleet's pilot saw show the drones where the truth has them: by a pinhole of its own."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from episodes.assets.multirotor import X500
 from episodes.render import Renderer, camera_pose
 from foundation.camera import CameraModel
 from foundation.frames import geodetic_to_ned
+from tests import pictures
 
 CAMERA = CameraModel()
 SIZE = (640, 360)  # px, of the pictures that are kept
@@ -21,7 +23,8 @@ NEAR_M = 3.0  # between drones so near to each other nothing stands
 
 def true_poses(folder: Path, world):
     """Return drone → time in µs → (place NED, attitude, matrix body → NED), as the truth bus had it, from the tlog."""
-    log, poses = mavutil.mavlink_connection(str(folder / "flight.tlog"), dialect="development"), {}
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"), dialect="development")
+    poses: dict[int, Any] = {}
     while message := log.recv_match(type="HIL_STATE_QUATERNION"):
         w, x, y, z = message.attitude_quaternion
         turned = np.array(
@@ -63,7 +66,7 @@ def check(folder: Path, truth) -> tuple[int, int]:
         place, attitude, axes = poses[mine][time_us]
         view = bare.render(camera_pose(place, attitude, CAMERA), world.moved(frame["t"]))
         without = cv2.resize(view.rgb, SIZE, interpolation=cv2.INTER_AREA)
-        differs = np.abs(cv2.imread(str(file))[..., ::-1].astype(int) - without).max(axis=2) > DIFFERS
+        differs = np.abs(pictures.read(file)[..., ::-1].astype(int) - without).max(axis=2) > DIFFERS
         allowed = np.zeros_like(differs)
         for other in poses.keys() - {mine}:
             at = min(poses[other], key=lambda time: abs(time - time_us))

@@ -1,5 +1,7 @@
 """Four drones from one context: one request with four pictures, one array of four actions, one verdict."""
 
+from typing import Any
+
 import pytest
 
 from tests.support.flight import fly_simulated
@@ -17,7 +19,7 @@ def fly(capsys, out, *arguments):
 def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode):
     result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "max", "--episode", episode)
     assert result["success"]
-    steps = {}
+    steps: dict[int, list[Any]] = {}
     for decision in decisions:
         steps.setdefault(decision["step"], []).append(decision)
     for together in steps.values():

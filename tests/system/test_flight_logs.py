@@ -15,6 +15,7 @@ from foundation.mavlink import dialect
 from hil.link.flight_logs import log_store
 from hil.link.link import Link
 from hil.link.transport import connect
+from tests.hil.link import listening
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: 
 def test_nobody_there_and_no_link_are_told_apart() -> None:
     with pytest.raises(UsageError, match="is no link"), log_store("mailto:somebody"):
         pass
-    silent = connect("udpin://127.0.0.1:0")
+    silent = listening.udp()
     nobody = subprocess.run(
         [
             sys.executable, "-c",

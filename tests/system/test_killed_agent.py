@@ -31,6 +31,7 @@ def killed_in_flight(url, truth):
     """Let the agent fly until it is steady, kill it; return what the truth was told for six seconds from then on."""
     agent = subprocess.Popen([sys.executable, AGENT, url], stdout=subprocess.PIPE)
     try:
+        assert agent.stdout is not None
         assert agent.stdout.readline() == b"streaming\n"
         began_s = truth.newest().time_s
         truth.until(lambda now: now.time_s > began_s + 2.5 and now.speed > 1.1, 10.0)

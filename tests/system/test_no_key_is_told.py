@@ -28,6 +28,7 @@ class Echo(BaseHTTPRequestHandler):
 
     def do_POST(self):
         self.rfile.read(int(self.headers["Content-Length"]))
+        assert isinstance(self.server, Told)
         self.server.asked.append(self.path)
         told = " ".join((self.path, quote(self.path, safe=""), *map(str, self.headers.values()), *SECRETS))
         told += f" http://{self.headers['Host']}{self.path}"
@@ -35,9 +36,9 @@ class Echo(BaseHTTPRequestHandler):
         if step == 1:
             self._reply(told + ' {"action":"rotate","angle_deg":5}')
         elif step == 2:
-            self._reply(json.dumps({"action": SECRETS[self.server.turn]}))
+            self._reply(json.dumps({"action": SECRETS[list(ENDS).index(self.server.end)]}))
         else:
-            self.server.end(self, told)
+            ENDS[self.server.end](self, told)
 
     def _reply(self, text):
         self._answer(200, {"choices": [{"message": {"content": text}}]})
@@ -64,10 +65,18 @@ ENDS = {
 }
 
 
+class Told(ThreadingHTTPServer):
+    """An endpoint that remembers which paths it was asked for."""
+
+    def __init__(self, end: str) -> None:
+        super().__init__(("127.0.0.1", 0), Echo)
+        self.end = end  # one of ENDS: how it answers from the third call on
+        self.asked: list[str] = []
+
+
 @pytest.mark.parametrize("end", ENDS)
 def test_a_key_in_the_address_is_told_nowhere(tmp_path, end):
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Echo)
-    server.asked, server.end, server.turn = [], ENDS[end], list(ENDS).index(end)
+    server = Told(end)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     path = f"/{IN_THE_PATH}/v1"
     query = f"api_key={quote(IN_THE_QUERY, safe='')}"

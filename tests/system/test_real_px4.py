@@ -33,16 +33,17 @@ def estimate_errors(tlog, since_us):
 
     Not from boot: until it has its first fixes PX4's filter wanders by metres, and it does not arm so.
     """
-    truth, estimate = [], []
+    truth: list[tuple[float, float, float, float]] = []
+    told: list[tuple[float, float, float, float]] = []
     log = mavutil.mavlink_connection(str(tlog), dialect="development")
     while (message := log.recv_match(type=["HIL_STATE_QUATERNION", "LOCAL_POSITION_NED"])) is not None:
         if message.get_type() == "LOCAL_POSITION_NED":
-            estimate.append((message.time_boot_ms / 1e3, message.x, message.y, message.z))
+            told.append((message.time_boot_ms / 1e3, message.x, message.y, message.z))
         else:
             truth.append((message.time_usec / 1e6, message.lat / 1e7, message.lon / 1e7, message.alt / 1e3))
     origin = truth[0][1:]
     places = np.array([geodetic_to_ned(*origin, *place) for _, *place in truth])
-    times, estimate = [t for t, *_ in truth], np.array([row for row in estimate if row[0] >= since_us / 1e6])
+    times, estimate = [t for t, *_ in truth], np.array([row for row in told if row[0] >= since_us / 1e6])
     return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
 
 
@@ -99,6 +100,7 @@ def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
     simulator = subprocess.Popen(dronecats("sitl", *words), stdout=subprocess.PIPE, text=True)
 
     def until(text):
+        assert simulator.stdout is not None
         for line in simulator.stdout:
             if text in line:
                 return float(line.rpartition("at ")[2].split()[0]) if " s\n" in line else None

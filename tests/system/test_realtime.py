@@ -23,6 +23,8 @@ class Flight:
         self.children = []
 
     def until(self, text):
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
         for line in self.process.stdout:
             if text in line:
                 self.children = psutil.Process(self.process.pid).children(recursive=True)

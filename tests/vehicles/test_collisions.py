@@ -8,7 +8,7 @@ import pytest
 from episodes.obstacles import sorted_into_cells
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
-from foundation.obstacles import Box, Obstacles
+from foundation.obstacles import OPEN, Box, Obstacles
 from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
 from vehicles.airframe import names
 from vehicles.collision import BOX, RESTITUTION
@@ -159,8 +159,8 @@ def test_a_car_that_is_not_there_yet_changes_nothing() -> None:
 
 def test_far_obstacles_change_no_byte_of_a_flight() -> None:
     flown = []
-    for obstacles in (None, WALL):
-        craft = vehicle(position_ned=(-5.0, 0.0, -8.0), **({"obstacles": obstacles} if obstacles else {}))
+    for obstacles in (OPEN, WALL):
+        craft = vehicle(position_ned=(-5.0, 0.0, -8.0), obstacles=obstacles)
         spin(craft, hover_speed(craft))
         craft.state["velocity"] = (0.0, 1.0, 0.0)
         craft.advance(2000)
@@ -207,10 +207,10 @@ def test_nearest_points_against_a_dense_search() -> None:
         found = in_triangle(corners, 0, *point)
         gap = np.linalg.norm(np.array(found[:3]) - point)
         assert best - 0.02 < gap <= best + 1e-6
-    for point, gap, way in (((3.0, 0.0, 0.0), 1.0, (1, 0, 0)), ((0.0, -0.9, 0.1), -0.1, (0, -1, 0))):
-        found = in_box((2.0, 1.0, 1.0), point)
-        assert found[0] == pytest.approx(gap)
-        assert found[2] == pytest.approx(way)
+    for place, deep, way in (((3.0, 0.0, 0.0), 1.0, (1, 0, 0)), ((0.0, -0.9, 0.1), -0.1, (0, -1, 0))):
+        box = in_box((2.0, 1.0, 1.0), place)
+        assert box[0] == pytest.approx(deep)
+        assert box[2] == pytest.approx(way)
 
 
 def test_the_suv_of_the_map_keeps_the_lens_out() -> None:

@@ -1,5 +1,7 @@
 """The fault script: each kind does what it says, for as long as it says."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ VALUES = {
     "gps": "gps_velocity_ned",
     "range": "range_m",
 }
-WHILE = {"from_us": 500_000, "until_us": 1_500_000}
+WHILE: dict[str, Any] = {"from_us": 500_000, "until_us": 1_500_000}
 
 
 @pytest.mark.parametrize("part", TIMES)
@@ -64,7 +66,8 @@ def test_a_biased_fix_moves_by_metres() -> None:
 
 def test_a_delayed_fix_is_late_and_fixes_never_overtake() -> None:
     craft = vehicle(faults=[Fault("gps", "delay", value=(0.4, 0.0, 0.0), **WHILE)])
-    ages, valid = [], []
+    ages: list[int] = []
+    valid: list[int] = []
     for _ in range(3000):
         craft.advance(1)
         if craft.sensors["gps_time_us"] and (not valid or valid[-1] != craft.sensors["gps_time_us"]):

@@ -67,7 +67,7 @@ def test_tumbling_keeps_energy_and_angular_momentum() -> None:
         turned |= craft.state["rates"][1] < 0.0
     assert turned
     assert energy() == pytest.approx(before, rel=1e-7)
-    assert momentum() == pytest.approx(axis, abs=1e-5 * np.linalg.norm(axis))
+    assert momentum() == pytest.approx(axis, abs=1e-5 * float(np.linalg.norm(axis)))
 
 
 def test_projectile_without_drag_keeps_its_energy() -> None:

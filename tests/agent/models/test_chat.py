@@ -3,6 +3,7 @@
 import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 import pytest
 
@@ -19,7 +20,8 @@ REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
 @pytest.fixture
 def endpoint():
     """An HTTP server that answers with what the test puts into `answers`: (status, body, headers)."""
-    answers, seen = [], []
+    answers: list[tuple[int, bytes, dict[str, str]]] = []
+    seen: list[tuple[Any, dict[str, Any]]] = []
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self):

@@ -66,7 +66,7 @@ class Wire:
             while b"\r\n\r\n" not in received:
                 received += connection.recv(65536)
             head, _, body = received.partition(b"\r\n\r\n")
-            length = int(re.search(rb"Content-Length: (\d+)", head)[1])
+            length = int(re.findall(rb"Content-Length: (\d+)", head)[0])
             while len(body) < length:
                 body += connection.recv(65536)
             act(self, connection)
@@ -194,7 +194,7 @@ def test_a_compressed_answer_is_read_and_a_bomb_is_not(serve, encoding, monkeypa
             largest.append(len(piece := self._inner.decompress(*arguments)))
             return piece
 
-    monkeypatch.setattr(endpoints.zlib, "decompressobj", Watched)
+    monkeypatch.setattr(zlib, "decompressobj", Watched)
     bomb = pack(b" " * (64 * 2**20))
     with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
         model(serve(say(head + bomb)), Patience(give_up_s=30.0)).ask(REQUEST)
@@ -259,8 +259,8 @@ class Answering(DaemonExecutor):
     def __init__(self, count):
         self.count = count
 
-    def submit(self, fn, /, *arguments):
-        coming = super().submit(fn, *arguments)
+    def submit(self, fn, /, *args, **kwargs):
+        coming = super().submit(fn, *args, **kwargs)
         asked = isinstance(getattr(fn, "__self__", None), ChatModel)
         if not asked or self.count > 0:
             coming.exception()
@@ -285,7 +285,7 @@ def test_a_model_that_is_slow_at_the_end_has_only_come_too_late(serve, tmp_path)
         connection.sendall(completion('{"action":"finished"}'))
 
     answer = say(completion('{"action":"rotate","angle_deg":9}'))
-    agent = flight(
+    agent: PaperAgent = flight(
         serve(answer, slow), tmp_path, Answering(1), patience=Patience(give_up_s=60.0),
         on_tick=lambda: late.set() if agent.now_s > 31.0 else None,
     )  # fmt: skip

@@ -46,14 +46,14 @@ def data(log: ULog, topic: str) -> dict[str, Any]:
 
 def test_log_spans_the_time_between_arming_and_disarming(flight: tuple[Bench, ULog]) -> None:
     bench, log = flight
-    assert bench.autopilot.log.path is None
+    assert bench.log.path is None
     status = data(log, "vehicle_status")
     assert status["arming_state"][0] == 2
     assert status["arming_state"][-1] == 1
     assert not log.file_corruption
     assert not log.dropouts
     assert log.start_timestamp == status["timestamp"][0] > 1_000_000
-    assert bench.autopilot.log.lost == 0
+    assert bench.log.lost == 0
 
 
 def test_every_topic_with_a_source_is_logged_at_its_rate(flight: tuple[Bench, ULog]) -> None:
@@ -103,11 +103,11 @@ def test_px4_tools_accept_it(flight: tuple[Bench, ULog]) -> None:
 def test_same_flight_same_bytes(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
     bench, _ = flight
     flown(tmp_path)
-    assert (tmp_path / "log001.ulg").read_bytes() == (bench.autopilot.log.directory.folder / "log001.ulg").read_bytes()
+    assert (tmp_path / "log001.ulg").read_bytes() == (bench.log.directory.folder / "log001.ulg").read_bytes()
 
 
 def test_readable_after_a_kill_at_any_byte(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
-    whole = (flight[0].autopilot.log.directory.folder / "log001.ulg").read_bytes()
+    whole = (flight[0].log.directory.folder / "log001.ulg").read_bytes()
     cut = tmp_path / "cut.ulg"
     for size in range(len(whole) - 60, len(whole), 7):
         cut.write_bytes(whole[:size])
@@ -119,16 +119,16 @@ def test_modes_of_logging(tmp_path: Path, mode: int, logs: int) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.autopilot.parameters.set("SDLOG_MODE", mode)
     bench.run(1.0)
-    assert (bench.autopilot.log.path is not None) == (mode in (1, 2))  # only these log before arming
+    assert (bench.log.path is not None) == (mode in (1, 2))  # only these log before arming
     for _ in range(2):
         assert bench.commander.arm() == 0
         bench.run(0.5)
         bench.commander.disarm(force=True)
         bench.run(0.5)
-    assert len(bench.autopilot.log.directory.logs()) == logs
-    assert (bench.autopilot.log.path is not None) == (mode == 2)
+    assert len(bench.log.directory.logs()) == logs
+    assert (bench.log.path is not None) == (mode == 2)
     bench.autopilot.close()
-    for log in bench.autopilot.log.directory.logs():
+    for log in bench.log.directory.logs():
         assert ULog(str(log.path)).data_list
 
 
@@ -148,7 +148,7 @@ def test_a_full_disk_costs_data_and_is_marked(tmp_path: Path, monkeypatch: pytes
     write = os.write
     monkeypatch.setattr("autopilot.logging.flight_log.os.write", lambda file, data: write(file, data[:11]))
     bench.run(2.0)
-    assert bench.autopilot.log.failed
+    assert bench.log.failed
     assert bench.commander.armed
     monkeypatch.undo()
     bench.run(1.0)
@@ -164,8 +164,8 @@ def test_a_folder_that_vanishes_does_not_stop_the_flight(tmp_path: Path) -> None
     bench = Bench(profile="minimal", log_dir=tmp_path / "gone")
     (tmp_path / "gone").rmdir()
     bench.fly(3.0)
-    assert bench.autopilot.log.failed
-    assert bench.autopilot.log.path is None
+    assert bench.log.failed
+    assert bench.log.path is None
 
 
 def test_a_log_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:

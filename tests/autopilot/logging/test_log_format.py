@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,14 +37,15 @@ class Read:
     formats: dict[str, list[tuple[str, int, str]]] = field(default_factory=dict)  # name → (type, count, field)
     topics: dict[int, str] = field(default_factory=dict)  # msg_id → format
     parameters: dict[str, float] = field(default_factory=dict)
-    samples: dict[str, list[tuple]] = field(default_factory=dict)
+    samples: dict[str, list[tuple[Any, ...]]] = field(default_factory=dict)
     stamps: list[int] = field(default_factory=list)  # of data and texts, in the order of the file
 
 
 def layout(read: Read, name: str, depth: int = 0) -> tuple[str, list[str]]:
     """Return the packed struct codes of a format and its fields' flat names. Nested formats keep their timestamps."""
     assert depth < 5, f"{name} contains itself"
-    codes, names = "", []
+    codes = ""
+    names: list[str] = []
     for kind, count, label in read.formats[name]:
         for i in range(count):
             own = f"{label}[{i}]" if count > 1 else label
@@ -148,7 +150,7 @@ def strictly(data: bytes) -> Read:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     """A flight of the whole simulated vehicle: arming, take-off, hold, landing, disarming."""
-    folder = tmp_path_factory.mktemp("log")
+    folder: Path = tmp_path_factory.mktemp("log")
     vehicle = SimulatedVehicle(
         0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=5, origin=(47.4, 8.5, 488.0), state_dir=folder
     )

@@ -2,6 +2,7 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -318,7 +319,7 @@ NAMES = st.sampled_from(
     )
 )  # fmt: skip
 @FUZZ
-def test_any_sequence_of_requests_is_answered_and_stays_inside(bench: Bench, root: Path, requests: list) -> None:
+def test_any_sequence_of_requests_is_answered_and_stays_inside(bench: Bench, root: Path, requests: list[Any]) -> None:
     files = Files(bench.client)
     for opcode, session, offset, data, size in requests:
         if opcode == ftp.BURST_READ:

@@ -73,7 +73,7 @@ def test_failure_injection_reaches_the_vehicle() -> None:
 
     def inject(unit: int, kind: int, instance: int) -> bool:
         asked.append((unit, kind, instance))
-        return unit == dialect.FAILURE_UNIT_SENSOR_GPS
+        return bool(unit == dialect.FAILURE_UNIT_SENSOR_GPS)
 
     bench = Bench(profile="minimal", inject=inject)
     gps, off = dialect.FAILURE_UNIT_SENSOR_GPS, dialect.FAILURE_TYPE_OFF

@@ -27,7 +27,7 @@ def bench(tmp_path: Path) -> Bench:
 
 
 def content(bench: Bench, number: int) -> bytes:
-    return (bench.autopilot.log.directory.folder / f"log{number + 1:03d}.ulg").read_bytes()
+    return (bench.log.directory.folder / f"log{number + 1:03d}.ulg").read_bytes()
 
 
 def entries(bench: Bench, first: int = 0, last: int = 0xFFFF) -> list[dialect.MAVLink_message]:
@@ -84,7 +84,7 @@ def test_a_tick_sends_a_bounded_number_and_end_stops_it(bench: Bench) -> None:
 
 
 def test_a_client_that_does_not_read_is_waited_for(bench: Bench) -> None:
-    path = bench.autopilot.log.directory.folder / "log004.ulg"
+    path = bench.log.directory.folder / "log004.ulg"
     path.write_bytes(bytes(1_000_000))
     bench.client.send(dialect.MAVLink_log_request_data_message(1, 1, 3, 0, EVERYTHING))
     bench.run(5.0)
@@ -102,7 +102,7 @@ def test_a_log_that_does_not_exist_is_empty(bench: Bench) -> None:
 
 def test_a_log_erased_during_its_download_ends(bench: Bench) -> None:
     bench.client.send(dialect.MAVLink_log_request_data_message(1, 1, 3, 0, EVERYTHING))
-    (bench.autopilot.log.directory.folder / "log004.ulg").unlink()
+    (bench.log.directory.folder / "log004.ulg").unlink()
     bench.run(0.2)
     assert bench.client.of("LOG_DATA")[-1].count == 0
 

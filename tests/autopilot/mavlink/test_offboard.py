@@ -8,7 +8,7 @@ import pytest
 
 from autopilot.mavlink.offboard_setpoints import RejectedError, trajectory
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
-from foundation.frames import quat_from_euler
+from foundation.frames import Quat, quat_from_euler
 from foundation.mavlink import MODES, dialect
 from tests.autopilot.commander_bench import ORIGIN, Bench
 
@@ -20,7 +20,7 @@ def bench() -> Bench:
     return bench
 
 
-def decode(mask: int, frame: int = 1, heading: float = 0.0, attitude: tuple[float, ...] | None = None):  # type: ignore[no-untyped-def]
+def decode(mask: int, frame: int = 1, heading: float = 0.0, attitude: Quat | None = None):
     q = attitude or quat_from_euler(0.0, 0.0, heading)
     return trajectory(mask, frame, (1, 2, 3), (4, 5, 6), (7, 8, 9), 0.5, 0.6, q, heading)
 

@@ -44,7 +44,7 @@ def test_a_flight_from_arming_to_disarming(bench: Bench) -> None:
 def test_thrust_is_let_in_gradually(bench: Bench) -> None:
     bench.client.arm()
     bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
-    limits = []
+    limits: list[float] = []
     while bench.commander.landed and len(limits) < 500:
         bench.tick()
         if bench.core.setpoint["kind"] == 1:

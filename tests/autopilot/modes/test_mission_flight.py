@@ -94,7 +94,7 @@ def test_delays_loiters_and_jumps(bench: Bench) -> None:
     start(bench, [item(0, 22, z=5.0), item(1, 93, frame=2, p=(3.0, -1, -1, -1)), item(2, north=5.0, z=5.0),
                   item(3, 177, frame=2, p=(1, 1, 0, 0)), item(4, 19, z=5.0, p=(4.0, 0, 0, math.nan)),
                   item(5, 17, z=5.0)])  # fmt: skip
-    began = {}
+    began: dict[int, tuple[int, int]] = {}
 
     def watch() -> None:
         for seq in reached(bench):

@@ -149,7 +149,8 @@ def seen(name: str, color: str, text: str, away: float) -> np.ndarray:
     renderer = Renderer(scene, CameraModel(), shadow_cells=256)
     view = renderer.render(CameraPose((-(back + away), 0.1, -1.1), quat_from_euler(0.0, 0.0, 0.0)))
     renderer.close()
-    return cv2.resize(view.rgb, (640, 360), interpolation=cv2.INTER_AREA).astype(float).mean(axis=2)
+    small: np.ndarray = cv2.resize(view.rgb, (640, 360), interpolation=cv2.INTER_AREA).astype(float).mean(axis=2)
+    return small
 
 
 @pytest.mark.parametrize(("name", "color", "away"), [("sign", "blue", 8.0), ("sign", "yellow", 8.0),

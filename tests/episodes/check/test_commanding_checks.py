@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -26,7 +27,7 @@ def red(record: EpisodeRecord) -> set[str]:
     return {f.rule for f in check(World(record)) if not f.passed}
 
 
-def candidate(record: EpisodeRecord, number: int, **change: object) -> EpisodeRecord:
+def candidate(record: EpisodeRecord, number: int, **change: Any) -> EpisodeRecord:
     others = list(record.candidates)
     others[number] = replace(others[number], **change)
     return replace(record, candidates=tuple(others))

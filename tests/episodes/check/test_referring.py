@@ -1,6 +1,7 @@
 """Referring expressions: what is left is left from where one stands, and what might be meant too is no reference."""
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -16,7 +17,7 @@ MARKS = {"the fountain": FOUNTAIN, "the statue": STATUE, "Euler Hall": HALL}
 VIEWER = (0.0, 0.0, -1.5)  # looks north at the fountain
 
 
-def named(relation: str, place: tuple[float, float], *marks: str, others: dict | None = None) -> bool:
+def named(relation: str, place: tuple[float, float], *marks: str, others: dict[str, Any] | None = None) -> bool:
     things = {"it": (*place, 0.0), **(others or {})}
     return refers(Expression("bench", relation, marks or ("the fountain",)), "it", things, MARKS, VIEWER)
 

@@ -7,6 +7,7 @@ import random
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from dronecats.cli.main import main
 from episodes import catalogue
 from episodes.check import framing, spread
 from episodes.check.layout import Layout, layout, past_each_other
+from episodes.check.limits import SPOTTED_PX
 from episodes.check.many import check_all
 from episodes.propose.spread import shares
 from episodes.record import HIDDEN, EpisodeRecord
@@ -66,7 +68,7 @@ def red(layouts: list[Layout]) -> set[str]:
     return {f.rule for f in spread.rules(layouts) if not f.passed}
 
 
-def change(layouts: list[Layout], cell: str, **values: object) -> list[Layout]:
+def change(layouts: list[Layout], cell: str, **values: Any) -> list[Layout]:
     """Return the layouts with some values changed in one cell's records."""
     return [dataclasses.replace(one, **values) if f"{one.map} {one.cell}" == cell else one for one in layouts]
 
@@ -182,11 +184,16 @@ def test_framing_agrees_with_the_pixels() -> None:
     from episodes.check.sight import seen
 
     for share in (0.0, 0.5, 1.0):
-        shown = seen(world, here, ahead + framing.across(framed, share))
+        across, away = framing.across(framed, share), framing.away(framed, share)
+        assert across is not None
+        assert away is not None
+        shown = seen(world, here, ahead + across)
         assert shown.pixels > 0
         assert not shown.cut
-        assert seen(world, here, ahead + framing.away(framed, share)).pixels == 0
+        assert seen(world, here, ahead + away).pixels == 0
     left, right = (framing.away(framed, share) for share in (0.0, 1.0))
+    assert left is not None
+    assert right is not None
     assert seen(world, here, ahead + left - 4.0).pixels > 0
     assert seen(world, here, ahead + right + 4.0).pixels > 0
     assert 45.0 < left < 60.0
@@ -195,13 +202,13 @@ def test_framing_agrees_with_the_pixels() -> None:
 
 def test_a_drone_that_hides_a_candidate_is_found_out() -> None:
     one = record("blocks-commanding-01")
-    assert past_each_other(World(one)) >= spread.SPOTTED_PX
+    assert past_each_other(World(one)) >= SPOTTED_PX
     world = World(one)
     goal, eye = world.target_centre(0.0), one.starts[0].position_ned
     away = 2.0 / math.dist(goal, eye)
-    before = tuple(e + away * (g - e) for g, e in zip(goal, eye, strict=True))
-    starts = (one.starts[0], dataclasses.replace(one.starts[1], position_ned=before), *one.starts[2:])
-    assert past_each_other(World(dataclasses.replace(one, starts=starts))) < spread.SPOTTED_PX
+    north, east, down = (e + away * (g - e) for g, e in zip(goal, eye, strict=True))
+    starts = (one.starts[0], dataclasses.replace(one.starts[1], position_ned=(north, east, down)), *one.starts[2:])
+    assert past_each_other(World(dataclasses.replace(one, starts=starts))) < SPOTTED_PX
 
 
 def test_check_says_what_is_wrong_with_a_suite(
@@ -228,7 +235,9 @@ def test_the_middle_of_the_picture_is_no_better_than_its_sides() -> None:
     camera = CameraModel()
     columns = []
     for share in np.linspace(0.0, 1.0, 9):
-        off = math.radians(framing.across(framed, float(share)))
+        across = framing.across(framed, float(share))
+        assert across is not None
+        off = math.radians(across)
         eye = (0.5 * math.cos(off), 0.5 * math.sin(off))
         middle = corners.mean(axis=0)
         azimuth = math.atan2(middle[1] - eye[1], middle[0] - eye[0]) - off

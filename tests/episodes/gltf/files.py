@@ -39,14 +39,16 @@ class Glb:
         self.doc["accessors"].append({**entry, "count": len(array), "type": KINDS[array.shape[1]], **fields})
         return len(self.doc["accessors"]) - 1
 
-    def primitive(self, positions: Any = LAWN, order: Any = SQUARE, component: str = "u2", **fields: Any) -> dict:
+    def primitive(
+        self, positions: Any = LAWN, order: Any = SQUARE, component: str = "u2", **fields: Any
+    ) -> dict[str, Any]:
         attributes = {"POSITION": self.accessor(positions), **fields.pop("attributes", {})}
         made: dict[str, Any] = {"attributes": attributes, **fields}
         if order is not None:
             made["indices"] = self.accessor(order, component)
         return made
 
-    def mesh(self, *primitives: dict) -> int:
+    def mesh(self, *primitives: dict[str, Any]) -> int:
         self.doc["meshes"].append({"primitives": list(primitives)})
         return len(self.doc["meshes"]) - 1
 

@@ -31,13 +31,15 @@ def corners(one) -> np.ndarray:
     """Return an instance's triangles (T, 3, 3) in NED."""
     c, s = math.cos(one.yaw), math.sin(one.yaw)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    return (one.mesh.vertices.astype(float) @ turn.T + np.array(one.position_ned))[one.mesh.triangles]
+    placed: np.ndarray = one.mesh.vertices.astype(float) @ turn.T + np.array(one.position_ned)
+    found: np.ndarray = placed[one.mesh.triangles]
+    return found
 
 
 def normals_outward(one) -> bool:
     tri = corners(one)
     volume = np.einsum("ij,ij->i", tri[:, 0] - tri.mean(axis=(0, 1)), np.cross(tri[:, 1], tri[:, 2])).sum()
-    return volume > 0
+    return bool(volume > 0)
 
 
 def test_a_lawn_alone_is_a_map(tmp_path):
@@ -159,7 +161,9 @@ def test_textures(tmp_path, kind, embedded):
     uv = file.accessor([(0, 0), (255, 0), (255, 255), (0, 255)], "u1", normalized=True)
     file.node(mesh=file.mesh(file.primitive(material=0, attributes={"TEXCOORD_1": uv})))
     mesh = gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh
-    assert np.abs(mesh.materials[0].texture.reshape(-1, 3).astype(int) - (200, 40, 10)).max() <= 6
+    (texture,) = (material.texture for material in mesh.materials)
+    assert texture is not None
+    assert np.abs(texture.reshape(-1, 3).astype(int) - (200, 40, 10)).max() <= 6
     assert np.allclose(np.unique(mesh.uv, axis=0), [(0, 0), (0, 1), (1, 0), (1, 1)])
 
 
@@ -191,6 +195,8 @@ def test_cut_out_leaves_get_their_own_colour_where_they_are_transparent(tmp_path
     file.doc["materials"] = [{"pbrMetallicRoughness": look, "alphaMode": mode} for mode in ("MASK", "OPAQUE")]
     file.node(mesh=file.mesh(file.primitive(material=0), file.primitive(material=1)))
     masked, opaque = gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh.materials
+    assert masked.texture is not None
+    assert opaque.texture is not None
     assert (masked.texture == (30, 160, 20)).all()
     assert (opaque.texture[:, 4:] == 0).all()
 
@@ -271,6 +277,7 @@ def test_roofs_bridges_and_table_tops_are_not_ground_even_in_one_mesh(tmp_path):
     kerb = block((60, 0.15, 2))
     kerb.apply_translation((0, 0, 10))
     village = trimesh.util.concatenate([*parts, house, bridge, kerb])
+    assert isinstance(village, trimesh.Trimesh)
     file = Glb()
     file.node(name="Village", mesh=file.mesh(file.primitive(village.vertices, village.faces.ravel(), "u2")))
     scene = gltf.load(file.write(tmp_path / "m.glb"), (0, 0))

@@ -3,6 +3,7 @@
 import copy
 import json
 import random
+from typing import Any
 
 import cv2
 import numpy as np
@@ -37,7 +38,7 @@ def healthy() -> Glb:
     return file
 
 
-NASTY = [
+NASTY: list[Any] = [
     None,
     True,
     -1,

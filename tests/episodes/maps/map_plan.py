@@ -17,7 +17,8 @@ def foot(one: Instance) -> Array:
         v = v[v[:, 2] > -TRUNK_M]
     low, high = v[:, :2].min(axis=0), v[:, :2].max(axis=0)
     box = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
-    return box @ turn(one.yaw)[:2, :2].T + np.array(one.position_ned[:2])
+    plan: np.ndarray = box @ turn(one.yaw)[:2, :2].T + np.array(one.position_ned[:2])
+    return plan
 
 
 def apart(a: Array, b: Array) -> bool:

@@ -15,7 +15,17 @@ from episodes.visibility import Solids, turn
 from tests.episodes.maps.map_plan import apart, foot
 
 BUDGET = 250_000
-MANY = ("bench", "lamp", "bin", "bike-rack", "fountain", "statue", "bollard", "kiosk", "vending-machine")
+MANY: tuple[str, ...] = (
+    "bench",
+    "lamp",
+    "bin",
+    "bike-rack",
+    "fountain",
+    "statue",
+    "bollard",
+    "kiosk",
+    "vending-machine",
+)
 MANY += ("notice-board", "planter", "picnic-table", "tree", "conifer", "delivery-robot", "service-cart", "person")
 
 

@@ -3,13 +3,13 @@
 import re
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from episodes import assets
 from episodes.pictures.contact_sheet import DISTANCES_M, HEIGHT_PX, LABEL_PX, WIDTHS_PX, contact_sheet, names
 from foundation.errors import UsageError
+from tests import pictures
 
 SHEETS = Path(__file__).parents[3] / "docs" / "assets"
 
@@ -17,7 +17,7 @@ SHEETS = Path(__file__).parents[3] / "docs" / "assets"
 def test_a_sheet_shows_each_asset_at_each_distance(tmp_path: Path) -> None:
     out = tmp_path / "new" / "sheet.jpg"
     contact_sheet(["suv", "quadrotor"], out)  # cyan and red
-    picture = cv2.imread(str(out)).astype(int)[..., ::-1]
+    picture = pictures.read(out).astype(int)[..., ::-1]
     rows = (picture.shape[0] - LABEL_PX) // 2
     assert abs(rows - LABEL_PX - HEIGHT_PX) < 10
     covered = []
@@ -54,7 +54,7 @@ def test_the_documented_sheets_show_everything() -> None:
     assert set(assets.names()) <= set(shown)
     sizes = []
     for file, row in drawn:
-        picture = cv2.imread(str(SHEETS / file))
+        picture = pictures.read(SHEETS / file)
         assert picture.shape[0] > len(row.split()) * HEIGHT_PX
         assert np.ptp(picture) > 200
         sizes.append((SHEETS / file).stat().st_size)

@@ -10,6 +10,7 @@ from dronecats.cli.main import main
 from episodes import assets
 from episodes.pictures import probe as reading
 from foundation import picture
+from tests import pictures
 
 SIGN, PLATE = reading.KINDS
 
@@ -53,7 +54,7 @@ def test_every_file_is_what_the_agent_would_send(written):
         kind = SIGN if probe.kind == "sign" else PLATE
         frame = reading.view(kind, probe.text, probe.distance_m)
         assert (folder / probe.file).read_bytes() == picture.encode(frame)
-        assert cv2.imread(str(folder / probe.file)).shape == (360, 640, 3)
+        assert pictures.read(folder / probe.file).shape == (360, 640, 3)
 
 
 def test_the_index_tells_every_picture_of_both_kinds_at_every_distance(written):

@@ -136,8 +136,8 @@ def test_agrees_with_rays_traced_by_embree(seed):
 def test_the_camera_sits_ahead_of_and_below_the_body():
     attitude = quat_from_euler(0.1, -0.2, 2.0)
     pose = camera_pose((1.0, 2.0, -3.0), attitude, CameraModel())
-    moved = tuple(a - b for a, b in zip(pose.position_ned, (1.0, 2.0, -3.0), strict=True))
-    assert rotate_inverse(attitude, moved) == pytest.approx((0.5, 0.0, 0.1))
+    north, east, down = pose.position_ned
+    assert rotate_inverse(attitude, (north - 1.0, east - 2.0, down + 3.0)) == pytest.approx((0.5, 0.0, 0.1))
     assert pose.attitude == attitude
 
 

@@ -27,7 +27,7 @@ def rays(lens: Calibration) -> np.ndarray:
     xs, ys = ((np.arange(n * SAMPLES) + 0.5) / SAMPLES - 0.5 for n in (lens.width, lens.height))
     points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 1, 2)
     done = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-10)
-    straight = cv2.undistortPoints(points, np.array(lens.matrix), np.array(lens.distortion), criteria=done)
+    straight: np.ndarray = cv2.undistortPoints(points, np.array(lens.matrix), np.array(lens.distortion), criteria=done)
     return straight.reshape(len(ys), len(xs), 2)
 
 
@@ -44,9 +44,12 @@ def corners_of(pose: tuple[float, ...], noise_px: float) -> np.ndarray:
     """Return where the lens puts the corners of a board (N, 1, 2), as found by somebody with so steady an eye."""
     turn, middle = placed(pose)
     ahead = (BOARD.points - BOARD.points.mean(axis=0)) @ turn.T + middle
-    places = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), np.array(LENS.matrix), np.array(LENS.distortion))[0]
+    places: np.ndarray = cv2.projectPoints(
+        ahead, np.zeros(3), np.zeros(3), np.array(LENS.matrix), np.array(LENS.distortion)
+    )[0]
     noise = np.random.default_rng(round(1e6 * abs(sum(pose)))).normal(0.0, noise_px, places.shape)
-    return (places + noise).reshape(-1, 1, 2).astype(np.float32)
+    moved: np.ndarray = places + noise
+    return moved.reshape(-1, 1, 2).astype(np.float32)
 
 
 def view(directions: np.ndarray, pose: tuple[float, ...], board: Board = BOARD) -> np.ndarray:
@@ -63,4 +66,5 @@ def view(directions: np.ndarray, pose: tuple[float, ...], board: Board = BOARD) 
     height, width = light.shape[0] // SAMPLES, light.shape[1] // SAMPLES
     grey = light.reshape(height, SAMPLES, width, SAMPLES).mean(axis=(1, 3))
     noisy = grey + np.random.default_rng(7).normal(0.0, 2.0, grey.shape)
-    return cv2.cvtColor(np.clip(noisy, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    picture: np.ndarray = cv2.cvtColor(np.clip(noisy, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    return picture

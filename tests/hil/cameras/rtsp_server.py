@@ -12,7 +12,7 @@ import threading
 import time
 
 import gi
-import picture_code
+import picture_code  # type: ignore[import-not-found]  # the system's Python runs this, from its folder
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstRtspServer", "1.0")
@@ -27,7 +27,7 @@ PIPELINE = (
 )
 
 
-class Factory(GstRtspServer.RTSPMediaFactory):
+class Factory(GstRtspServer.RTSPMediaFactory):  # type: ignore[misc]
     """Pushes a picture every 40 ms into the pipeline of each client."""
 
     def do_configure(self, media):

@@ -40,6 +40,7 @@ class Server:
             [SYSTEM_PYTHON, str(SERVER), "pilot", "hush", str(port)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
+        assert self._process.stdout is not None
         self.port = int(self._process.stdout.readline())
 
     def url(self, password: str = "hush") -> str:

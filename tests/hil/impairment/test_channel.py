@@ -1,5 +1,7 @@
 """The pure model of a bad wire: nothing is invented, fates belong to the seed, and a line has its speed."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -135,6 +137,6 @@ def test_noise_changes_bytes_and_keeps_lengths() -> None:
         {"cuts": ((2.0, 1.0),)},
     ],
 )
-def test_what_no_wire_can_be_is_refused(wrong: dict) -> None:
+def test_what_no_wire_can_be_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(UsageError):
         Impairment(**wrong)

@@ -15,6 +15,7 @@ from foundation.mavlink import Packer, Parser, dialect
 from hil.impairment.channel import Impairment
 from hil.impairment.wire import Frames, ImpairedWire
 from hil.link.transport import Transport, connect
+from tests.hil.link import listening
 from tests.support.command_line import DRONECATS
 from tests.support.ports import free_port
 
@@ -28,7 +29,8 @@ def pings(count: int) -> list[bytes]:
 
 def hear(end: Transport, count: int, seconds: float = 5.0) -> list[int]:
     """Return the sequence numbers of the pings that arrive, in order, until there are `count`."""
-    parser, heard, until = Parser(), [], time.monotonic() + seconds
+    parser, until = Parser(), time.monotonic() + seconds
+    heard: list[int] = []
     while len(heard) < count and time.monotonic() < until:
         heard += [m.seq for m in parser.feed(end.receive(0.05))]
     return heard
@@ -36,10 +38,10 @@ def hear(end: Transport, count: int, seconds: float = 5.0) -> list[int]:
 
 def udp_wire(up: Impairment, down: Impairment = PERFECT, seed: int = 0) -> tuple[ImpairedWire, Transport, Transport]:
     """Return a wire with an end of ours on either side."""
-    autopilot = connect("udpin://127.0.0.1:0")
-    listening = connect("udpin://127.0.0.1:0")
-    wire = ImpairedWire(listening, connect(f"udpout://127.0.0.1:{autopilot.port}"), up, down, seed)
-    return wire, connect(f"udpout://127.0.0.1:{listening.port}"), autopilot
+    autopilot = listening.udp()
+    listener = listening.udp()
+    wire = ImpairedWire(listener, connect(f"udpout://127.0.0.1:{autopilot.port}"), up, down, seed)
+    return wire, connect(f"udpout://127.0.0.1:{listener.port}"), autopilot
 
 
 @given(st.lists(st.one_of(st.sampled_from(pings(3)), st.binary(max_size=30))), st.lists(st.integers(1, 40)))
@@ -104,7 +106,7 @@ def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
 
 
 def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:
-    far, near = connect("tcpin://127.0.0.1:0"), connect("tcpin://127.0.0.1:0")
+    far, near = listening.tcp(), listening.tcp()
     with ImpairedWire(near, connect(f"tcp://127.0.0.1:{far.port}"), PERFECT, PERFECT):
         for _ in range(2):
             agent = connect(f"tcp://127.0.0.1:{near.port}")
@@ -140,7 +142,7 @@ def command(*arguments: str) -> "subprocess.Popen[str]":
 
 
 def test_the_command_counts_and_ends_with_ctrl_c() -> None:
-    autopilot = connect("udpin://127.0.0.1:0")
+    autopilot = listening.udp()
     port = free_port()
     process = command(
         "--listen", f"udpin://127.0.0.1:{port}", "--to", f"udpout://127.0.0.1:{autopilot.port}",

@@ -79,6 +79,7 @@ def test_a_vehicle_beyond_a_limit_is_brought_back():
 def test_speeds_and_turns_are_clamped_and_named():
     limits = Limits(speed=1.0, climb=0.5, yaw_rate=0.5)
     admitted = admit(VelocityTarget((3.0, 4.0, -2.0), -2.0), state((0, 0, -5.0)), HOME, limits, 0)
+    assert isinstance(admitted.target, VelocityTarget)
     assert math.hypot(*admitted.target.velocity_body[:2]) == pytest.approx(1.0)
     assert admitted.target.velocity_body[1] / admitted.target.velocity_body[0] == pytest.approx(4 / 3)
     assert admitted.target.velocity_body[2] == -0.5
@@ -151,4 +152,4 @@ def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
 )
 def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, told, said):
     what = unwatched(state((0, 0, -2), battery_remaining=told), Limits(battery_min=least))
-    assert what is None if said is None else what.startswith(said)
+    assert what is None if said is None else (what or "").startswith(said)

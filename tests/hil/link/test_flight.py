@@ -1,5 +1,7 @@
 """What the link sends to a vehicle that is its own, and when that ends."""
 
+from typing import Any
+
 import pytest
 
 from foundation.errors import LinkError
@@ -127,7 +129,7 @@ def test_an_ardupilot_is_refused_by_name():
 
 def test_a_mute_link_moves_nothing_and_tells_what_it_would(vehicle):
     link = Link(vehicle.transport(), mute=True)
-    would = []
+    would: list[Any] = []
     link.on_target = would.append
     link.connect(10.0)
     link.arm()
@@ -142,7 +144,7 @@ def test_a_mute_link_moves_nothing_and_tells_what_it_would(vehicle):
 
 
 def test_the_envelope_stops_the_vehicle_before_its_limits(vehicle):
-    heard = []
+    heard: list[Any] = []
     link = Link(vehicle.transport(), limits=Limits(radius_m=10.0, ceiling_m=5.0))
     link.on_limit = heard.append
     link.connect(10.0)

@@ -9,6 +9,7 @@ from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect
 from hil.link.link import Link
 from hil.link.transport import connect
+from tests.hil.link import listening
 
 
 class Peer(threading.Thread):
@@ -35,7 +36,7 @@ class Peer(threading.Thread):
 
 @pytest.fixture
 def flying():
-    transport = connect("udpin://127.0.0.1:0")
+    transport = listening.udp()
     peer = Peer(f"udpout://127.0.0.1:{transport.port}")
     peer.start()
     link = Link(transport, silence_s=0.6)

@@ -151,7 +151,7 @@ def test_an_order_whose_answer_is_lost_is_not_repeated_against_a_pilot(vehicle):
 
 def test_a_takeover_between_the_hold_and_the_landing_is_not_landed(vehicle):
     link = flying(vehicle)
-    given = []
+    given: list[str] = []
 
     def pilot():
         if vehicle.mode == "HOLD" and not given:

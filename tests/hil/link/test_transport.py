@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from foundation.errors import DronecatsError, LinkError, UsageError
 from hil.link.transport import MemoryTransport, UdpTransport, connect
+from tests.hil.link import listening
 
 
 def test_udp_answers_whoever_spoke_last():
@@ -28,7 +29,7 @@ def test_udp_answers_whoever_spoke_last():
 
 
 def test_one_thread_receives_while_another_sends():
-    server = connect("udpin://127.0.0.1:0")
+    server = listening.udp()
     client = connect(f"udpout://127.0.0.1:{server.port}")
     client.send(b"hello")
     server.receive(2.0)
@@ -63,7 +64,7 @@ def test_one_thread_receives_while_another_sends():
 
 
 def test_two_who_send_to_one_port_are_both_answered_until_one_is_silent(monkeypatch):
-    server = connect("udpin://127.0.0.1:0")
+    server = listening.udp()
     one, other = (connect(f"udpout://127.0.0.1:{server.port}") for _ in range(2))
     for client in (one, other):
         client.send(b"hello")
@@ -143,7 +144,7 @@ def test_memory_pipe_pumps_only_when_it_runs_dry():
 
 
 def test_a_tcp_server_serves_the_newest_client():
-    server = connect("tcpin://127.0.0.1:0")
+    server = listening.tcp()
     server.send(b"to nobody")
     for word in (b"first", b"second"):
         client = connect(f"tcp://127.0.0.1:{server.port}")

@@ -54,7 +54,12 @@ def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
     autopilot, link = meet()
     autopilot.refuses = ()
     take = autopilot._take
-    autopilot._take = lambda message: (take(message), setattr(autopilot, "mode", "HOLD"))
+
+    def taken(message):
+        take(message)
+        autopilot.mode = "HOLD"
+
+    autopilot._take = taken
     found = looked_at(link, tmp_path)
     assert "OFFBOARD was accepted, but HOLD is shown" in row(found, "offboard rehearsal").why
 

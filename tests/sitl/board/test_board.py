@@ -231,7 +231,8 @@ def free_instance():
 
 
 def test_a_client_on_the_offboard_port_talks_with_the_board(board, path):
-    instance, said = free_instance(), []
+    instance = free_instance()
+    said: list[str] = []
     client = connect(f"udpin://127.0.0.1:{14540 + instance}")
     simulator = BoardSimulator(
         SimulatorConfig(episode="blocks-commanding-01", instance=instance, hitl=f"serial://{path}:921600"),

@@ -77,6 +77,7 @@ def test_no_time_passes_until_px4_has_come(tmp_path):
     instance = str(free_instance(1))
     words = [*DRONECATS, "sitl", "--autopilot", "px4", "--instance", instance]
     process = subprocess.Popen([*words, "--state", str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
     try:
         said = "".join(iter(process.stdout.readline, "Ctrl-C ends it\n"))
         assert f"waiting for PX4 on TCP port {PORT + int(instance)}" in said

@@ -10,5 +10,5 @@ from dronecats.cli.main import main
 from dronecats.sitl import scenario
 from foundation.obstacles import OPEN
 
-scenario.obstacles = lambda scene: OPEN
+vars(scenario)["obstacles"] = lambda scene: OPEN
 sys.exit(main(["sitl", *sys.argv[1:]]))

@@ -15,6 +15,7 @@ import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,7 +91,7 @@ def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tu
         )
     if stage.returncode:
         pytest.fail(f"{example.name}: the stage fell: {(where / 'stage.txt').read_text()[-2000:]}")
-    answer = last_object(stage.stdout)
+    answer = last_object(stage.stdout.decode())
     (where / "lines.txt").write_text("\n".join(answer["lines"]))
     reached = reach(state)
     fault = _fault(example, answer, reached[0] if reached else 0.0)
@@ -101,13 +102,13 @@ def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tu
     return Outcome(example, fault, answer["seconds"], reached, tuple(answer["lines"]))
 
 
-def _fault(example: Example, answer: dict, height: float) -> str:
+def _fault(example: Example, answer: dict[str, Any], height: float) -> str:
     text = "\n".join(answer["lines"])
     if example.refused:
         met = example.refused in text and all(re.search(pattern, text) for pattern in example.shows)
         return "" if met else f"was not refused with {example.refused}"
     if answer["outcome"] != "ok":
-        return answer["outcome"]
+        return str(answer["outcome"])
     wrong = next((line for line in answer["lines"] if WRONG.search(line)), None)
     if wrong:
         return f"printed: {wrong.strip()} … {answer['lines'][-1].strip()}"

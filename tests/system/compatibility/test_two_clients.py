@@ -3,6 +3,7 @@
 import socket
 import threading
 import time
+from functools import partial
 
 import pytest
 from pymavlink import mavutil
@@ -66,6 +67,9 @@ class Client:
         """Return the place in what has been heard so far, for `since`."""
         return len(self._heard)
 
+    def _longer_than(self, count):
+        return len(self._heard) > count
+
     def since(self, mark, *kinds):
         """Return what the vehicle has said since; the heartbeats of other clients are forwarded, and left out here."""
         heard = self._heard[mark:]
@@ -77,7 +81,7 @@ class Client:
         deadline = time.monotonic() + PATIENCE_S
         while True:
             with self._news:
-                if not self._news.wait_for(lambda at=at: len(self._heard) > at, deadline - time.monotonic()):
+                if not self._news.wait_for(partial(self._longer_than, at), deadline - time.monotonic()):
                     raise AssertionError(f"{kind} never became what it should")
                 message, at = self._heard[at], at + 1
             if message.get_srcSystem() == system and message.get_type() == kind and wanted(message):
@@ -156,7 +160,7 @@ def test_a_ground_station_reads_parameters_and_uploads_a_mission_while_an_agent_
     agent.until("LOCAL_POSITION_NED", lambda at: abs(at.x - NORTH) + abs(at.y - EAST) + abs(at.z - DOWN) < 0.3)
 
     of_agent, of_ground = agent.mark(), ground.mark()
-    acks = []
+    acks: list[int] = []
     asking = threading.Thread(
         target=lambda: acks.extend(agent.command(REQUEST_MESSAGE, AUTOPILOT_VERSION) for _ in range(20))
     )
