@@ -10,7 +10,7 @@ from dronecats.judge.episode import write_verdict
 from foundation.errors import UsageError
 
 
-def traced(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:
+def rejudge(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:
     """Return what `fly --json` prints, judged anew with estimate.jsonl; as it was where the logs allow no trace."""
     from dronecats.afterflight.trace import derive
 

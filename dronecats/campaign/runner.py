@@ -3,17 +3,16 @@
 import queue
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
 
+from dronecats.campaign.audit import Result
 from dronecats.campaign.batch import Batch
 from dronecats.campaign.config import WorkerConfig
 from dronecats.flight.spec import FlightSpec
 from dronecats.judge.episode import write_verdict
-from dronecats.processes.supervisor import ChildProcess, Kind
+from dronecats.processes.supervisor import ChildKind, ChildProcess
 from foundation.errors import DronecatsError, InfrastructureError
 
-WORKER = Kind("worker", "dronecats.campaign.worker", WorkerConfig)
-Result = dict[str, Any]  # what `fly --json` prints of an episode
+WORKER = ChildKind("worker", "dronecats.campaign.worker", WorkerConfig)
 
 
 class Runner:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli import signals
 
 if TYPE_CHECKING:
+    from dronecats.campaign.audit import Result
     from dronecats.flight.spec import FlightSpec
-    from episodes.blind import Flight
+    from episodes.blind import BlindFlight
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -59,10 +60,12 @@ def run(args: argparse.Namespace) -> int:
     flight = look_up(spec)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
     left = batch.left(chosen)
-    results = [{"episode": batch.folder(e).name, **(batch.done(e) or {})} for e in chosen if e not in left]
+    results: list[Result] = [
+        {"episode": batch.folder(e).name, **(batch.done(e) or {})} for e in chosen if e not in left
+    ]
     bar = _bar(len(chosen), len(results))
 
-    def ended(result: dict[str, Any]) -> None:
+    def ended(result: "Result") -> None:
         if result["outcome"] != "success":
             bar.write(f"{result['episode']}: {result['outcome']}{_reason(result)}", file=sys.stderr)
         bar.update()
@@ -140,7 +143,7 @@ def _bar(total: int, done: int) -> Any:
     return tqdm(total=total, initial=done, unit="episode", dynamic_ncols=True, mininterval=seldom)
 
 
-def _reason(result: dict[str, Any]) -> str:
+def _reason(result: "Result") -> str:
     if result.get("error"):
         return f": {result['error']}"
     return f", {result['ne_m']:.1f} m away at the end" if result.get("ne_m") is not None else ""
@@ -156,7 +159,7 @@ def _keep(steps: dict[str, int]) -> None:
     write_json(par.FILE, {episode: table[episode] for episode in known if episode in table})
 
 
-def _keep_blind(pilot: str, flown: "dict[str, Flight]") -> None:
+def _keep_blind(pilot: str, flown: "dict[str, BlindFlight]") -> None:
     """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
     from dronecats.rundir.folder import write_json
     from episodes import blind, catalogue

@@ -7,7 +7,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
-from dronecats.logger.measure import Measure, Measured
+from dronecats.logger.measure import Measure, TruthMeasurement
 from foundation.camera import CameraModel
 from foundation.frames import quat_yaw
 from foundation.mavlink import Parser, dialect
@@ -125,7 +125,7 @@ class Recorder:
             }
         )
 
-    def _measured(self, sample: TruthSample) -> Measured:
+    def _measured(self, sample: TruthSample) -> TruthMeasurement:
         others = [nearest(heard, sample.time_us) for k, heard in self._samples.items() if k != sample.drone]
         return self._measure(self._t(sample.time_us), sample, self._camera, others)
 

@@ -11,7 +11,7 @@ from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
 from dronecats.judge.files import read
 from dronecats.protocol import CAP_S
-from dronecats.run.ascent import Start, ascend
+from dronecats.run.ascent import StartOffset, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.stages.stage import Stage
@@ -36,7 +36,7 @@ class Flown:
 
 def fly(
     stage: Stage,
-    starts: list[Start],
+    starts: list[StartOffset],
     make_agent: AgentFactory,
     folder: Path,
     *,
@@ -57,7 +57,7 @@ def fly(
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
-    watch = Watch(folder, full)
+    watch = VerdictWatch(folder, full)
     SafetyLog(folder / "safety.jsonl", stage.links, say)
     try:
         for link in stage.links:
@@ -152,7 +152,7 @@ def _begin(
     )
 
 
-class Watch:
+class VerdictWatch:
     """Looks, after each declaration, whether the verdict is decided: what the first qualifying one settles is settled.
 
     It reads the logger's files with the verifier's own function. The agent learns nothing of it but that time is up.

@@ -31,7 +31,7 @@ MEASURED = (  # of the verdict, as they are
 Written = TypeVar("Written")
 
 
-def conclude(
+def fly_and_judge(
     flight: Callable[[], Flown],
     folder: Path,
     episode: str,

@@ -37,7 +37,7 @@ CAMERA = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class InscriptionKind:
     """One type of inscription and the asset that carries it."""
 
     name: str
@@ -48,8 +48,8 @@ class Kind:
 
 
 KINDS = (
-    Kind("sign", "sign", "white", LETTER_M, "sign-"),
-    Kind("plate", "suv", "cyan", DIGIT_M, "plate-"),
+    InscriptionKind("sign", "sign", "white", LETTER_M, "sign-"),
+    InscriptionKind("plate", "suv", "cyan", DIGIT_M, "plate-"),
 )
 
 
@@ -105,7 +105,7 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
     return probes
 
 
-def letter_px(kind: Kind, distance_m: float) -> float:
+def letter_px(kind: InscriptionKind, distance_m: float) -> float:
     """Return the height of a letter in the model's picture, px, by the pinhole."""
     scale = min(1.0, picture.WIDTH_MAX / CAMERA.width)
     return round(CAMERA.focal_px * scale * kind.letter_m / distance_m, 2)
@@ -130,7 +130,7 @@ def invent(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
             return text
 
 
-def view(kind: Kind, text: str, distance_m: float) -> NDArray[np.uint8]:
+def view(kind: InscriptionKind, text: str, distance_m: float) -> NDArray[np.uint8]:
     """Return the camera's (720, 1280, 3) RGB frame of an inscription straight ahead at a distance.
 
     The camera is level, at the inscription's own height where that is not below `LEAST_EYE_M`.
