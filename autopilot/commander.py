@@ -21,7 +21,8 @@ from autopilot.plan.items import MISSION, PlanItem
 from autopilot.stick_override import StickOverride, overridable
 from autopilot.supervision import StatusText, Supervision
 from foundation.frames import Vec3
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)

@@ -12,7 +12,8 @@ import pytest
 from dronecats.processes.supervisor import Supervisor
 from dronecats.sitl.config import CameraConfig
 from dronecats.stages import parts
-from foundation.mavlink import MODES, Packer, Parser, dialect
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.px4 import MODES
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.simulated_vehicle import EPISODE, start_vehicle
 

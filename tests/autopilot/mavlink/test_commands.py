@@ -5,7 +5,8 @@ import math
 
 import pytest
 
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from tests.autopilot.commander_bench import ORIGIN, Bench, Client
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4

@@ -9,7 +9,8 @@ import pytest
 from autopilot.mavlink.offboard_setpoints import RejectedError, trajectory
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import Quat, quat_from_euler
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from tests.autopilot.commander_bench import ORIGIN, Bench
 
 

@@ -5,7 +5,8 @@ import math
 
 import pytest
 
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from tests.autopilot.commander_bench import Bench, sticks
 
 

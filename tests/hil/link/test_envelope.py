@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from foundation.errors import LinkError
 from hil.link.envelope import Limits, admit, crosses, inside, placed, unwatched
-from hil.link.offboard import PositionTarget, VelocityTarget
+from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
 HOME = (10.0, -20.0, 1.0)
@@ -28,8 +28,8 @@ def fly(target, limits, seconds=60.0, yaw=0.0, at=(0.0, 0.0, -2.5)):
     """Return the path (relative to home) of a point whose velocity follows with a first-order lag."""
     velocity, path = [0.0, 0.0, 0.0], [at]
     for _ in range(round(seconds / STEP_S)):
-        flown = admit(target, state(path[-1], yaw), HOME, limits, 0).target
-        if isinstance(flown, PositionTarget):
+        flown = admit(target, state(path[-1], yaw), HOME, limits, 0).setpoint
+        if isinstance(flown, PositionSetpoint):
             wanted = [p - h - a for p, h, a in zip(flown.position_ned, HOME, path[-1], strict=True)]
         else:
             f, r, d = flown.velocity_body
@@ -42,7 +42,7 @@ def fly(target, limits, seconds=60.0, yaw=0.0, at=(0.0, 0.0, -2.5)):
 @given(speeds, speeds, speeds, st.floats(-3.1, 3.1))
 def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
     limits = Limits(ceiling_m=6.0, floor_m=0.7, radius_m=8.0)
-    path = fly(VelocityTarget((forward, right, down), 0.0), limits, 30.0, yaw)
+    path = fly(VelocitySetpoint((forward, right, down), 0.0), limits, 30.0, yaw)
     assert all(math.hypot(n, e) <= 8.0 for n, e, _ in path)
     assert all(0.7 <= -d <= 6.0 for _, _, d in path)
 
@@ -50,7 +50,7 @@ def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
 @pytest.mark.parametrize("polygon", [SQUARE, NOOK])
 @given(speeds, speeds)
 def test_no_velocity_enters_an_exclusion(polygon, forward, right):
-    path = fly(VelocityTarget((forward, right, 0.0), 0.0), Limits(exclusions=(polygon,)), 20.0)
+    path = fly(VelocitySetpoint((forward, right, 0.0), 0.0), Limits(exclusions=(polygon,)), 20.0)
     assert not any(inside((n, e), polygon) for n, e, _ in path)
 
 
@@ -58,43 +58,43 @@ def test_no_velocity_enters_an_exclusion(polygon, forward, right):
 def test_no_place_leads_outside(north, east, down):
     limits = Limits(ceiling_m=6.0, radius_m=9.0, exclusions=(SQUARE,))
     place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
-    path = fly(PositionTarget(place, 0.0), limits, 30.0)
+    path = fly(PositionSetpoint(place, 0.0), limits, 30.0)
     assert all(math.hypot(n, e) <= 9.0 for n, e, _ in path)
     assert all(-d <= 6.0 for _, _, d in path)
     assert not any(inside((n, e), SQUARE) for n, e, _ in path)
 
 
 def test_what_is_inside_passes_untouched():
-    for target in (VelocityTarget((1.2, 0.0, -0.3), 1.0), PositionTarget((11.0, -20.0, -1.5), 0.4)):
+    for target in (VelocitySetpoint((1.2, 0.0, -0.3), 1.0), PositionSetpoint((11.0, -20.0, -1.5), 0.4)):
         admitted = admit(target, state((0.0, 0.0, -2.5)), HOME, Limits(), 0)
-        assert admitted.target is target
+        assert admitted.setpoint is target
         assert admitted.limited == ()
 
 
 def test_a_vehicle_beyond_a_limit_is_brought_back():
-    path = fly(VelocityTarget((0.0, 0.0, 0.0), 0.0), Limits(radius_m=8.0), at=(10.0, 0.0, -2.5))
+    path = fly(VelocitySetpoint((0.0, 0.0, 0.0), 0.0), Limits(radius_m=8.0), at=(10.0, 0.0, -2.5))
     assert path[-1][0] <= 8.0
 
 
 def test_speeds_and_turns_are_clamped_and_named():
     limits = Limits(speed=1.0, climb=0.5, yaw_rate=0.5)
-    admitted = admit(VelocityTarget((3.0, 4.0, -2.0), -2.0), state((0, 0, -5.0)), HOME, limits, 0)
-    assert isinstance(admitted.target, VelocityTarget)
-    assert math.hypot(*admitted.target.velocity_body[:2]) == pytest.approx(1.0)
-    assert admitted.target.velocity_body[1] / admitted.target.velocity_body[0] == pytest.approx(4 / 3)
-    assert admitted.target.velocity_body[2] == -0.5
-    assert admitted.target.yaw_rate == -0.5
+    admitted = admit(VelocitySetpoint((3.0, 4.0, -2.0), -2.0), state((0, 0, -5.0)), HOME, limits, 0)
+    assert isinstance(admitted.setpoint, VelocitySetpoint)
+    assert math.hypot(*admitted.setpoint.velocity_body[:2]) == pytest.approx(1.0)
+    assert admitted.setpoint.velocity_body[1] / admitted.setpoint.velocity_body[0] == pytest.approx(4 / 3)
+    assert admitted.setpoint.velocity_body[2] == -0.5
+    assert admitted.setpoint.yaw_rate == -0.5
     assert admitted.limited == ("speed", "climb", "yaw rate")
 
 
 def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
-    target = VelocityTarget((1.0, 0.0, 0.0), 0.0)
+    target = VelocitySetpoint((1.0, 0.0, 0.0), 0.0)
     stale = state((0, 0, -2.5), position_us=1_000_000, heartbeat_us=5_000_000)
     assert admit(target, stale, HOME, Limits(), 2_000_000).limited == ("stale position",)
     lost = state((0, 0, -2.5), position_us=9_000_000, heartbeat_us=5_000_000)
     admitted = admit(target, lost, HOME, Limits(), 9_000_000)
     assert admitted.limited == ("lost heartbeat",)
-    assert admitted.target == VelocityTarget((0.0, 0.0, 0.0), 0.0)
+    assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 
 
 def test_exclusions_on_the_globe_are_placed_from_home():
@@ -126,21 +126,21 @@ def test_a_way_through_a_corner_crosses(corner):
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_target_that_is_no_number_stands_still(bad):
     for target in (
-        VelocityTarget((bad, 0.0, 0.0), 0.0),
-        VelocityTarget((0.0, 0.0, 0.0), bad),
-        PositionTarget((0.0, bad, -2.0), 0.0),
-        PositionTarget((0.0, 0.0, -2.0), bad),
+        VelocitySetpoint((bad, 0.0, 0.0), 0.0),
+        VelocitySetpoint((0.0, 0.0, 0.0), bad),
+        PositionSetpoint((0.0, bad, -2.0), 0.0),
+        PositionSetpoint((0.0, 0.0, -2.0), bad),
     ):
         admitted = admit(target, state((0.0, 0.0, -2.5)), HOME, Limits(), 0)
         assert admitted.limited == ("not a number",)
-        assert admitted.target == VelocityTarget((0.0, 0.0, 0.0), 0.0)
+        assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-20, -2))
 def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
     limits = Limits(speed=1.5, climb=1.2, ceiling_m=30.0)
     place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
-    path = fly(PositionTarget(place, 0.0), limits, 20.0)  # to a place as PX4 does, a metre per second and metre
+    path = fly(PositionSetpoint(place, 0.0), limits, 20.0)  # to a place as PX4 does, a metre per second and metre
     for a, b in itertools.pairwise(path):
         assert math.dist(a[:2], b[:2]) / STEP_S <= 1.5 * 1.02
         assert abs(b[2] - a[2]) / STEP_S <= 1.2 * 1.02

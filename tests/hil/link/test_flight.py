@@ -32,7 +32,7 @@ def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.fly(Hold())
-    link.on_target = lambda target: vehicle.refuses.clear() if len(vehicle.setpoints) > 5 else None
+    link.on_setpoint = lambda target: vehicle.refuses.clear() if len(vehicle.setpoints) > 5 else None
     link.start_offboard()
     assert vehicle.mode == "OFFBOARD"
     assert sum(c[0] == 176 for c in vehicle.commands) > 1
@@ -130,7 +130,7 @@ def test_an_ardupilot_is_refused_by_name():
 def test_a_mute_link_moves_nothing_and_tells_what_it_would(vehicle):
     link = Link(vehicle.transport(), mute=True)
     would: list[Any] = []
-    link.on_target = would.append
+    link.on_setpoint = would.append
     link.connect(10.0)
     link.arm()
     link.fly(Velocity(1.2, None), 10.0)

@@ -4,14 +4,14 @@ import pytest
 
 from foundation.setpoints import Hold, Sight, Turn, Velocity
 from hil.link.offboard import CORRECTION_MAX, OffboardStream
-from hil.link.offboard import message as packed
+from hil.link.px4 import PX4
 
 STILL = (0.0, 0.0, 0.0)
 
 
 def message(stream, position, velocity=STILL, yaw=0.0, time_us=1_000_000):
-    target = stream.target(position, velocity, yaw, time_us)
-    return None if target is None else packed(target, time_us // 1000, 1, 1)
+    target = stream.streamed(position, velocity, yaw, time_us)
+    return None if target is None else PX4.setpoint_message(target, time_us // 1000, 1, 1)
 
 
 def test_streams_nothing_until_told():

@@ -2,7 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from foundation.mavlink import MODES, Packer, Parser, dialect, mode_name
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.px4 import MODES, mode_name
 from hil.link.telemetry import VehicleClock, VehicleState, update
 
 
@@ -51,7 +52,7 @@ def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
 
 
 def test_what_is_no_number_has_not_been_told():
-    state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), 1000)
+    state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), mode_name, 1000)
     nan = float("nan")
     for bad in (
         dialect.MAVLink_local_position_ned_message(2, 1, nan, 3, 0, 0, 0),
@@ -59,7 +60,7 @@ def test_what_is_no_number_has_not_been_told():
         dialect.MAVLink_attitude_message(2, 0, 0, nan, 0, 0, 0),
         dialect.MAVLink_home_position_message(0, 0, 0, nan, 0, 0, [1, 0, 0, 0], 0, 0, 0),
     ):
-        assert update(state, bad, 2000) == state
+        assert update(state, bad, mode_name, 2000) == state
 
 
 @given(st.lists(st.integers(0, (1 << 32) - 1), max_size=30))
@@ -81,12 +82,12 @@ def test_mode_names_are_a_bijection():
 def test_state_follows_the_messages():
     state = VehicleState()
     beat = dialect.MAVLink_heartbeat_message(2, 12, 129, MODES["OFFBOARD"].custom_mode, 4, 3)
-    state = update(state, beat)
+    state = update(state, beat, mode_name)
     assert state.armed
     assert state.mode == "OFFBOARD"
-    state = update(state, dialect.MAVLink_statustext_message(6, b"all is well"))
+    state = update(state, dialect.MAVLink_statustext_message(6, b"all is well"), mode_name)
     assert state.status_text == ""
-    state = update(state, dialect.MAVLink_statustext_message(2, b"Arming denied: no GPS"))
+    state = update(state, dialect.MAVLink_statustext_message(2, b"Arming denied: no GPS"), mode_name)
     assert state.status_text == "Arming denied: no GPS"
 
 

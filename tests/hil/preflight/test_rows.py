@@ -2,7 +2,8 @@
 
 import pytest
 
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from hil.preflight import battery, health, position, wire
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
 from hil.preflight.row import Change, Row, proposal, summary, table
