@@ -13,6 +13,7 @@ from autopilot.parameters import ParameterTable
 from autopilot.plan.items import PlanItem, horizontal
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
+from foundation.polygon import Point, contains
 
 RETURN_POINT = int(dialect.MAV_CMD_NAV_FENCE_RETURN_POINT)
 POLYGON_IN = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION)
@@ -22,8 +23,6 @@ CIRCLE_OUT = int(dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
 POLYGONS = frozenset({POLYGON_IN, POLYGON_OUT})
 COMMANDS = POLYGONS | {RETURN_POINT, CIRCLE_IN, CIRCLE_OUT}
 MOST_VERTICES = 250
-
-Point = tuple[float, float]  # m north, m east
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +38,7 @@ class FenceArea:
         if len(self.vertices) == 1:
             centre = self.vertices[0]
             return math.hypot(north - centre[0], east - centre[1]) < self.radius
-        return in_polygon(self.vertices, north, east)
-
-
-def in_polygon(vertices: tuple[Point, ...], north: float, east: float) -> bool:
-    """Return whether a point lies in a simple polygon: a ray to the east crosses its edges an odd number of times."""
-    inside = False
-    n1, e1 = vertices[-1]
-    for n2, e2 in vertices:
-        if (n1 > north) != (n2 > north) and east < e1 + (north - n1) / (n2 - n1) * (e2 - e1):
-            inside = not inside
-        n1, e1 = n2, e2
-    return inside
+        return contains(self.vertices, (north, east))
 
 
 def well_formed(items: tuple[PlanItem, ...]) -> bool:
