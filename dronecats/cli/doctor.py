@@ -18,6 +18,7 @@ from pathlib import Path
 
 from dronecats import __version__
 from dronecats.agent.models.providers import PROVIDERS
+from foundation.ports import port_holder
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
@@ -177,22 +178,9 @@ def port(number: int, purpose: str) -> Diagnosis:
         try:
             probe.bind(("127.0.0.1", number))
         except OSError:
-            return Diagnosis(
-                name, NOTE, f"taken by {_owner(number)} ({purpose})", "stop that program, or give another port"
-            )
+            by = port_holder("UDP", number) or "another program"
+            return Diagnosis(name, NOTE, f"taken by {by} ({purpose})", "stop that program, or give another port")
     return Diagnosis(name, OK, f"free ({purpose})")
-
-
-def _owner(number: int) -> str:
-    try:
-        import psutil
-
-        for connection in psutil.net_connections("udp"):
-            if connection.laddr and connection.laddr.port == number and connection.pid:
-                return f"{psutil.Process(connection.pid).name()} (process {connection.pid})"
-    except Exception:  # without psutil or without the right to ask, nobody is named
-        return "another program"
-    return "another program"
 
 
 def _disk() -> Diagnosis:
