@@ -3,18 +3,20 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.config import AIRFRAME
 from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation, V
+from dronecats.sitl.vehicle import Physics
 from episodes import catalogue
 from episodes.assets.multirotor import outline
 from episodes.obstacles import obstacles
 from episodes.record import EpisodeRecord
 from episodes.world import World
+from foundation.airframe import Airframe
 from foundation.truth import Origin
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
@@ -26,13 +28,13 @@ def origin(world: World) -> Origin:
     return world.scene.latitude_deg, world.scene.longitude_deg, world.scene.altitude_m
 
 
-def ground_places(world: World) -> list[BootPose]:
+def boot_poses(world: World) -> list[BootPose]:
     """Return where each drone of the record stands before it takes off: on the ground below its start pose."""
-    places = []
+    poses = []
     for start in world.record.starts:
         north, east, _ = start.position_ned
-        places.append(BootPose((north, east, world.ground_down(north, east)), math.radians(start.yaw_deg)))
-    return places
+        poses.append(BootPose((north, east, world.ground_down(north, east)), math.radians(start.yaw_deg)))
+    return poses
 
 
 def build(
@@ -47,9 +49,9 @@ def build(
 ) -> Simulation[SimulatedVehicle]:
     """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
 
-    def make(index: int, *arguments: Any, **physics: Any) -> SimulatedVehicle:
+    def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
         folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
-        return SimulatedVehicle(index, *arguments, state_dir=folder, **physics)
+        return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
 
     return built_of(make, world, airframe=airframe, seed=seed, count=count, wind=wind, faults=faults)
 
@@ -71,17 +73,17 @@ def built_of(
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
-    places = ground_places(world)
-    while count is not None and len(places) < count:  # more than the record has: beside one another, two metres apart
-        last = places[-1].position_ned
+    poses = boot_poses(world)
+    while count is not None and len(poses) < count:  # more than the record has: beside one another, two metres apart
+        last = poses[-1].position_ned
         north, east = last[0], last[1] + 2.0
-        places.append(BootPose((north, east, world.ground_down(north, east)), places[-1].yaw))
+        poses.append(BootPose((north, east, world.ground_down(north, east)), poses[-1].yaw))
     return Simulation(
         [
             make(
                 index,
                 frame,
-                place,
+                pose,
                 seed=noise_seed(world.record.seed, seed, index),
                 origin=origin(world),
                 terrain=world.scene.terrain,
@@ -89,7 +91,7 @@ def built_of(
                 wind=wind,
                 faults=faults,
             )
-            for index, place in enumerate(places[:count])
+            for index, pose in enumerate(poses[:count])
         ],
         Traffic(world.target_pose) if solid.moving else None,
     )

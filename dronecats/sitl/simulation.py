@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, Unpack
 
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore
@@ -10,14 +10,9 @@ from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import Encounters, Traffic
 from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
-from dronecats.sitl.vehicle import STEP_US, TICK_US, BootPose, Vehicle
+from dronecats.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
 from dronecats.sitl.vehicle_port import VehiclePort
 from foundation.airframe import Airframe
-from foundation.obstacles import OPEN, Obstacles
-from foundation.terrain import FLAT, HeightField
-from foundation.truth import Origin
-from vehicles.faults import Fault
-from vehicles.wind import CALM, Wind
 
 __all__ = ["STEP_US", "TICK_US", "BootPose", "SimulatedVehicle", "Simulation"]
 
@@ -33,30 +28,15 @@ class SimulatedVehicle(Vehicle):
         self,
         index: int,
         airframe: Airframe,
-        place: BootPose,
+        pose: BootPose,
         *,
-        seed: int,
-        origin: Origin,
-        terrain: HeightField = FLAT,
-        obstacles: Obstacles = OPEN,
-        wind: Wind = CALM,
-        faults: Sequence[Fault] = (),
         state_dir: Path | None = None,
+        **physics: Unpack[Physics],
     ) -> None:
         """`state_dir` keeps parameters, plans and flight logs; without it none of them outlives the process."""
-        super().__init__(
-            index,
-            airframe,
-            place,
-            seed=seed,
-            origin=origin,
-            terrain=terrain,
-            obstacles=obstacles,
-            wind=wind,
-            faults=faults,
-        )
+        super().__init__(index, airframe, pose, **physics)
         self._state_dir = state_dir
-        self._failures = Failures(self.plant, faults)
+        self._failures = Failures(self.plant, physics.get("faults", ()))
         self._ports: list[VehiclePort] = []
         self._boot()
 

@@ -10,7 +10,7 @@ from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.config import TruthBridgeConfig
 from dronecats.sitl.placement import Placement, TruthClock, own_yaw, speed, standing
-from dronecats.sitl.scenario import ground_places, load_world, origin
+from dronecats.sitl.scenario import boot_poses, load_world, origin
 from dronecats.sitl.sockets import UdpPort
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
@@ -72,7 +72,7 @@ class TruthBridge:
     def __init__(self, config: TruthBridgeConfig) -> None:
         world = load_world(config.episode)
         self._origin = origin(world)
-        place = ground_places(world)[0]
+        place = boot_poses(world)[0]
         self._source = TruthSource(config.truth)
         _, message = self._source.first()
         self._yaw = own_yaw(message)

@@ -2,19 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Required, TypedDict, Unpack
 
 from dronecats.sitl.collisions import CollisionReport
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.mavlink import Packer
-from foundation.obstacles import OPEN, Obstacles
-from foundation.terrain import FLAT, HeightField
+from foundation.obstacles import Obstacles
+from foundation.terrain import HeightField
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite
-from vehicles.wind import CALM, Wind
+from vehicles.wind import Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
@@ -28,37 +29,31 @@ class BootPose:
     yaw: float  # rad
 
 
+class Physics(TypedDict, total=False):
+    """What else a plant is made with; what is left out is as `Multirotor` has it."""
+
+    seed: Required[int]  # of all that is random about the vehicle
+    origin: Required[Origin]
+    terrain: HeightField
+    obstacles: Obstacles
+    wind: Wind
+    faults: Sequence[Fault]
+    suite: Suite
+
+
 class Vehicle:
     """A plant that tells its truth. Who flies it is added by those that inherit, in `advance`."""
 
-    def __init__(
-        self,
-        index: int,
-        airframe: Airframe,
-        place: BootPose,
-        *,
-        seed: int,
-        origin: Origin,
-        terrain: HeightField = FLAT,
-        obstacles: Obstacles = OPEN,
-        wind: Wind = CALM,
-        faults: Sequence[Fault] = (),
-        suite: Suite | None = None,
-    ) -> None:
+    def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
+        """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
         self.index = index
-        self.origin = origin
+        self.origin = physics["origin"]
         self.plant = Multirotor(
             airframe,
-            seed=seed,
-            origin=origin,
-            terrain=terrain,
-            obstacles=obstacles,
             camera_frd=CameraModel().offset_frd,
-            position_ned=place.position_ned,
-            yaw=place.yaw,
-            wind=wind,
-            faults=faults,
-            suite=suite,
+            position_ned=pose.position_ned,
+            yaw=pose.yaw,
+            **physics,
         )
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
         self._collisions = CollisionReport(self.plant)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dronecats.processes.supervisor import ChildProcess
 from dronecats.sitl.config import TruthBridgeConfig
 from dronecats.sitl.placement import TruthClock, standing
-from dronecats.sitl.scenario import ground_places, load_world, origin
+from dronecats.sitl.scenario import boot_poses, load_world, origin
 from dronecats.stages import parts
 from foundation.errors import UsageError
 from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
@@ -113,7 +113,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
         hello = Packer(246, 191)
         heartbeat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
         logger.send(hello.pack(heartbeat))
-        place = ground_places(world)[0]
+        place = boot_poses(world)[0]
         somebody.north = 10.0
         newest = NewestTruth(origin(world))
         ahead = (

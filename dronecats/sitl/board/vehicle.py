@@ -1,10 +1,11 @@
 """A simulated vehicle that an autopilot board flies over a wire, in real time."""
 
 import time
-from typing import Any
+from typing import Unpack
 
 from dronecats.sitl.pace import RateKeeper
-from dronecats.sitl.vehicle import STEP_US, TICK_US, Vehicle
+from dronecats.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
+from foundation.airframe import Airframe
 from hil.simulator.board import BoardLine
 from hil.simulator.interface import Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
 from vehicles.sensors import Suite
@@ -15,9 +16,19 @@ SILENCE_S = 0.5  # wall seconds after which a motor controller that hears nothin
 class BoardVehicle(Vehicle):
     """One vehicle and the board that flies it."""
 
-    def __init__(self, *arguments: Any, line: BoardLine, period_us: int, **physics: Any) -> None:
-        """`period_us`: between two sensor messages; the rest as `Vehicle` has it."""
-        super().__init__(*arguments, suite=Suite(imu_period_us=period_us), **physics)
+    def __init__(
+        self,
+        index: int,
+        airframe: Airframe,
+        pose: BootPose,
+        *,
+        line: BoardLine,
+        period_us: int,
+        **physics: Unpack[Physics],
+    ) -> None:
+        """`period_us`: between two sensor messages, whatever the suite of `physics`."""
+        physics["suite"] = Suite(imu_period_us=period_us)
+        super().__init__(index, airframe, pose, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
         self._rotors = len(self.plant.airframe.rotors)

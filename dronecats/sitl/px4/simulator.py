@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Unpack
 
 from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.pace import PaceReport, RateKeeper
@@ -15,7 +15,9 @@ from dronecats.sitl.px4.process import INSTANCE, Px4Process
 from dronecats.sitl.px4.vehicle import Px4Vehicle
 from dronecats.sitl.scenario import built_of, load_world
 from dronecats.sitl.simulation import TICK_US, Simulation
+from dronecats.sitl.vehicle import BootPose, Physics
 from episodes.world import World
+from foundation.airframe import Airframe
 from foundation.errors import InfrastructureError, UsageError
 from hil.simulator.server import PORT
 from vehicles import airframe as airframes
@@ -97,8 +99,8 @@ class Px4Simulator:
             ports = ", ".join(str(vehicle.server.port) for vehicle in self.vehicles)
             say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
 
-    def _vehicle(self, index: int, *arguments: Any, **physics: Any) -> Px4Vehicle:
-        return Px4Vehicle(index, *arguments, port=PORT + self.instance + index, **physics)
+    def _vehicle(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> Px4Vehicle:
+        return Px4Vehicle(index, airframe, pose, port=PORT + self.instance + index, **physics)
 
     def _px4(self, command: str, index: int, config: SimulatorConfig) -> Px4Process:
         name = f"vehicle-{index + 1}"

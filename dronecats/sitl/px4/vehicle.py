@@ -6,9 +6,10 @@ the sensors flow, and the rotors stand. The same when one that was in step answe
 """
 
 import time
-from typing import Any
+from typing import Unpack
 
-from dronecats.sitl.vehicle import STEP_US, TICK_US, Vehicle
+from dronecats.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
+from foundation.airframe import Airframe
 from foundation.mavlink import Packer, dialect
 from foundation.truth import TRUTH_COMPONENT
 from hil.simulator.interface import Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
@@ -29,9 +30,12 @@ ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
 class Px4Vehicle(Vehicle):
     """One vehicle and the PX4 that flies it."""
 
-    def __init__(self, *arguments: Any, port: int, suite: Suite = SUITE, **physics: Any) -> None:
-        """`port`: TCP port to listen on, 0 for any; the rest as `Vehicle` has it. Raises UsageError."""
-        super().__init__(*arguments, suite=suite, **physics)
+    def __init__(
+        self, index: int, airframe: Airframe, pose: BootPose, *, port: int, **physics: Unpack[Physics]
+    ) -> None:
+        """`port`: TCP port to listen on, 0 for any. Raises UsageError."""
+        physics.setdefault("suite", SUITE)
+        super().__init__(index, airframe, pose, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
         self._rotors = len(self.plant.airframe.rotors)
