@@ -8,19 +8,19 @@ from pathlib import Path
 from dronecats.agent import action as actions
 from dronecats.agent.controller import Segment, plan
 from dronecats.agent.decisions import Decision, DecisionLog
-from dronecats.agent.history import LENGTH as HISTORY_LENGTH
 from dronecats.agent.history import History
 from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Asking, Latency
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.vehicle import Vehicle
+from dronecats.rundir.layout import frame_name
 from foundation.camera import Camera, CameraModel, Frame
 from foundation.errors import CameraError, ModelError
 from foundation.picture import encode
+from foundation.protocol import CAP_S as CAP_S
+from foundation.protocol import HISTORY_LENGTH
 from foundation.setpoints import Hold, Sight
-
-CAP_S = 300.0  # s of vehicle time, the length of an episode
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +126,7 @@ class Agent:
     def _ask(self, frames: Sequence[Frame], now_s: float) -> tuple[Asking, bool]:
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
         for frame, jpeg in zip(frames, pictures, strict=True):
-            suffix = f"_d{frame.drone}" if frame.drone else ""
-            (self.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
+            (self.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
         thinking = any(drone.thinks_next for drone in self.drones)  # one call answers for all of them
         text = self.pilot.prompt.render(
             self.pilot.instruction, self._histories(), HISTORY_LENGTH, self.pilot.axis_order, len(self.drones)

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-from dronecats.judge.files import json_object
 from dronecats.rundir.folder import differences, write_run
+from dronecats.rundir.reading import json_object
+from dronecats.rundir.results import SCORED
 from episodes import catalogue
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
 
 UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
-SCORED = ("success", "failure")
 LOCK = ".lock"  # held while a process flies the run; the system lets go of it when that process ends, however it ends
 
 

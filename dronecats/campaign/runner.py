@@ -8,10 +8,11 @@ from typing import Any
 from dronecats.campaign.batch import Batch
 from dronecats.judge.episode import write_verdict
 from dronecats.processes.supervisor import ChildProcess, Kind
+from dronecats.rundir.reading import result_of
+from dronecats.rundir.results import Result
 from foundation.errors import DronecatsError, InfrastructureError
 
 WORKER = Kind("worker", "dronecats.campaign.worker")
-Result = dict[str, Any]  # what `fly --json` prints of an episode
 
 
 class Runner:
@@ -93,13 +94,13 @@ class Runner:
 
     def _one(self, worker: ChildProcess, episode: str) -> Result:
         folder = self._batch.fresh(episode)
-        return dict(worker.do("fly", None, episode=episode, folder=str(folder)))
+        return result_of(worker.do("fly", None, episode=episode, folder=str(folder)))
 
     def _lost(self, episode: str, death: InfrastructureError) -> Result:
         """Return the result of an episode whose worker died in flight."""
         folder = self._batch.folder(episode)
-        result = {"episode": folder.name, "outcome": "error", "success": False, "error": str(death)}
-        return {**result, "steps": write_verdict(folder)["steps"]}
+        steps = write_verdict(folder).steps
+        return Result(episode=folder.name, outcome="error", success=False, steps=steps, error=str(death))
 
     def _start(self) -> ChildProcess:
         try:

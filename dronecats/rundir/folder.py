@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
-from dronecats.judge.files import json_object
+from dronecats.rundir.reading import SCHEMA, check_version, run_configuration
 from foundation.errors import UsageError
 from foundation.json_file import write_json as write_json
 
@@ -30,7 +30,7 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
         folder = run / episode_id
         if (folder / "decisions.jsonl").exists():
             raise UsageError(f"{folder} already holds a flight; choose another --out")
-        before = json_object(run / "run.json")
+        before = run_configuration(run)
         if before is not None and differences(before, configuration):
             raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
         (folder / "frames").mkdir(parents=True, exist_ok=True)
@@ -76,11 +76,15 @@ def missing_package(error: ImportError) -> str | None:
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:
-    """Write run.json: the resolved configuration with the versions of everything that matters to a number."""
+    """Write run.json: the resolved configuration with the versions of everything that matters to a number.
+
+    Raises UsageError when a newer version wrote the one that stands there, OSError.
+    """
+    check_version(run)
     versions = {"dronecats": __version__, "python": platform.python_version()}
     for package in PACKAGES:
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             continue
-    write_json(run / "run.json", {**configuration, "versions": versions})
+    write_json(run / "run.json", {"schema": SCHEMA, **configuration, "versions": versions})

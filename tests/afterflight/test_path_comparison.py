@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.judge.files import episode_folder
 from dronecats.report.path_comparison import compare, figures, logs_of
+from dronecats.rundir.reading import episode_folder
 from foundation.errors import UsageError
 
 

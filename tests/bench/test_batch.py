@@ -7,6 +7,7 @@ import pytest
 
 from dronecats.campaign.audit import pars, table, text
 from dronecats.campaign.batch import UNFINISHED, Batch
+from dronecats.rundir.results import Result
 from episodes import catalogue
 from foundation.errors import UsageError
 
@@ -93,7 +94,7 @@ def test_a_folder_that_cannot_be_is_a_sentence(tmp_path):
 def results():
     rows = [("residential-tracking", "success", 4), ("residential-search-and-track", "success", 9)]
     rows += [("campus-approaching", "failure", 30), ("residential-tracking", "error", 1)]
-    return [{"episode": f"{g}-{k:02d}", "outcome": o, "steps": s} for k, (g, o, s) in enumerate(rows, 1)]
+    return [Result(episode=f"{g}-{k:02d}", outcome=o, steps=s) for k, (g, o, s) in enumerate(rows, 1)]
 
 
 def test_errors_are_nobodys_score():

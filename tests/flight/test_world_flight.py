@@ -11,8 +11,8 @@ import sys
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.judge.files import lines
 from dronecats.processes.supervisor import Supervisor
+from dronecats.rundir.reading import read
 from dronecats.sitl.scenario import load_world
 from dronecats.stages import parts
 
@@ -46,12 +46,10 @@ def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, 
     assert result["episode"] == HERE
     folder = tmp_path / "run" / HERE
     start = load_world(HERE).record.starts[0]
-    poses = [line for line in lines(folder / "truth.jsonl") if line["kind"] == "pose"]
-    assert math.dist(poses[0]["position_ned"], start.position_ned) < 1.0
-    assert abs((poses[0]["yaw_deg"] - start.yaw_deg + 180.0) % 360.0 - 180.0) < 5.0
-    decided = {line["frame_id"] for line in lines(folder / "decisions.jsonl")}
-    measured = {line["frame_id"] for line in lines(folder / "truth.jsonl") if line["kind"] == "frame"}
-    assert decided <= measured
+    logs = read(folder)
+    assert math.dist(logs.poses[0].position_ned, start.position_ned) < 1.0
+    assert abs((logs.poses[0].yaw_deg - start.yaw_deg + 180.0) % 360.0 - 180.0) < 5.0
+    assert {(decision.drone, decision.frame_id) for decision in logs.decisions} <= set(logs.frames)
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     assert (run["connect"], run["truth"], run["camera"]["width"]) == (link, truth, 1280)
     assert (folder / "flight.tlog").stat().st_size > 10_000

@@ -2,12 +2,23 @@ import json
 from pathlib import Path
 
 import pytest
-from episode_logs import BEGIN, DECIDED, END, decision, frame, pose, write
+from episode_logs import (
+    BEGIN,
+    DECIDED,
+    END,
+    decision,
+    frame,
+    judge_folder,
+    judge_run,
+    outcome,
+    pose,
+    write,
+    write_verdict,
+)
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
-from dronecats.judge.files import read
+from dronecats.rundir.reading import read
 from foundation.errors import UsageError
 
 
