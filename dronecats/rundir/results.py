@@ -11,7 +11,10 @@ from msgspec import UNSET, Meta, UnsetType
 from dronecats.rundir.rows import Deviation, Distance, DroneNumber, Seconds, Surveyed, Whole
 from dronecats.rundir.writing import as_json
 
-Outcome = Literal["success", "failure", "error", "censored", "unknown", "distance only"]
+Outcome = Annotated[
+    Literal["success", "failure", "error", "censored", "unknown", "distance only"],
+    Meta(extra={"wrong": "is not an outcome"}),
+]
 SCORED = ("success", "failure")  # the others are nobody's score
 
 
@@ -19,9 +22,6 @@ def _of(description: str) -> Meta:
     return Meta(description=description)
 
 
-NOTHING_MEASURED = Meta(
-    description="{}: nothing was measured", extra_json_schema={"anyOf": [{"type": "object", "maxProperties": 0}]}
-)
 Known = Annotated[bool | None, _of("null: not known")]
 Count = Annotated[int | None, _of("null: not known")]
 Share = Annotated[float | None, _of("0 … 1; null: not known")]
@@ -112,7 +112,7 @@ class Verdict:
     deciding: Deciding | None
     error: Annotated[str | None, _of("what keeps the flight from being scored")]
     note: Annotated[str | None, _of("what the verdict leaves open though it stands")]
-    diagnostics: Annotated[Diagnostics | None, NOTHING_MEASURED]
+    diagnostics: Annotated[Diagnostics | None, _of("{}: nothing was measured")]
     drones: tuple[DroneDiagnostics, ...]
     distances: Annotated[Distances | UnsetType | None, _of("only where nobody measured the truth")] = UNSET
 

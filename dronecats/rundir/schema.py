@@ -12,6 +12,7 @@ from dronecats.rundir.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, Run
 
 FOLDER = Path(__file__).with_name("schemas")
 SAYS = "https://json-schema.org/draft/2020-12/schema"
+EMPTY = {"type": "object", "maxProperties": 0}
 FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name -> (what it is of, the rows that it may be)
     "run": ("run.json", (Run,)),
     "decisions": ("A line of decisions.jsonl", (Decision,)),
@@ -45,5 +46,7 @@ def _of(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
         if kind := part["properties"].pop("kind", None):  # which a row's constructor knows, and a line has to tell
             part["properties"] = {"kind": {"const": kind["default"]}, **part["properties"]}
             part["required"] = ["kind", *part["required"]]
+    if verdict := parts.get("Verdict"):
+        verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # as a row it is None
     one = dict(next(iter(tops))) if len(rows) == 1 else {"anyOf": list(tops)}
     return {"$schema": SAYS, "title": title, **one, "$defs": parts}
