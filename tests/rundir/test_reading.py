@@ -86,6 +86,13 @@ def test_a_line_says_file_number_and_what_is_wrong(episode):
         reading.read(episode)
 
 
+def test_what_is_no_json_is_damage_wherever_it_stands(episode):
+    row = json.dumps({**ROW, "action": {"action": "go", "depth_m": float("nan")}, "added": float("inf")})
+    (episode / layout.DECISIONS).write_text(row + "\n")
+    with pytest.raises(UsageError, match="line 1 is damaged: it is not JSON"):
+        reading.read(episode)
+
+
 @given(st.text(st.characters(codec=None), max_size=20))
 def test_any_reply_comes_back_as_it_was_received(tmp_path_factory, reply):
     """Half a surrogate pair, too: a model may say it, and JSON can."""
