@@ -60,8 +60,9 @@ RUNS = (
     Run(r"dronecats compare RUN", add="--seconds 5"),  # the flight of the test lasts no minute
     Run(r"dronecats fly --sitl --speed max --pilot recorded", drop=r"--full", slow=True),
     Run(r"dronecats fly --sitl --speed max --(latency|pilot blind)", slow=True),
+    Run(r"dronecats fly --spec RUN", add="--episode residential-approaching-01 --out again", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
-    Run(r"python -m dronecats\.report\.optics_sheet", slow=True),
+    Run(r"python -m episodes\.pictures\.optics_sheet", slow=True),
 )
 
 VEHICLE = "a vehicle or a camera that is running; tests/flight/test_connected.py, tests/cameras, tests/preflight do it"
