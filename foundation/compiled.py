@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import os
 import shutil
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -49,25 +50,35 @@ def cache_folder() -> Path:
     return Path(base) / "dronecats" / digest()
 
 
-def _prepare() -> None:
-    """Point numba at the folder. At import, since a decorator reads it when it is applied."""
+def _prepare() -> bool:
+    """Point numba at the folder and return whether it can be written to.
+
+    At import, since a decorator reads it when it is applied.
+    """
     folder = cache_folder()
-    with contextlib.suppress(OSError):  # a home that cannot be written costs the compilation each time, no more
+    numba.config.CACHE_DIR = str(folder)
+    try:
         folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    with contextlib.suppress(OSError):  # another process may be tidying up, too
         os.utime(folder)
         for other in folder.parent.iterdir():
             if time.time() - other.stat().st_mtime > KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
-    numba.config.CACHE_DIR = str(folder)
+    return True
 
 
 def njit(*args: Any, **options: Any) -> Any:
-    """Return `numba.njit(…, cache=True)`; usable with and without arguments.
+    """Return `numba.njit(…)`, cached where that can be; usable with and without arguments.
 
+    Without a folder that can be written to nothing is cached, and each start compiles: numba would keep its work beside
+    the sources instead, where an update outdates it, or refuse where they are read-only.
     Without the wrapper by which C code would call a kernel: nobody does, and it takes a tenth of the compile time.
     """
-    return numba.njit(*args, **{"cache": True, "no_cfunc_wrapper": True, **options})
+    return numba.njit(*args, **{"cache": KEEPS, "no_cfunc_wrapper": True, **options})
 
 
 prange = numba.prange
-_prepare()
+KEEPS = _prepare()  # whether what is compiled is kept for the next start

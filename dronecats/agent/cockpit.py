@@ -33,7 +33,7 @@ class Cockpit:
 
 
 class Agent(Protocol):
-    """Whoever flies. `dronecats.agent.loop.Agent` is the paper's; another is one class more."""
+    """Whoever flies. `dronecats.agent.loop.PaperAgent` is the paper's; another is one class more."""
 
     @property
     def now_s(self) -> float:

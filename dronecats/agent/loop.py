@@ -10,7 +10,7 @@ from dronecats.agent.drone import Drone
 from dronecats.protocol import CAP_S
 
 
-class Agent:
+class PaperAgent:
     """Flies one episode, every drone under one decider; of a fleet that is the paper's joint command.
 
     Everything it touches comes in through the constructor.

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
+from dronecats import __version__
 from dronecats.agent.models.providers import PROVIDERS
 
 OK, NOTE, MISSING = "ok", "note", "missing"
@@ -31,7 +32,7 @@ BASE = {
     "opencv-python-headless": "cv2",
     "httpx": "httpx",
 }
-SIM = {"numba": "numba", "embreex": "embreex", "matplotlib": "matplotlib"}
+SIM = {"numba": "numba", "embreex": "embreex", "matplotlib": "matplotlib", "tqdm": "tqdm"}
 INSTALL = {"base": 'pip install "dronecats"', "sim": 'pip install "dronecats[sim]"'}
 PYTHON = (3, 11)
 PORTS = {
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 def examine() -> list[Finding]:
     """Return everything that was looked at, in reading order. Never raises: a check that breaks is a finding."""
-    checks: list[Callable[[], Finding]] = [_python]
+    checks: list[Callable[[], Finding]] = [_version, _python]
     checks += [lambda d=d, m=m: _package(d, m, "base") for d, m in BASE.items()]  # type: ignore[misc]
     checks += [lambda d=d, m=m: _package(d, m, "sim") for d, m in SIM.items()]  # type: ignore[misc]
     checks += [_jpeg, _compiler, _rays]
@@ -93,6 +94,10 @@ def examine() -> list[Finding]:
             name = getattr(check, "__name__", "check").strip("_")
             findings.append(Finding(name, MISSING, f"{type(error).__name__}: {error}", INSTALL["sim"]))
     return findings
+
+
+def _version() -> Finding:
+    return Finding("dronecats", OK, f"{__version__} in {Path(__file__).resolve().parents[2]}")
 
 
 def _python() -> Finding:
@@ -129,20 +134,19 @@ def _jpeg() -> Finding:
 
 
 def _compiler() -> Finding:
-    """Compile one function, and see whether the result may be kept beside the code for the next start."""
+    """Compile one function, and see whether the results are kept for the next start."""
     import numba
+
+    from foundation import compiled
 
     started = time.perf_counter()
     if numba.njit(lambda x: 2.0 * x + 1.0)(3.0) != 7.0:
         return Finding("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
     detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
-    place = os.environ.get("NUMBA_CACHE_DIR") or str(Path(__file__).resolve().parents[1])
-    if os.access(place, os.W_OK):
+    if compiled.KEEPS:
         return Finding("compiler", OK, f"{detail} and keeps its work")
-    kept = "numba keeps its work in the user's cache folder, as the installation is read-only"
-    return Finding(
-        "compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder you may write to if starts stay slow"
-    )
+    kept = f"{compiled.cache_folder().parent} cannot be written to, so every start compiles for a minute"
+    return Finding("compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder that can be")
 
 
 def _rays() -> Finding:

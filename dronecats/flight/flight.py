@@ -44,6 +44,11 @@ class Flight:
         return self.record.instruction if self.record else self.spec.instruction or ""
 
     @property
+    def scored(self) -> bool:
+        """Whether the truth is measured, and a verdict is to be had."""
+        return not self.spec.connected or self.spec.connected.truth is not None
+
+    @property
     def seed(self) -> tuple[int, ...]:
         """Of everything that the agent draws: the record's, and this flight's."""
         return (self.record.seed if self.record else 0, self.spec.seed)

@@ -9,7 +9,7 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import Start
 from dronecats.run.episode import Flown, fly
 from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
-from dronecats.run.pilot import opened
+from dronecats.run.pilot import AgentMaker, opened, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
 from dronecats.stages.connected import ConnectedStage
@@ -27,7 +27,9 @@ HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off
 SILENCE_S = 30.0  # wall seconds that a cable may be out; what the vehicle does meanwhile is its own failsafe's matter
 
 
-def fly_connected(spec: FlightSpec, vehicle: Connected, out: Path | None, say: Say) -> dict[str, Any]:
+def fly_connected(
+    spec: FlightSpec, vehicle: Connected, out: Path | None, say: Say, agent: AgentMaker = papers_agent
+) -> dict[str, Any]:
     """Return what `fly --json` prints, with `status` and `reason`.
 
     Everything that can be refused is refused before the run folder is made: UsageError.
@@ -56,9 +58,8 @@ def fly_connected(spec: FlightSpec, vehicle: Connected, out: Path | None, say: S
         stage = ConnectedStage(link, camera, folder)
         try:
             with opened(flight, stage, folder) as pilot:
-                # nothing is scored here, so a last reply is nothing worth staying up for
                 return fly(
-                    stage, [Start((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, last_reply=False), folder,
+                    stage, [Start((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, agent), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
                     check=pilot.check, on_step=progress(say, camera.model), say=say,
                 )  # fmt: skip

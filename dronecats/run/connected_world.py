@@ -11,6 +11,7 @@ from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
 from dronecats.run.oracle import opened_in
 from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
+from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.run.simulated import draw
 from dronecats.rundir import folder as folders
@@ -22,7 +23,14 @@ from foundation.errors import UsageError
 from hil.link.envelope import Limits
 
 
-def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None, say: Say) -> dict[str, Any]:
+def fly_world(
+    spec: FlightSpec,
+    vehicle: Connected,
+    truth: str,
+    out: Path | None,
+    say: Say,
+    agent: AgentMaker = papers_agent,
+) -> dict[str, Any]:
     """Return what `fly --json` prints, with `status` and `reason`. `truth`: URL of the vehicle's true poses.
 
     Everything that can be refused is refused before the run folder is made: UsageError.
@@ -59,7 +67,7 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
             start = Start(start_of(record.starts[0], ground).offset_ned, stage.yaw)
             with opened_in(world, flight, stage, folder) as pilot:
                 return fly(
-                    stage, [start], pilot.agent(flight), folder,
+                    stage, [start], pilot.agent(flight, agent), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
                     check=pilot.check, on_step=progress(say), say=say,
                 )  # fmt: skip

@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from dronecats.agent.cockpit import AgentFactory, Cockpit
+from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decider import Questions
-from dronecats.agent.loop import Agent
+from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
@@ -19,6 +20,25 @@ from dronecats.processes.supervisor import Supervisor
 from dronecats.stages.parts import PILOT
 from dronecats.stages.stage import Stage
 
+AgentMaker = Callable[[Flight, Model], AgentFactory]
+
+
+def papers_agent(flight: Flight, model: Model) -> AgentFactory:
+    """Return what makes the paper's agent: one decider for all drones, which asks the model."""
+    spec = flight.spec
+    return partial(
+        PaperAgent,
+        Questions(
+            model,
+            flight.prompt,
+            flight.instruction,
+            flight.latency,
+            axis_order=spec.model.axis_order if spec.model else "xy",
+            patience_s=spec.patience_s,
+            last_reply=flight.scored,  # where nothing is scored, nothing is worth staying up for
+        ),
+    )
+
 
 @dataclass(frozen=True, slots=True)
 class OpenPilot:
@@ -28,24 +48,15 @@ class OpenPilot:
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
     check: Callable[[], None] = lambda: None  # raises InfrastructureError when what serves it is gone
 
-    def agent(self, flight: Flight, *, last_reply: bool = True) -> AgentFactory:
-        """Return what makes the paper's agent of it; `last_reply` as of `Questions`."""
-        model_spec = flight.spec.model
-        questions = Questions(
-            self.model,
-            flight.prompt,
-            flight.instruction,
-            flight.latency,
-            axis_order=model_spec.axis_order if model_spec else "xy",
-            patience_s=flight.spec.patience_s,
-            last_reply=last_reply,
-        )
+    def agent(self, flight: Flight, maker: AgentMaker) -> AgentFactory:
+        """Return what makes an agent of it."""
+        make = maker(flight, self.model)
 
-        def make(cockpit: Cockpit) -> Agent:
+        def begin(cockpit: Cockpit) -> Agent:
             self.begin(cockpit.t0_us)
-            return Agent(questions, cockpit)
+            return make(cockpit)
 
-        return make
+        return begin
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
 from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
+from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
 from episodes.record import EpisodeRecord
@@ -17,7 +18,7 @@ from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from vehicles import airframe as airframes
 
 
-def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any]:
+def fly_simulated(spec: FlightSpec, out: Path | None, say: Say, agent: AgentMaker = papers_agent) -> dict[str, Any]:
     """Return what `fly --json` prints, with the exit `status` and the `reason` the flight ended. Raises UsageError."""
     flight = look_up(spec)
     record = _record(flight)
@@ -31,7 +32,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any
         if flown.steps:
             draw(folder)
 
-    return fly_in(folder, flight, say, found, afterwards)
+    return fly_in(folder, flight, say, found, afterwards, agent)
 
 
 def fly_in(
@@ -40,6 +41,7 @@ def fly_in(
     say: Say,
     found: dict[str, Any],
     afterwards: Callable[[Flown], None] = lambda flown: None,
+    agent: AgentMaker = papers_agent,
 ) -> dict[str, Any]:
     """Fly in an episode folder that stands, judge it, and return what `fly --json` prints.
 
@@ -51,7 +53,7 @@ def fly_in(
     except OSError as full:
         raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
     return conclude(
-        lambda: _fly(flight, record, folder, say, found), folder, record.id, flight.spec.pilot_name, afterwards
+        lambda: _fly(flight, record, folder, say, found, agent), folder, record.id, flight.spec.pilot_name, afterwards
     )
 
 
@@ -61,7 +63,9 @@ def _record(flight: Flight) -> EpisodeRecord:
     return flight.record
 
 
-def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: dict[str, Any]) -> Flown:
+def _fly(
+    flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: dict[str, Any], agent: AgentMaker
+) -> Flown:
     from dronecats.run.oracle import opened_in
     from dronecats.sitl.scenario import world_of
     from dronecats.stages.stage import TruthfulStage
@@ -86,7 +90,7 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
         starts = [start_of(s, world.ground_down(*s.position_ned[:2]), standing_m) for s in record.starts]
         with opened_in(world, flight, stage, folder) as pilot:
             return fly(
-                stage, starts, pilot.agent(flight), folder,
+                stage, starts, pilot.agent(flight, agent), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
                 check=pilot.check, on_step=progress(say), say=say,
             )  # fmt: skip

@@ -1,5 +1,6 @@
 """Where a run is kept. Layout: docs/run-folder.md."""
 
+import contextlib
 import json
 import platform
 import re
@@ -39,23 +40,28 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
             (folder / log).touch()  # a flight that breaks off before its first line is judged too
         write_run(run, configuration if before is None else of_several(configuration))
     except OSError as error:
-        raise UsageError(f"the run folder {out or 'runs'} cannot be written: {error.strerror}") from None
+        raise UsageError(_unwritable(out or Path("runs"), error)) from None
     return folder
 
 
 def fresh_run(pilot_name: str) -> Path:
-    """Return a new folder below `runs`, named after the time and the pilot. Raises UsageError, OSError."""
+    """Return a new folder below `runs`, named after the time and the pilot. Raises UsageError."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # a name for people, never read back
     name = f"{stamp}-{re.sub('[^A-Za-z0-9.]+', '-', pilot_name)}"
-    Path("runs").mkdir(exist_ok=True)
-    for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
-        run = Path("runs") / (name + suffix)
-        try:
-            run.mkdir()  # atomic: two flights that start in one second do not share a folder
-            return run
-        except FileExistsError:
-            continue
+    runs = Path("runs")
+    try:
+        runs.mkdir(exist_ok=True)
+        for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
+            with contextlib.suppress(FileExistsError):
+                (runs / (name + suffix)).mkdir()  # atomic: two flights that start in one second do not share a folder
+                return runs / (name + suffix)
+    except OSError as error:
+        raise UsageError(_unwritable(runs, error)) from None
     raise UsageError(f"runs/{name} exists a thousand times; choose --out")
+
+
+def _unwritable(run: Path, error: OSError) -> str:
+    return f"the run folder {run} cannot be written: {error.strerror}; choose another with --out"
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:

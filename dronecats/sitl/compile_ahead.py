@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 
-from foundation.compiled import ROOT, cache_folder
+from foundation.compiled import KEEPS, ROOT, cache_folder
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
@@ -22,8 +22,7 @@ CACHED = "*.nbi"  # numba's index of what it has compiled of one function
 
 def cold() -> bool:
     """Return whether the plant has to be compiled, by a second core if there is one, and can be kept."""
-    folder = cache_folder()
-    return (os.cpu_count() or 1) > 1 and folder.is_dir() and not any(folder.rglob(f"multirotor.step{CACHED}"))
+    return KEEPS and (os.cpu_count() or 1) > 1 and not any(cache_folder().rglob(f"multirotor.step{CACHED}"))
 
 
 def compile_both(core: Any, core_arguments: Iterable[Any]) -> None:

@@ -14,7 +14,7 @@ from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import latency
-from dronecats.agent.loop import Agent
+from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
@@ -126,7 +126,7 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
         aircraft=vehicles, camera=views, camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
-    agent = Agent(asked, cockpit)
+    agent = PaperAgent(asked, cockpit)
     agent.fly(stop=lambda decision: decision.step + 1 == steps and decision.drone + 1 == drones)
     log.close()
     model.close()

@@ -10,7 +10,7 @@ from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import Latency, Question, latency
-from dronecats.agent.loop import Agent
+from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 
@@ -44,7 +44,7 @@ def fly(folder, groups, policy, seconds=30.0):
         aircraft=[Clock() for _ in range(3)], camera=Views(), camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
-    Agent(Questions(model, Prompt.load(None), "go", policy), cockpit, groups).fly(seconds)
+    PaperAgent(Questions(model, Prompt.load(None), "go", policy), cockpit, groups).fly(seconds)
     log.close()
     return [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()], model.asked
 

@@ -21,7 +21,7 @@ from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.executors import DaemonExecutor, InlineExecutor
 from dronecats.agent.latency import Question, latency
-from dronecats.agent.loop import Agent
+from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models import endpoint as endpoints
 from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, Patience, pause_asked_for
 from dronecats.agent.models.model import Request
@@ -250,7 +250,7 @@ def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QU
         aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=DecisionLog(folder / "decisions.jsonl"),
         frames_dir=folder, executor=executor, t0_us=0, on_tick=on_tick,
     )  # fmt: skip
-    return Agent(asked, cockpit)
+    return PaperAgent(asked, cockpit)
 
 
 class Answering(DaemonExecutor):

@@ -45,3 +45,10 @@ def test_children_that_are_named_can_be_imported():
     assert {"dronecats.sitl.simulator_process", "dronecats.campaign.worker"} <= named
     assert all(find_spec(name) for name in named)
     assert Path(known["dronecats.campaign.worker"]).is_file()
+
+
+def test_a_model_is_opened_in_one_place():
+    """Whoever wants one says which by a `ModelSpec`: a wire format is one file more, and no other place knows it."""
+    formats = {"dronecats.agent.models.openai_chat"}
+    users = {name for name, edges in graph(modules()).items() if edges & formats}
+    assert users == {"dronecats.agent.models.open"}

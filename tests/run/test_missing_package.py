@@ -19,10 +19,11 @@ def test_another_package_is_named_with_the_way_to_get_it(error, said):
     assert said in missing_package(error)
 
 
-def test_a_module_of_our_own_is_a_mistake_of_ours_and_keeps_its_traceback(monkeypatch):
+@pytest.mark.parametrize("ours", ["hil.lnik", "foundation.eror"])
+def test_a_module_of_our_own_is_a_mistake_of_ours_and_keeps_its_traceback(monkeypatch, ours):
     def broken(args):
-        raise ModuleNotFoundError("No module named 'hil.lnik'", name="hil.lnik")
+        raise ModuleNotFoundError(f"No module named '{ours}'", name=ours)
 
     monkeypatch.setattr("dronecats.cli.doctor.run", broken)
-    with pytest.raises(ModuleNotFoundError, match=r"hil\.lnik"):
+    with pytest.raises(ModuleNotFoundError, match=ours):
         command_line.main(["doctor"])

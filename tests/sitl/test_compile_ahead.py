@@ -26,10 +26,14 @@ def test_the_plant_of_every_airframe_and_map_has_the_same_types() -> None:
 def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path / "kernels")
     monkeypatch.setattr(compile_ahead.os, "cpu_count", lambda: 2)
-    assert not compile_ahead.cold()  # nothing could be kept
+    monkeypatch.setattr(compile_ahead, "KEEPS", True)
+    assert compile_ahead.cold()
     folder = tmp_path / "kernels" / "vehicles"
     folder.mkdir(parents=True)
     assert compile_ahead.cold()
+    monkeypatch.setattr(compile_ahead, "KEEPS", False)
+    assert not compile_ahead.cold()  # nothing would be kept
+    monkeypatch.setattr(compile_ahead, "KEEPS", True)
     (folder / "multirotor.step-12.py311.nbi").touch()
     assert not compile_ahead.cold()
 

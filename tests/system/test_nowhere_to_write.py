@@ -1,0 +1,66 @@
+"""A working folder, or a home, that takes no files: one sentence and status 2, or the same work without a cache."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NOWHERE = os.path.join(os.devnull, "nowhere")  # not even root can make a folder there
+
+
+def run(*words, cwd, **variables):
+    """Return what a command line of this checkout did, started in another folder."""
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    return subprocess.run(
+        [sys.executable, *words],
+        cwd=cwd,
+        env={**environment, "PYTHONPATH": str(ROOT), **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("words", ["fly --sitl --speed max", "episodes audit blocks-commanding-01"])
+def test_a_folder_that_takes_no_run_is_one_sentence(tmp_path, words):
+    (tmp_path / "runs").write_text("a file, where the folder would be")
+    done = run("-m", "dronecats.cli.main", *words.split(), cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    verb = words.split()[0]
+    assert (
+        done.stderr
+        == f"dronecats {verb}: the run folder runs cannot be written: File exists; choose another with --out\n"
+    )
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_folder_is_one_sentence(tmp_path):
+    tmp_path.chmod(0o555)
+    done = run("-m", "dronecats.cli.main", "fly", "--sitl", "--speed", "max", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.endswith("cannot be written: Permission denied; choose another with --out\n")
+
+
+def test_without_a_home_kernels_are_compiled_and_left_nowhere(tmp_path):
+    code = """
+from foundation import compiled
+@compiled.njit
+def double(x): return 2.0 * x
+print(double(1.5), compiled.KEEPS, type(double._cache).__name__)
+"""
+    script = tmp_path / "kernel.py"
+    script.write_text(code)
+    done = run(script, cwd=tmp_path, HOME=NOWHERE, XDG_CACHE_HOME=NOWHERE)
+    assert done.stdout.split() == ["3.0", "False", "NullCache"], done.stderr
+    assert not list(tmp_path.rglob("*.nb[ic]"))
+
+
+def test_the_doctor_says_where_compiled_work_is_kept(tmp_path):
+    kept = run("-m", "dronecats.cli.main", "doctor", cwd=tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    assert "and keeps its work" in kept.stdout
+    lost = run("-m", "dronecats.cli.main", "doctor", cwd=tmp_path, XDG_CACHE_HOME=NOWHERE)
+    assert f"{NOWHERE}/dronecats cannot be written to" in lost.stdout
+    assert (kept.returncode, lost.returncode) == (0, 0)

@@ -1,0 +1,44 @@
+"""One version, `dronecats.__version__`: whatever else tells one says the same."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from dronecats import __version__
+from dronecats.cli import doctor
+from dronecats.cli.main import main
+from dronecats.rundir.folder import write_run
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_project_takes_its_version_from_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "version" in project["project"]["dynamic"]
+    assert "version" not in project["project"]
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "dronecats.__version__"}
+
+
+def test_the_command_line_says_it(capsys):
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"dronecats {__version__}\n"
+
+
+def test_the_doctor_says_it_and_where_the_package_lies():
+    found = next(finding for finding in doctor.examine() if finding.name == "dronecats")
+    assert found.detail == f"{__version__} in {ROOT}"
+
+
+def test_a_run_keeps_it(tmp_path):
+    write_run(tmp_path, {})
+    assert json.loads((tmp_path / "run.json").read_text())["versions"]["dronecats"] == __version__
+
+
+def test_the_changelog_begins_with_it():
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest
+    assert newest[1] == __version__

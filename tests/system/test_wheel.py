@@ -1,0 +1,176 @@
+"""The wheel and the sdist carry what git knows of the six packages, and the wheel alone flies.
+
+Built with `--no-isolation`: the tools are then the pinned ones of requirements.lock, and no index is asked for others.
+Built from a copy of the checkout: setuptools believes the list of files that an earlier build has left beside it.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+from dronecats import __version__
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+ROOMS = {"foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil"}
+BESIDE = {"CHANGELOG.md", "LICENSE", "MANIFEST.in", "PKG-INFO", "README.md", "pyproject.toml", "requirements.lock"}
+OURS = ("PYTHONPATH", "PYTHONHOME", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "DRONECATS_MAPS")
+
+
+def finished(*words, cwd, **variables):
+    """Return what a program said that had to end well, in an environment that knows nothing of this checkout."""
+    environment = {key: value for key, value in os.environ.items() if key not in OURS} | variables
+    done = subprocess.run(words, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{words}\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}"
+    return done.stdout
+
+
+def build(kind, source, out):
+    """Return what `python -m build` makes of a source tree, `kind` being wheel or sdist."""
+    finished(sys.executable, "-m", "build", "--no-isolation", f"--{kind}", "--outdir", out, source, cwd=out)
+    (built,) = out.glob("*.whl" if kind == "wheel" else "*.tar.gz")
+    return built
+
+
+def in_rooms(names):
+    return {name for name in names if name.split("/")[0] in ROOMS}
+
+
+def contents(wheel):
+    """Return the bytes of each file of a wheel by its name, without the folder that describes it."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = [name for name in archive.namelist() if not name.endswith("/") and ".dist-info/" not in name]
+        return {name: archive.read(name) for name in names}
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """Return a copy of what git knows, or would know after `git add`."""
+    copy = tmp_path_factory.mktemp("checkout")
+    listed = subprocess.check_output(("git", "ls-files", "-z", "-co", "--exclude-standard"), cwd=ROOT, text=True)
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).is_file():  # git lists what has just been removed, too
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, copy / name)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def tracked(checkout):
+    """Return the bytes of each file of the six packages by its name, read before anything is built."""
+    files = [path for room in sorted(ROOMS) for path in (checkout / room).rglob("*") if path.is_file()]
+    return {str(path.relative_to(checkout)): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def wheel(checkout, tracked, tmp_path_factory):
+    return build("wheel", checkout, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def sdist(checkout, wheel, tmp_path_factory):
+    for left in (*checkout.glob("*.egg-info"), checkout / "build"):
+        shutil.rmtree(left)
+    return build("sdist", checkout, tmp_path_factory.mktemp("sdist"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """Return the folder of the programs of a new environment that holds the wheel with [sim] and nothing else."""
+    folder = tmp_path_factory.mktemp("environment")
+    finished(sys.executable, "-m", "venv", folder, cwd=folder)
+    pip = (folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    finished(*pip, "--constraint", ROOT / "requirements.lock", f"{wheel}[sim]", cwd=folder)
+    return folder / "bin"
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory):
+    """Return a working folder with a home beside it, both empty."""
+    (home := tmp_path_factory.mktemp("home")).joinpath("work").mkdir()
+    return home / "work"
+
+
+@pytest.fixture
+def dronecats(installed, elsewhere):
+    return lambda *words: finished(installed / "dronecats", *words, cwd=elsewhere, HOME=str(elsewhere.parent))
+
+
+def test_the_wheel_holds_the_packages_to_the_byte_and_nothing_else(wheel, tracked):
+    held = contents(wheel)
+    assert set(tracked) - set(held) == set()
+    assert set(held) - set(tracked) == set()
+    assert held == tracked
+
+
+def test_every_package_says_that_it_is_typed(wheel):
+    assert {f"{room}/py.typed" for room in ROOMS} <= set(contents(wheel))
+
+
+def test_the_wheel_describes_itself(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        said = Parser().parsestr(archive.read(f"dronecats-{__version__}.dist-info/METADATA").decode())
+        top = archive.read(f"dronecats-{__version__}.dist-info/top_level.txt").decode().split()
+    assert (said["Name"], said["Version"], said["License-Expression"]) == ("dronecats", __version__, "Apache-2.0")
+    assert said["Description-Content-Type"] == "text/markdown"
+    assert {"sim", "serial", "ulog", "edit", "dev"} == set(said.get_all("Provides-Extra"))
+    assert set(top) == ROOMS
+
+
+def test_the_sdist_holds_the_packages_and_what_builds_them(sdist, tracked):
+    with tarfile.open(sdist) as archive:
+        names = {member.name.split("/", 1)[1] for member in archive.getmembers() if member.isfile()}
+    assert in_rooms(names) == set(tracked)
+    beside = {name for name in names - in_rooms(names) if ".egg-info/" not in name}
+    assert beside == {*BESIDE, "setup.cfg"}
+
+
+def test_the_sdist_builds_the_same_wheel(sdist, wheel, tmp_path):
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    out = tmp_path / "again"
+    out.mkdir()
+    assert contents(build("wheel", source, out)) == contents(wheel)
+
+
+def test_what_runs_is_what_was_installed(installed, elsewhere):
+    code = f"import {', '.join(sorted(ROOMS))}, sys; print(*(sys.modules[r].__file__ for r in {sorted(ROOMS)}))"
+    for file in finished(installed / "python", "-c", code, cwd=elsewhere).split():
+        assert Path(file).is_relative_to(installed.parent)
+
+
+def test_the_wheel_says_what_it_can(dronecats):
+    assert dronecats("--version") == f"dronecats {__version__}\n"
+    assert "episode" in dronecats("--help")
+    records = ROOT / "episodes" / "records"
+    for folder, suite in ((records, "all"), (records / "v1", "v1")):
+        listed = json.loads(dronecats("episodes", "list", "--suite", suite, "--json"))["episodes"]
+        assert {episode["id"] for episode in listed} == {path.stem for path in folder.glob("*.json")}
+
+
+def test_the_doctor_finds_nothing_missing(dronecats, installed):
+    said = json.loads(dronecats("doctor", "--json"))
+    assert said["can_simulate"]
+    where = next(finding["detail"] for finding in said["findings"] if finding["name"] == "dronecats")
+    assert Path(where.removeprefix(f"{__version__} in ")).is_relative_to(installed.parent)
+
+
+def test_the_wheel_flies_to_a_success_and_writes_nothing_where_it_is_installed(dronecats, installed, elsewhere):
+    before = sorted(installed.parent.rglob("*"))
+    result = json.loads(dronecats("fly", "--sitl", "--speed", "max", "--json").splitlines()[-1])
+    assert result["success"] is True
+    folder = elsewhere / result["run_dir"]
+    assert json.loads((folder.parent / "run.json").read_text())["versions"]["dronecats"] == __version__
+    assert json.loads((folder / "verdict.json").read_text())["success"] is True
+    dronecats("judge", str(folder.parent))
+    assert sorted(installed.parent.rglob("*")) == before
