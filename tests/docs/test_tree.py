@@ -57,6 +57,18 @@ def test_the_first_page_leads_to_every_other():
     assert "docs/README.md" in [path for path, _ in links((ROOT / "README.md").read_text(encoding="utf-8"))]
 
 
+def test_every_page_that_the_code_names_is_there():
+    """In help, in errors and in docstrings; PX4's own docs/en are another project's."""
+    named = {
+        (page, path.name)
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.py")
+        for page in re.findall(r"(?<![\w/])docs/(?!en/)[\w/-]+\.md", path.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 10
+    assert [(page, by) for page, by in named if not (ROOT / page).exists()] == []
+
+
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
