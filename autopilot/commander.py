@@ -21,7 +21,8 @@ from autopilot.stick_override import StickOverride, overridable
 from autopilot.supervision import Say, Supervision
 from autopilot.vehicle_state import VehicleState
 from foundation.frames import Vec3
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)

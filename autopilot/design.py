@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from foundation.airframe import Airframe
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3
 
-Response = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+Complex = NDArray[np.complexfloating[Any, Any]]
+Response = Callable[[Complex], Complex]
 
 PHASE_MARGIN_MIN = 45.0  # deg
 GAIN_MARGIN_MIN = 6.0  # dB
@@ -103,9 +105,10 @@ def rate_loop(
     )
     lead = yaw_lead(airframe) if yaw else 0.0
 
-    def response(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def response(s: Complex) -> Complex:
         controller = p + i / s + d * s * slope(s)
-        return controller * (1.0 + lead * s) * rotor(s) * gyro(s) * np.exp(-RATE_DELAY_S * s) / s
+        loop: Complex = controller * (1.0 + lead * s) * rotor(s) * gyro(s) * np.exp(-RATE_DELAY_S * s) / s
+        return loop
 
     return response
 
@@ -217,6 +220,7 @@ def design(airframe: Airframe) -> Gains:
     sideways = min(tilt_p / VELOCITY_RATIO, VELOCITY_P_MAX[0])
     upright = min(0.16 / rotor_lag(airframe), VELOCITY_P_MAX[2])
     tilt_lag = 1.0 / tilt_p + 1.0 / level[0] + OUTER_DELAY_S
+    (roll, pitch, yaw), inertia = share.torque_max, airframe.inertia_frd
     floor = (airframe.curve.speed_idle / airframe.curve.speed_max) ** 2
     gains = Gains(
         rate_p=(rate[0][0], rate[1][0], rate[2][0]),
@@ -231,7 +235,7 @@ def design(airframe: Airframe) -> Gains:
         yaw_lag=1.0 / turn[0],
         gyro_cutoff_hz=cutoff_hz,
         gyro_derivative_cutoff_hz=derivative_hz,
-        acceleration_max=tuple(t / j for t, j in zip(share.torque_max, airframe.inertia_frd, strict=True)),  # type: ignore[arg-type]
+        acceleration_max=(roll / inertia[0], pitch / inertia[1], yaw / inertia[2]),
         hover_thrust=hover,
         rotor_thrust_min=max(floor, ROTOR_FLOOR),
         margins={},

@@ -12,7 +12,7 @@ from autopilot.estimator_covariance import deviation, propagate
 from autopilot.estimator_fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness, pressure_altitude
 from autopilot.estimator_records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
 from autopilot.kernels import quat_advance, rotate
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY
 
 COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every fourth sample at 1 kHz, each at 250 Hz
@@ -25,7 +25,7 @@ STILL_NOISE_AIR = 10.0  # m/s, only bounds the tilt while no receiver is heard
 
 
 @njit(cache=True)
-def strapdown(state, ax, ay, az, gx, gy, gz, dt):  # type: ignore[no-untyped-def]
+def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: float, gz: float, dt: float) -> None:
     """Advance attitude, velocity and position by one inertial sample (biases already removed)."""
     q = state.attitude
     before = (q[0], q[1], q[2], q[3])
@@ -62,7 +62,7 @@ def strapdown(state, ax, ay, az, gx, gy, gz, dt):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def predict_covariance(params, state, P, history):  # type: ignore[no-untyped-def]
+def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) -> None:
     """Propagate the covariance over what has accumulated and note the instant in the delay buffer."""
     propagate(
         P, state.attitude, state.impulse, state.impulse_dt,
@@ -85,7 +85,7 @@ def predict_covariance(params, state, P, history):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def aid(params, state, P, history, sensors, landed):  # type: ignore[no-untyped-def]
+def aid(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, landed: bool) -> None:
     """Fuse whatever aiding sample is new."""
     time_us = state.time_us
     if sensors.mag_time_us != state.mag_time_us:
@@ -113,7 +113,18 @@ def aid(params, state, P, history, sensors, landed):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def gather(params, state, P, sensors, ax, ay, az, gx, gy, gz):  # type: ignore[no-untyped-def]
+def gather(
+    params: Record,
+    state: Record,
+    P: Grid,
+    sensors: Record,
+    ax: float,
+    ay: float,
+    az: float,
+    gx: float,
+    gy: float,
+    gz: float,
+) -> None:
     """Average samples until the first attitude can be told."""
     if state.align_since_us == 0:
         clear(state, state.time_us)
@@ -134,7 +145,7 @@ def gather(params, state, P, sensors, ax, ay, az, gx, gy, gz):  # type: ignore[n
 
 
 @njit(cache=True)
-def publish(params, state, P, estimate):  # type: ignore[no-untyped-def]
+def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
     """Write flags, deviations and test ratios into the ESTIMATE record."""
     time_us = state.time_us
     running = state.status == STATUS_RUNNING
@@ -160,7 +171,9 @@ def publish(params, state, P, estimate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def update(params, state, P, history, sensors, estimate, landed):  # type: ignore[no-untyped-def]
+def update(
+    params: Record, state: Record, P: Grid, history: Grid, sensors: Record, estimate: Record, landed: bool
+) -> bool:
     """Take in the SENSORS record; return whether it held a new inertial sample (then `estimate` is fresh too).
 
     params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (STATES, STATES); history (HISTORY, 7); landed: the vehicle is
@@ -208,7 +221,7 @@ def update(params, state, P, history, sensors, estimate, landed):  # type: ignor
 
 
 @njit(cache=True)
-def restart(state):  # type: ignore[no-untyped-def]
+def restart(state: Record) -> None:
     """Throw away a state that is no longer finite and align anew, keeping the local frame's origin."""
     state.status = STATUS_ALIGNING
     state.restarts += 1

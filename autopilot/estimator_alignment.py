@@ -5,8 +5,8 @@ import math
 from autopilot.estimator_covariance import initialise, trust_compass
 from autopilot.estimator_records import STATUS_RUNNING
 from autopilot.kernels import quat_from_euler, rotate
-from foundation.compiled import njit
-from foundation.frames import GRAVITY
+from foundation.compiled import Grid, Record, njit
+from foundation.frames import GRAVITY, Quat
 
 REST_GYRO_STD = 0.05  # rad/s: more about the mean than noise makes, so the vehicle is being moved
 REST_ACCEL_ERROR = 0.5  # m/s² off gravity
@@ -14,7 +14,7 @@ ATTEMPTS = 5  # windows after which a vehicle that never rests is aligned all th
 
 
 @njit(cache=True)
-def clear(state, time_us):  # type: ignore[no-untyped-def]
+def clear(state: Record, time_us: int) -> None:
     """Begin a new averaging window at time_us."""
     state.align_since_us = time_us
     state.align_count = 0
@@ -29,7 +29,7 @@ def clear(state, time_us):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def collect_imu(state, ax, ay, az, gx, gy, gz):  # type: ignore[no-untyped-def]
+def collect_imu(state: Record, ax: float, ay: float, az: float, gx: float, gy: float, gz: float) -> None:
     """Add one inertial sample to the window."""
     state.align_count += 1
     state.align_accel[0] += ax
@@ -42,7 +42,7 @@ def collect_imu(state, ax, ay, az, gx, gy, gz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def level(ax, ay, az, mx, my, mz, declination):  # type: ignore[no-untyped-def]
+def level(ax: float, ay: float, az: float, mx: float, my: float, mz: float, declination: float) -> Quat:
     """Return the attitude quaternion whose down axis is opposite to the specific force and whose field points to
     magnetic north, `declination` (rad) east of true north."""
     roll = math.atan2(-ay, -az)
@@ -52,7 +52,7 @@ def level(ax, ay, az, mx, my, mz, declination):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def align(params, state, P, time_us):  # type: ignore[no-untyped-def]
+def align(params: Record, state: Record, P: Grid, time_us: int) -> None:
     """Start the filter when a whole window of rest has been seen; begin the next window when it has not."""
     if time_us - state.align_since_us < params.align_us:
         return

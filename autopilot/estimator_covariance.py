@@ -13,13 +13,21 @@ import math
 
 from autopilot.estimator_records import MOTION, STATES
 from autopilot.kernels import quat_multiply, quat_normalized
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 
 
 @njit(cache=True)
-def propagate(  # type: ignore[no-untyped-def]
-    P, q, impulse, dt, gyro_noise, accel_noise, gyro_bias_walk, accel_bias_walk, mag_bias_walk
-):
+def propagate(
+    P: Grid,
+    q: Grid,
+    impulse: Grid,
+    dt: float,
+    gyro_noise: float,
+    accel_noise: float,
+    gyro_bias_walk: float,
+    accel_bias_walk: float,
+    mag_bias_walk: float,
+) -> None:
     """Replace P by F P Fᵀ + Q over dt seconds; `impulse` (3,) is ∫ specific force (NED) over that time, m/s."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     r00, r01, r02 = dt * (1 - 2 * (y * y + z * z)), dt * 2 * (x * y - w * z), dt * 2 * (x * z + w * y)
@@ -66,7 +74,7 @@ def propagate(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def symmetrize(P):  # type: ignore[no-untyped-def]
+def symmetrize(P: Grid) -> None:
     """Replace P by (P + Pᵀ)/2, variances held above zero: rounding must not accumulate over hours."""
     for i in range(STATES):
         for j in range(i):
@@ -77,15 +85,18 @@ def symmetrize(P):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def innovation_variance(P, work, i, hi, j, hj, k, hk, variance):  # type: ignore[no-untyped-def]
+def innovation_variance(
+    P: Grid, work: Grid, i: int, hi: float, j: int, hj: float, k: int, hk: float, variance: float
+) -> float:
     """Return H P Hᵀ + variance for the row H with entries hi, hj, hk at i, j, k, and leave P Hᵀ in `work`."""
     for n in range(STATES):
         work[n] = hi * P[i, n] + hj * P[j, n] + hk * P[k, n]
-    return hi * work[i] + hj * work[j] + hk * work[k] + variance
+    seen: float = hi * work[i] + hj * work[j] + hk * work[k] + variance
+    return seen
 
 
 @njit(cache=True)
-def apply(P, state, innovation, innovation_var):  # type: ignore[no-untyped-def]
+def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> None:
     """Fuse one scalar whose P Hᵀ lies in `state.work`: inject the error into the nominal state and shrink P."""
     work = state.work
     scale = 1.0 / innovation_var
@@ -109,7 +120,7 @@ def apply(P, state, innovation, innovation_var):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def forget(P, first, variance):  # type: ignore[no-untyped-def]
+def forget(P: Grid, first: int, variance: float) -> None:
     """Make the three states from `first` on independent of all others, with the given variance each."""
     for i in range(first, first + 3):
         for j in range(STATES):
@@ -119,7 +130,7 @@ def forget(P, first, variance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def initialise(P, tilt_std, yaw_std, gyro_bias_std):  # type: ignore[no-untyped-def]
+def initialise(P: Grid, tilt_std: float, yaw_std: float, gyro_bias_std: float) -> None:
     """Set P to that of a vehicle at rest whose attitude was just levelled from the accelerometer."""
     for i in range(STATES):
         for j in range(STATES):
@@ -135,7 +146,7 @@ def initialise(P, tilt_std, yaw_std, gyro_bias_std):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def hard_iron_slopes(q, horizontal, declination):  # type: ignore[no-untyped-def]
+def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[float, float]:
     """Return d(heading innovation)/d(hard iron) in rad/gauss for the forward and the right axis.
 
     `horizontal` (gauss) is the field's horizontal part. Hard iron b turns the measured heading by n · R b / horizontal
@@ -150,7 +161,7 @@ def hard_iron_slopes(q, horizontal, declination):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def trust_compass(P, state, horizontal, declination, hard_iron):  # type: ignore[no-untyped-def]
+def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
     """Make the yaw error of a heading just taken from the magnetometer that of its hard iron (gauss, 1 sigma) too."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
@@ -165,6 +176,6 @@ def trust_compass(P, state, horizontal, declination, hard_iron):  # type: ignore
 
 
 @njit(cache=True)
-def deviation(variance):  # type: ignore[no-untyped-def]
+def deviation(variance: float) -> float:
     """Return √variance, 0 for what rounding made negative."""
     return math.sqrt(max(variance, 0.0))

@@ -10,8 +10,8 @@ from autopilot import estimator_covariance
 from autopilot.estimator_alignment import level
 from autopilot.estimator_records import HISTORY, MOTION, STATES
 from autopilot.kernels import geodetic_to_ned, quat_yaw, rotate, wrap_pi
-from foundation.compiled import njit
-from foundation.frames import GRAVITY
+from foundation.compiled import Grid, Record, njit
+from foundation.frames import GRAVITY, Vec3
 
 apply = estimator_covariance.apply
 forget = estimator_covariance.forget
@@ -23,13 +23,16 @@ SHOCK_DEAF_US = 1_000_000  # a vehicle that scrapes along a wall is aided by lat
 
 
 @njit(cache=True)
-def pressure_altitude(pressure_hpa):  # type: ignore[no-untyped-def]
+def pressure_altitude(pressure_hpa: float) -> float:
     """Return the altitude (m) of a pressure in the International Standard Atmosphere (ISO 2533, troposphere)."""
-    return 44330.769 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263)
+    altitude: float = 44330.769 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263)
+    return altitude
 
 
 @njit(cache=True)
-def fuse_heading(params, state, P, mx, my, mz, time_us, landed):  # type: ignore[no-untyped-def]
+def fuse_heading(
+    params: Record, state: Record, P: Grid, mx: float, my: float, mz: float, time_us: int, landed: bool
+) -> None:
     """Fuse the direction of the horizontal field (gauss, FRD).
 
     A rotation error δθ turns the field m = R m_body by δθ x m, hence its heading ψ by
@@ -80,7 +83,7 @@ def fuse_heading(params, state, P, mx, my, mz, time_us, landed):  # type: ignore
 
 
 @njit(cache=True)
-def fuse_height(params, state, P, pressure_hpa, time_us):  # type: ignore[no-untyped-def]
+def fuse_height(params: Record, state: Record, P: Grid, pressure_hpa: float, time_us: int) -> None:
     """Fuse the pressure altitude above the reference as -z."""
     down = state.baro_reference_m - pressure_altitude(pressure_hpa)
     innovation = down - state.position[2]
@@ -102,7 +105,7 @@ def fuse_height(params, state, P, pressure_hpa, time_us):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def fuse_stillness(state, P, noise):  # type: ignore[no-untyped-def]
+def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
     """Fuse zero velocity with the given standard deviation (m/s): a vehicle on the ground, or one without any aid."""
     for axis in range(3):
         variance = innovation_variance(P, state.work, 3 + axis, 1.0, 3, 0.0, 3, 0.0, noise * noise)
@@ -110,7 +113,7 @@ def fuse_stillness(state, P, noise):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def since_fix(state, history, fix_us):  # type: ignore[no-untyped-def]
+def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, Vec3]:
     """Return what the prediction did between fix_us and now: (age s, Δvelocity (3), Δposition (3)), NED.
 
     A fix older than the delay buffer counts as old as its oldest entry; one newer than now as now.
@@ -148,7 +151,7 @@ def since_fix(state, history, fix_us):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def good_fix(params, sensors):  # type: ignore[no-untyped-def]
+def good_fix(params: Record, sensors: Record) -> bool:
     """Return whether the newest fix is three-dimensional, finite and as accurate as PX4 asks for."""
     v = sensors.gps_velocity_ned
     return (
@@ -161,7 +164,7 @@ def good_fix(params, sensors):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def set_origin(params, state, P, history, sensors):  # type: ignore[no-untyped-def]
+def set_origin(params: Record, state: Record, P: Grid, history: Grid, sensors: Record) -> None:
     """Put the local frame's origin where this fix is, at z = 0 of the pressure altitude; start with its velocity."""
     state.origin_lat_deg = sensors.gps_lat_deg
     state.origin_lon_deg = sensors.gps_lon_deg
@@ -182,7 +185,7 @@ def set_origin(params, state, P, history, sensors):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def fuse_fix(params, state, P, history, sensors):  # type: ignore[no-untyped-def]
+def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Record) -> None:
     """Fuse a fix against the state at the fix's own time.
 
     The predicted fix is the present state less what the prediction did since; with δp(t - τ) = δp - τ δv and
@@ -263,7 +266,7 @@ def fuse_fix(params, state, P, history, sensors):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def heading_now(state):  # type: ignore[no-untyped-def]
+def heading_now(state: Record) -> float:
     """Return the estimated yaw (rad)."""
     q = state.attitude
     return quat_yaw((q[0], q[1], q[2], q[3]))

@@ -102,7 +102,7 @@ def default_parameters(declination_rad: float) -> np.void:
 
     Densities are for MEMS inertial sensors on a vibrating frame, an order above data-sheet noise as PX4's EKF2 does it.
     """
-    params = np.zeros(1, ESTIMATOR_PARAMS)[0]
+    params: np.void = np.zeros(1, ESTIMATOR_PARAMS)[0]
     params["declination"] = declination_rad
     params["gyro_noise"] = 1.0e-3
     params["accel_noise"] = 0.03
@@ -130,7 +130,7 @@ def default_parameters(declination_rad: float) -> np.void:
 
 def initial_state() -> np.void:
     """Return one ESTIMATOR_STATE record of a filter that has seen nothing: level, north, at rest."""
-    state = np.zeros(1, ESTIMATOR_STATE)[0]
+    state: np.void = np.zeros(1, ESTIMATOR_STATE)[0]
     state["attitude"] = (1.0, 0.0, 0.0, 0.0)
     state["baro_reference_m"] = math.nan
     return state

@@ -13,16 +13,25 @@ from autopilot.estimator_records import HISTORY, STATES
 from autopilot.mixer import allocation
 from autopilot.records import ESTIMATE, KIND_IDLE, SETPOINT
 from foundation.airframe import Airframe
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 
 control = cascade.update
 
 
 @njit(cache=True)
-def update(  # type: ignore[no-untyped-def]
-    params, state, filter_params, filter_state, covariance, history, setpoint, estimate, sensors, actuators
-):
+def update(
+    params: Record,
+    state: Record,
+    filter_params: Record,
+    filter_state: Record,
+    covariance: Grid,
+    history: Grid,
+    setpoint: Record,
+    estimate: Record,
+    sensors: Record,
+    actuators: Record,
+) -> None:
     """Run the estimator and, on a new inertial sample, the cascade. Arguments: `FlightCore.kernel_args`."""
     on_ground = setpoint.armed == 0  # a vehicle whose rotors are stopped stands, unless a receiver says otherwise
     if estimate_motion(filter_params, filter_state, covariance, history, sensors, estimate, on_ground):
@@ -31,7 +40,7 @@ def update(  # type: ignore[no-untyped-def]
 
 def empty_setpoint() -> np.void:
     """Return a SETPOINT record that asks for nothing: disarmed, no axis controlled, no limit of its own."""
-    setpoint = np.zeros(1, SETPOINT)[0]
+    setpoint: np.void = np.zeros(1, SETPOINT)[0]
     for name in SETPOINT.names or ():
         if SETPOINT[name].base.kind == "f":
             setpoint[name] = np.nan

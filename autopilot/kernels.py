@@ -2,6 +2,7 @@
 
 from foundation import frames
 from foundation.compiled import njit
+from foundation.frames import Quat
 
 rotate = njit(cache=True)(frames.rotate)
 rotate_inverse = njit(cache=True)(frames.rotate_inverse)
@@ -15,7 +16,7 @@ geodetic_to_ned = njit(cache=True)(frames.geodetic_to_ned)
 
 
 @njit(cache=True)
-def quat_advance(q, x, y, z):  # type: ignore[no-untyped-def]
+def quat_advance(q: Quat, x: float, y: float, z: float) -> Quat:
     """Return q ⊗ exp((x, y, z)/2): q after a small body-frame rotation vector (rad).
 
     Third-order series instead of sin and cos, one Newton step instead of a square root: exact to 1e-9 for the 0.05 rad

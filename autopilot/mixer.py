@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from foundation.airframe import Airframe
 from foundation.compiled import njit
 from foundation.errors import UsageError
+from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
 
 
@@ -62,7 +63,17 @@ def allocation(airframe: Airframe) -> Allocation:
 
 
 @njit(cache=True)
-def mix(matrix, rotors, floor, airmode, roll, pitch, yaw, thrust, fractions):  # type: ignore[no-untyped-def]
+def mix(
+    matrix: NDArray[np.float64],
+    rotors: int,
+    floor: float,
+    airmode: int,
+    roll: float,
+    pitch: float,
+    yaw: float,
+    thrust: float,
+    fractions: NDArray[np.float64],
+) -> Vec3:
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
     matrix (MAX_ROTORS, 4) as in `Allocation`, roll, pitch, yaw in [-1, 1], thrust in [0, 1]; fractions (MAX_ROTORS,) is

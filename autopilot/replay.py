@@ -70,7 +70,7 @@ def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
     for field in SETPOINT.names or ():
         found[f"setpoint.{field}"] = recording.setpoints[field][rows]
     found["landed"] = np.packbits(recording.landed)
-    np.savez_compressed(path, **found, **extra)
+    np.savez_compressed(path, **(found | extra))
 
 
 def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
@@ -94,7 +94,7 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
         return Recording(str(found.pop("airframe")), sensors, setpoints, landed), found
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise UsageError(
-            f"{path} is not a recording of a flight ({error}): make one with tests/replay/record.py"
+            f"{path} is not a recording of a flight ({error}): make one with tests/autopilot/replay/record.py"
         ) from error
 
 

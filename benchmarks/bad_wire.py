@@ -37,7 +37,7 @@ from hil.impairment.channel import Impairment
 from hil.impairment.wire import ImpairedWire
 from hil.link.link import Link, TakeoverError
 from hil.link.parameters import Parameters
-from hil.link.transport import connect
+from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
 ORIGIN = (47.397742, 8.545594, 488.0)  # only differences are looked at
@@ -169,9 +169,9 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
     path: Path3 = []
     moves = LEG if args.short else MINUTE
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
-        near = connect("udpin://127.0.0.1:0")
+        near = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         wire = ImpairedWire(near, connect(to), row.up, row.down, args.seed)
-        url = f"udpout://127.0.0.1:{near.port}"  # type: ignore[attr-defined]
+        url = f"udpout://127.0.0.1:{near.port}"
         link = Link(connect(url), silence_s=SILENCE_S)
         phase, t0_us, heading = "connecting", None, 0.0
         with wire:

@@ -220,7 +220,8 @@ def main() -> None:
     parser.add_argument("--short", action="store_true", help="one airframe once: whether it runs")
     chosen = parser.parse_args()
     found, answers = {}, {}
-    names, seeds = chosen.airframe or airframe.names(), SEEDS
+    names = chosen.airframe or airframe.names()
+    seeds: tuple[int, ...] = SEEDS
     if chosen.short:
         names, seeds = names[:1], SEEDS[:1]
     for name in names:

@@ -11,10 +11,19 @@ import os
 import shutil
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
+
+P = ParamSpec("P")
+R = TypeVar("R", covariant=True)
+# in a kernel's signature:
+Record = Any  # a numpy record, its fields as attributes; the argument's name tells its dtype
+Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
 # where kernels live, and the constants and records that they are compiled with; tests/architecture holds it complete
@@ -70,14 +79,27 @@ def _prepare() -> bool:
     return True
 
 
-def njit(*args: Any, **options: Any) -> Any:
-    """Return `numba.njit(…)`, cached where that can be; usable with and without arguments.
+class Kernel(Protocol[P, R]):
+    """A function as numba keeps it: called like its source, and compiled at the first call or when asked to."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R: ...
+
+    def compile(self, sig: tuple[numba.types.Type, ...]) -> object:
+        """Compile it for arguments of these types and leave it in the cache."""
+
+
+def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+    """Return the decorator `numba.njit(…)`, which caches where that can be; signatures stay for the type checker.
+
 
     Without a folder that can be written to nothing is cached, and each start compiles: numba would keep its work beside
     the sources instead, where an update outdates it, or refuse where they are read-only.
     Without the wrapper by which C code would call a kernel: nobody does, and it takes a tenth of the compile time.
     """
-    return numba.njit(*args, **{"cache": KEEPS, "no_cfunc_wrapper": True, **options})
+    compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(
+        **{"cache": cache and KEEPS, "no_cfunc_wrapper": True, **options}
+    )
+    return compiled
 
 
 prange = numba.prange

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from foundation.compiled import njit
-from vehicles.records import Record
+from foundation.compiled import Record, njit
 
 NOMINAL_CELL_V = 3.8  # the voltage at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge
 PERIOD_US = 10_000  # the pack is slow; ten steps share one update
@@ -18,13 +17,16 @@ COLLAPSE = -0.01  # charge at which the voltage of an over-discharged pack is go
 @njit(cache=True)
 def open_circuit(charge: float) -> float:
     """Return the volts of one cell at rest for a charge in [0, 1]; below 0 the cell collapses."""
+    volts: float = _VOLTAGE[-1]
     if charge <= 0.0:
-        return max(_VOLTAGE[0] * (1.0 - charge / COLLAPSE), 0.0)
+        volts = max(_VOLTAGE[0] * (1.0 - charge / COLLAPSE), 0.0)
+        return volts
     for i in range(1, len(_CHARGE)):
         if charge <= _CHARGE[i]:
             share = (charge - _CHARGE[i - 1]) / (_CHARGE[i] - _CHARGE[i - 1])
-            return _VOLTAGE[i - 1] + share * (_VOLTAGE[i] - _VOLTAGE[i - 1])
-    return _VOLTAGE[-1]
+            volts = _VOLTAGE[i - 1] + share * (_VOLTAGE[i] - _VOLTAGE[i - 1])
+            break
+    return volts
 
 
 @njit(cache=True)

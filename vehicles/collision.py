@@ -13,14 +13,14 @@ import math
 
 import numpy as np
 
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 from foundation.obstacles import Obstacles
 from vehicles.collision_records import CANDIDATES, NEAR, SOLIDS, Grid32, Index
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.nearest import in_box, in_triangle
-from vehicles.records import STEP_S, Record
+from vehicles.records import STEP_S
 
 RESTITUTION = 0.3  # of plastic and carbon on walls and car bodies: most of the energy of a bump is lost
 BOUNCE_LEAST = 0.15  # m/s, slower contacts end without a rebound, so that a vehicle comes to rest on a roof
@@ -262,7 +262,9 @@ def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
     x = arm[1] * way[2] - arm[2] * way[1]
     y = arm[2] * way[0] - arm[0] * way[2]
     z = arm[0] * way[1] - arm[1] * way[0]
-    return 1.0 / params.mass + x * x / params.inertia[0] + y * y / params.inertia[1] + z * z / params.inertia[2]
+    i = params.inertia
+    speed: float = 1.0 / params.mass + x * x / i[0] + y * y / i[1] + z * z / i[2]
+    return speed
 
 
 @njit(cache=True)
@@ -354,7 +356,7 @@ def remember(state: Record, solids: Record, ball: int, owner: int, closing: floa
 
 def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None) -> np.void:
     """Return the SOLIDS record: a vehicle's balls, one for a camera at `camera_frd` (m), and where the cells lie."""
-    record = np.zeros(1, SOLIDS)[0]
+    record: np.void = np.zeros(1, SOLIDS)[0]
     rotors, radius = int(params["rotors"]), float(params["rotor_radius"])
     hubs = params["rotor_position"][:rotors]
     balls = [(*hub, radius, i, CRASH_BODY) for i, hub in enumerate(hubs)]
@@ -377,4 +379,5 @@ def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None
 
 def fresh_near() -> np.void:
     """Return a NEAR record that has not looked yet."""
-    return np.zeros(1, NEAR)[0]
+    near: np.void = np.zeros(1, NEAR)[0]
+    return near

@@ -6,13 +6,12 @@ within the coming one, both get the impulse of that contact as a force over it, 
 
 import math
 
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 from vehicles.collision import BOUNCE_LEAST, BREAKING, FRICTION, RESTITUTION, mobility
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
-from vehicles.records import Record
 
 DRONE = -2  # owner number of another vehicle, beside `collision.BOX`
 FAR = 3.0  # m, between vehicles that cannot touch within a tick

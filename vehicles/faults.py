@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
-from vehicles.records import FAULTS, GPS_QUEUE, MAX_FAULTS, Record
+from vehicles.records import FAULTS, GPS_QUEUE, MAX_FAULTS
 
 NONE, BIAS, DELAY, FREEZE, FAIL, WEAKEN = range(6)
 KINDS = {"fail": FAIL, "freeze": FREEZE, "bias": BIAS, "delay": DELAY, "weaken": WEAKEN}
@@ -45,7 +45,7 @@ def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency
 
     Raises UsageError for a part, kind or combination that does not exist.
     """
-    record = np.zeros(1, FAULTS)[0]
+    record: np.void = np.zeros(1, FAULTS)[0]
     for i, fault in enumerate(faults):
         where = f"fault {fault.kind} of {fault.part}"
         if i >= MAX_FAULTS:

@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.terrain import HeightField
 from vehicles.compiled_frames import rotate, rotate_inverse
-from vehicles.records import STEP_S, Grid, Load, Record
+from vehicles.records import STEP_S, Load
 
 # rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
 # limit of RK4 at 1 kHz (2.8 rad per step) on every airframe, whose tips weigh about a tenth of the whole
@@ -59,7 +59,8 @@ def in_reach(params: Record, peak: Grid, position: Vec3) -> bool:
     rows, columns = peak.shape
     i = min(max((position[0] - params.ground_north) / params.ground_cell, 0.0), rows - 1.0)
     j = min(max((position[1] - params.ground_east) / params.ground_cell, 0.0), columns - 1.0)
-    return position[2] + params.reach + MARGIN > peak[int(i), int(j)]
+    near: bool = position[2] + params.reach + MARGIN > peak[int(i), int(j)]
+    return near
 
 
 @njit(cache=True)

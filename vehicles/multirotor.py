@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from foundation.airframe import Airframe
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3, quat_from_euler
 from foundation.obstacles import OPEN, Obstacles
@@ -22,7 +22,7 @@ from vehicles.compiled_frames import rotate_inverse
 from vehicles.faults import Fault, script, strike_rotors
 from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
 from vehicles.noise import streams
-from vehicles.records import AIR, PARAMS, STATE, STEP_S, STEP_US, Grid, Record
+from vehicles.records import AIR, PARAMS, STATE, STEP_S, STEP_US
 from vehicles.rigid_body import move
 from vehicles.rotor import ground_gain, push
 from vehicles.sensors import Suite, fresh_memory, sample, suite_record
@@ -255,7 +255,7 @@ class Multirotor:
 
 def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
     """Return the PARAMS record of an airframe over a terrain."""
-    record = np.zeros(1, PARAMS)[0]
+    record: np.void = np.zeros(1, PARAMS)[0]
     curve, pack, points = airframe.curve, airframe.battery, airframe.contact_points_frd
     record["mass"], record["inertia"] = airframe.mass_kg, airframe.inertia_frd
     record["drag_linear"], record["drag_quadratic"] = airframe.drag_linear_frd, airframe.drag_quadratic_frd

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from foundation.compiled import njit
-from vehicles.records import Grid, Stream
+from foundation.compiled import Grid, njit
+from vehicles.records import Stream
 
 _TAIL = 3.442619855899  # where the tail begins, 128 layers
 _AREA = 9.91256303526217e-3  # of each layer
@@ -36,13 +36,13 @@ _INNER = _EDGE[1:] / _EDGE[:-1]  # share of each layer that lies under the curve
 
 def streams(seed: int, count: int) -> Stream:
     """Return `count` independent stream states, shape (count,), that depend on `seed` alone."""
-    return np.random.SeedSequence(seed).generate_state(count, np.uint64)
+    return np.random.SeedSequence(seed).generate_state(count, np.uint64).astype(np.uint64, copy=False)
 
 
 @njit(cache=True)
 def _word(rng: Stream) -> np.uint64:
     rng[0] += _GOLDEN
-    z = rng[0]
+    z: np.uint64 = rng[0]
     z = (z ^ (z >> _SHIFT_30)) * _MIX_1
     z = (z ^ (z >> _SHIFT_27)) * _MIX_2
     return z ^ (z >> _SHIFT_31)
@@ -62,14 +62,15 @@ def normal(rng: Stream) -> float:
         layer = np.int64(word & _LAYER_MASK)
         side = float(word >> _SHIFT_11) * 2.220446049250313e-16 - 1.0  # uniform in [-1, 1)
         if abs(side) < _INNER[layer]:
-            return side * _EDGE[layer]
+            inside: float = side * _EDGE[layer]
+            return inside
         if layer == 0:
             while True:
                 x = math.log(1.0 - uniform(rng)) / _TAIL
                 y = math.log(1.0 - uniform(rng))
                 if -2.0 * y >= x * x:
                     return x - _TAIL if side < 0.0 else _TAIL - x
-        x = side * _EDGE[layer]
+        x = float(side * _EDGE[layer])
         top = math.exp(-0.5 * (_EDGE[layer] ** 2 - x * x))
         bottom = math.exp(-0.5 * (_EDGE[layer + 1] ** 2 - x * x))
         if bottom + uniform(rng) * (top - bottom) < 1.0:

@@ -4,8 +4,6 @@ PARAMS never changes in flight; the rest is the complete state of one vehicle, s
 vehicle. Sensor, actuator and truth records are the border's.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +11,6 @@ from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
 from vehicles.airframe import MAX_CONTACTS
 
-Record = Any  # in a kernel's signature: a numpy record of a dtype below or of the border, its fields as attributes
-Grid = NDArray[np.float64]
 Stream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
 Load = tuple[Vec3, Vec3, float]  # of the rotors: force N FRD, moment N·m FRD, angular momentum about z in N·m·s
 

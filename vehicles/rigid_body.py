@@ -5,11 +5,11 @@ evaluated at each of the four stages. Rotation is Euler's equation with the roto
     I · dω/dt = M - ω × (I · ω + h)
 """
 
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat, Vec3
 from vehicles.compiled_frames import quat_normalized, rotate, rotate_inverse
 from vehicles.ground import support
-from vehicles.records import STEP_S, Grid, Load, Record
+from vehicles.records import STEP_S, Load
 
 
 @njit(cache=True)

@@ -6,10 +6,10 @@ what resists it turns the body about +z.
 
 import math
 
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 from foundation.frames import Vec3
 from vehicles.battery import NOMINAL_CELL_V
-from vehicles.records import STEP_S, Load, Record
+from vehicles.records import STEP_S, Load
 
 # Advance ratio V / (n·D) at which a static-pitch propeller stops pulling. UIUC Propeller Data Site: 10x4.7 and 5x3
 # propellers reach C_T = 0 between 0.6 and 0.7, and C_T falls almost linearly towards it.
@@ -33,7 +33,8 @@ def commanded_speed(params: Record, armed: int, command: float, voltage: float) 
     if share > 1.0:
         share = 1.0
     ceiling = params.speed_max * voltage / (NOMINAL_CELL_V * params.cells)
-    return max(share * ceiling, min(params.speed_idle, ceiling))
+    speed: float = max(share * ceiling, min(params.speed_idle, ceiling))
+    return speed
 
 
 @njit(cache=True)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Quat
 from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
 from vehicles.noise import normal
-from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, Grid, Record
+from vehicles.records import GPS_QUEUE, MEMORY, STEP_US
 
 BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
 BATTERY_PERIOD_US = 100_000
@@ -94,7 +94,7 @@ SUITE = np.dtype(
 
 def suite_record(suite: Suite, origin: tuple[float, float, float]) -> np.void:
     """Return `suite` as a SUITE record, with the map's origin (latitude, longitude in degrees, altitude in m)."""
-    record = np.zeros(1, SUITE)[0]
+    record: np.void = np.zeros(1, SUITE)[0]
     for name in Suite.__annotations__:
         record[name] = getattr(suite, name)
     declination, inclination = math.radians(suite.mag_declination_deg), math.radians(suite.mag_inclination_deg)
@@ -110,7 +110,7 @@ def suite_record(suite: Suite, origin: tuple[float, float, float]) -> np.void:
 
 def fresh_memory(suite: Suite, stream: int) -> np.void:
     """Return the MEMORY record of sensors just switched on: turn-on errors drawn, first samples due, in steps apart."""
-    memory = np.zeros(1, MEMORY)[0]
+    memory: np.void = np.zeros(1, MEMORY)[0]
     memory["rng"][0] = stream
     draw = np.random.Generator(np.random.PCG64(int(stream)))
     memory["accel_bias"] = suite.accel_bias * draw.standard_normal(3)
@@ -128,7 +128,8 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
 @njit(cache=True)
 def pressure(altitude: float) -> float:
     """Return the ISA pressure (hPa) at an altitude (m above mean sea level, below 11 km)."""
-    return PRESSURE_0 * (1.0 - LAPSE / TEMPERATURE_0 * altitude) ** EXPONENT
+    hpa: float = PRESSURE_0 * (1.0 - LAPSE / TEMPERATURE_0 * altitude) ** EXPONENT
+    return hpa
 
 
 @njit(cache=True)

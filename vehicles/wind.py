@@ -9,10 +9,10 @@ Both are discretised exactly, so that the standard deviation does not depend on 
 import math
 from dataclasses import dataclass
 
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
 from foundation.frames import Vec3
 from vehicles.noise import normal
-from vehicles.records import Grid, Record, Stream
+from vehicles.records import Stream
 
 PERIOD_US = 10_000
 PERIOD_S = 0.01
@@ -62,7 +62,8 @@ def _across(states: Grid, sigma: float, tau: float, rng: Stream) -> float:
     root = math.sqrt(var_a)
     states[0] = p * a + root * noise_a
     states[1] = p * b + h * p * a + cov / root * noise_a + math.sqrt(max(var_b - cov * cov / var_a, 0.0)) * noise_b
-    return sigma * (SQRT_3 * states[0] + (1.0 - SQRT_3) * states[1])
+    blown: float = sigma * (SQRT_3 * states[0] + (1.0 - SQRT_3) * states[1])
+    return blown
 
 
 @njit(cache=True)

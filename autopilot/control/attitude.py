@@ -6,11 +6,12 @@ After Brescianini, Hehn, D'Andrea 2013, "Nonlinear quadrocopter attitude control
 import math
 
 from autopilot.kernels import quat_conjugate, quat_multiply, rotate, rotate_inverse
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
+from foundation.frames import Quat, Vec3
 
 
 @njit(cache=True)
-def wanted_rates(params, attitude, target, yaw_rate):  # type: ignore[no-untyped-def]
+def wanted_rates(params: Record, attitude: Quat, target: Quat, yaw_rate: float) -> Vec3:
     """Return the body rates (rad/s) from `attitude` towards `target`, both FRD → NED, yaw_rate (rad/s) added about NED
     down; each axis within its limit."""
     error = quat_multiply(quat_conjugate(attitude), target)

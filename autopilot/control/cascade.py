@@ -13,7 +13,7 @@ from autopilot.control.thrust import attitude_of, limit_force, track_hover
 from autopilot.kernels import quat_from_euler, quat_yaw, rotate
 from autopilot.mixer import mix
 from autopilot.records import KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 from foundation.frames import GRAVITY
 
 OUTER_PERIOD_US = 10_000
@@ -26,7 +26,7 @@ ROTOR_LAG_S = 0.02  # s, how late thrust follows its command, for the hover esti
 
 
 @njit(cache=True)
-def fallback(params, state, estimate):  # type: ignore[no-untyped-def]
+def fallback(params: Record, state: Record, estimate: Record) -> None:
     """Ask for level flight on the present heading at hover thrust, and forget what may be poisoned."""
     q = estimate.attitude
     yaw = quat_yaw((q[0], q[1], q[2], q[3]))
@@ -51,7 +51,7 @@ def fallback(params, state, estimate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def outer(params, state, setpoint, estimate, ceiling, dt):  # type: ignore[no-untyped-def]
+def outer(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float, dt: float) -> None:
     """Trajectory setpoint → attitude and thrust setpoint."""
     q = estimate.attitude
     head(params, state, setpoint, quat_yaw((q[0], q[1], q[2], q[3])), dt)
@@ -75,7 +75,7 @@ def outer(params, state, setpoint, estimate, ceiling, dt):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def direct(params, state, setpoint, estimate, ceiling):  # type: ignore[no-untyped-def]
+def direct(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float) -> None:
     """Attitude or rate setpoint with its thrust, as given; what is not a number is replaced by level, still, hover."""
     thrust = setpoint.thrust
     if not math.isfinite(thrust):
@@ -104,7 +104,7 @@ def direct(params, state, setpoint, estimate, ceiling):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def stop(params, state, setpoint, actuators):  # type: ignore[no-untyped-def]
+def stop(params: Record, state: Record, setpoint: Record, actuators: Record) -> None:
     """Rotors stopped (disarmed) or idling (armed); every memory of the last flight emptied."""
     for i in range(3):
         state.rate_integral[i] = 0.0
@@ -120,7 +120,7 @@ def stop(params, state, setpoint, actuators):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def drive(params, state, estimate, actuators, dt):  # type: ignore[no-untyped-def]
+def drive(params: Record, state: Record, estimate: Record, actuators: Record, dt: float) -> None:
     """Rates setpoint and thrust → rotor commands, which are fractions of full speed: thrust goes with their square."""
     roll, pitch, yaw = torque(
         params, state, dt, state.landed != 0 or state.thrust_setpoint < LIGHT * state.hover_thrust
@@ -149,7 +149,7 @@ def drive(params, state, estimate, actuators, dt):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def update(params, state, setpoint, estimate, actuators):  # type: ignore[no-untyped-def]
+def update(params: Record, state: Record, setpoint: Record, estimate: Record, actuators: Record) -> None:
     """Run what is due for the inertial sample of `estimate.time_us` and write `actuators` and the setpoint fields of
     `estimate`."""
     time_us = estimate.time_us
@@ -195,7 +195,7 @@ def update(params, state, setpoint, estimate, actuators):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def measure(state, estimate, dt):  # type: ignore[no-untyped-def]
+def measure(state: Record, estimate: Record, dt: float) -> None:
     """Low-pass the measured acceleration (NED, gravity removed)."""
     q, s = estimate.attitude, estimate.accel_frd
     x, y, z = rotate((q[0], q[1], q[2], q[3]), (s[0], s[1], s[2]))

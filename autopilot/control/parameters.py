@@ -80,7 +80,7 @@ def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.
     offboard velocity setpoints at all and reaches 1.4 of 2 m/s in half a second. MPC_YAWRAUTO_MAX is
     60 °/s, the rate at which the paper's rotation is flown.
     """
-    params = np.zeros(1, CONTROL_PARAMS)[0]
+    params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):
         params[name] = getattr(gains, name)
     for name in ("rate_p", "rate_i", "rate_d"):  # to normalised torque

@@ -4,7 +4,8 @@ import math
 
 from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
 from autopilot.kernels import quat_yaw, wrap_pi
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
+from foundation.frames import Vec3
 
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
 YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
@@ -12,13 +13,13 @@ YAW_ACCELERATION = 2.5  # rad/s²: yaw torque is weak, a faster start would only
 
 
 @njit(cache=True)
-def tighter(own, mode):  # type: ignore[no-untyped-def]
+def tighter(own: float, mode: float) -> float:
     """Return the smaller of a parameter's limit and the flight mode's, which counts only when finite and positive."""
     return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
 
 
 @njit(cache=True)
-def begin(state, estimate):  # type: ignore[no-untyped-def]
+def begin(state: Record, estimate: Record) -> None:
     """Start the trajectory loops from the vehicle's present motion, so that taking over does not jerk it."""
     for i in range(3):
         v = estimate.velocity_ned[i]
@@ -35,16 +36,17 @@ def begin(state, estimate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def slew_yaw_rate(params, state, rate, dt):  # type: ignore[no-untyped-def]
+def slew_yaw_rate(params: Record, state: Record, rate: float, dt: float) -> float:
     """Move the yaw rate reference towards `rate` (rad/s) within YAW_ACCELERATION; return the rate expected by now."""
     step = min(max(rate - state.yaw_rate_reference, -YAW_ACCELERATION * dt), YAW_ACCELERATION * dt)
     state.yaw_rate_reference += step
     state.yaw_rate_expected += dt / (params.yaw_lag + dt) * (state.yaw_rate_reference - state.yaw_rate_expected)
-    return state.yaw_rate_expected
+    expected: float = state.yaw_rate_expected
+    return expected
 
 
 @njit(cache=True)
-def head(params, state, setpoint, yaw, dt):  # type: ignore[no-untyped-def]
+def head(params: Record, state: Record, setpoint: Record, yaw: float, dt: float) -> None:
     """Advance the yaw reference: turn to a yaw within the auto rate, run with a yaw rate, or keep the heading."""
     if math.isfinite(setpoint.yaw):
         gap = wrap_pi(setpoint.yaw - state.yaw_reference)
@@ -61,7 +63,7 @@ def head(params, state, setpoint, yaw, dt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def steer(params, state, setpoint, estimate, dt):  # type: ignore[no-untyped-def]
+def steer(params: Record, state: Record, setpoint: Record, estimate: Record, dt: float) -> tuple[bool, bool]:
     """Advance the velocity reference towards what position and velocity setpoint together ask for.
 
     An axis with neither is asked to stop, except one that has an acceleration, which then alone decides. Returns which
@@ -115,7 +117,9 @@ def steer(params, state, setpoint, estimate, dt):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def accelerate(params, state, setpoint, estimate, horizontal, vertical, dt):  # type: ignore[no-untyped-def]
+def accelerate(
+    params: Record, state: Record, setpoint: Record, estimate: Record, horizontal: bool, vertical: bool, dt: float
+) -> Vec3:
     """Return the acceleration setpoint (NED, m/s²) of the velocity PID with the reference's own acceleration ahead."""
     wanted = (0.0, 0.0, 0.0)
     out_n, out_e, out_d = wanted
@@ -147,7 +151,16 @@ def accelerate(params, state, setpoint, estimate, horizontal, vertical, dt):  # 
 
 
 @njit(cache=True)
-def integrate(params, state, estimate, wanted, flown, horizontal, vertical, dt):  # type: ignore[no-untyped-def]
+def integrate(
+    params: Record,
+    state: Record,
+    estimate: Record,
+    wanted: Vec3,
+    flown: Vec3,
+    horizontal: bool,
+    vertical: bool,
+    dt: float,
+) -> None:
     """Advance the velocity integrals; what the limits cut off flows back so that they do not wind up."""
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):

@@ -2,13 +2,14 @@
 
 import math
 
-from foundation.compiled import njit
+from foundation.compiled import Grid, Record, njit
+from foundation.frames import Vec3
 
 RATE_PLAUSIBLE = 1000.0  # rad/s, beyond any gyro's range: the sample is nonsense and the filters start anew
 
 
 @njit(cache=True)
-def filter_rates(params, state, rates, dt):  # type: ignore[no-untyped-def]
+def filter_rates(params: Record, state: Record, rates: Grid, dt: float) -> None:
     """Low-pass the measured rates and their derivative (IMU_GYRO_CUTOFF, IMU_DGYRO_CUTOFF)."""
     first = dt * 2.0 * math.pi * params.gyro_cutoff_hz
     first = first / (1.0 + first)
@@ -25,7 +26,7 @@ def filter_rates(params, state, rates, dt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def torque(params, state, dt, idle):  # type: ignore[no-untyped-def]
+def torque(params: Record, state: Record, dt: float, idle: bool) -> Vec3:
     """Return the normalised torque (roll, pitch, yaw), each in [-1, 1].
 
     `state.torque_scale`, what the mixer achieved last time, stops an integral that would only push on a full actuator;

@@ -2,13 +2,13 @@
 
 import math
 
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 
 RESPONSE = 5.0  # 1/s, how fast the last metre per second is closed; well above the velocity loop's own bandwidth
 
 
 @njit(cache=True)
-def braking_speed(distance, gain, acceleration):  # type: ignore[no-untyped-def]
+def braking_speed(distance: float, gain: float, acceleration: float) -> float:
     """Return the speed (m/s) towards a point `distance` (m) away: gain · distance close by, and further out no more
     than what constant braking at `acceleration` (m/s²) can still stop."""
     linear = acceleration / (gain * gain)
@@ -18,13 +18,13 @@ def braking_speed(distance, gain, acceleration):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def wanted_acceleration(gap, limit, jerk):  # type: ignore[no-untyped-def]
+def wanted_acceleration(gap: float, limit: float, jerk: float) -> float:
     """Return the acceleration (m/s²) with which to close a velocity gap (m/s, ≥ 0) so that it can fade in time."""
     return min(limit, min(RESPONSE * gap, math.sqrt(2.0 * jerk * gap)))
 
 
 @njit(cache=True)
-def slew_horizontal(state, north, east, limit, jerk, dt):  # type: ignore[no-untyped-def]
+def slew_horizontal(state: Record, north: float, east: float, limit: float, jerk: float, dt: float) -> None:
     """Move the horizontal velocity reference towards (north, east) within `limit` (m/s²) and `jerk` (m/s³)."""
     v, a = state.velocity_reference, state.acceleration_reference
     gap_n, gap_e = north - v[0], east - v[1]
@@ -42,7 +42,7 @@ def slew_horizontal(state, north, east, limit, jerk, dt):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def slew_vertical(state, down, limit_up, limit_down, jerk, dt):  # type: ignore[no-untyped-def]
+def slew_vertical(state: Record, down: float, limit_up: float, limit_down: float, jerk: float, dt: float) -> None:
     """Move the vertical velocity reference towards `down` (m/s, NED)."""
     v, a = state.velocity_reference, state.acceleration_reference
     gap = down - v[2]
@@ -53,7 +53,7 @@ def slew_vertical(state, down, limit_up, limit_down, jerk, dt):  # type: ignore[
 
 
 @njit(cache=True)
-def expect(params, state, dt):  # type: ignore[no-untyped-def]
+def expect(params: Record, state: Record, dt: float) -> None:
     """Advance the velocity that a vehicle following the reference's acceleration with its lag has by now.
 
     The velocity error is taken against it: the feedback then corrects disturbances only and not the lag, which would

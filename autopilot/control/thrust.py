@@ -3,15 +3,15 @@
 import math
 
 from autopilot.kernels import quat_from_euler
-from foundation.compiled import njit
-from foundation.frames import GRAVITY
+from foundation.compiled import Record, njit
+from foundation.frames import GRAVITY, Quat, Vec3
 
 HOVER_TIME_S = 3.0  # time constant of the hover thrust estimate: batteries sag slowly
 LEAST_LIFT = 0.2 * GRAVITY  # m/s²: the thrust vector never points down, however fast the descent
 
 
 @njit(cache=True)
-def limit_force(params, hover_thrust, ceiling, acceleration):  # type: ignore[no-untyped-def]
+def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleration: Vec3) -> Vec3:
     """Return the specific force (NED, m/s²) to ask of the rotors: tilt limited, the vertical before the horizontal."""
     per_thrust = GRAVITY / hover_thrust  # m/s² at full collective
     top = min(params.thrust_max, ceiling) * per_thrust
@@ -35,7 +35,7 @@ def limit_force(params, hover_thrust, ceiling, acceleration):  # type: ignore[no
 
 
 @njit(cache=True)
-def attitude_of(force, yaw):  # type: ignore[no-untyped-def]
+def attitude_of(force: Vec3, yaw: float) -> Quat:
     """Return the attitude whose rotors push along `force` (NED, not zero) and whose Euler yaw is `yaw` (rad).
 
     With b the down axis turned back by the yaw, b = (sin p cos r, -sin r, cos p cos r).
@@ -50,7 +50,7 @@ def attitude_of(force, yaw):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def track_hover(params, state, estimate, dt):  # type: ignore[no-untyped-def]
+def track_hover(params: Record, state: Record, estimate: Record, dt: float) -> None:
     """Follow the collective thrust that carries the weight: thrust over measured lift, where both are well known."""
     if state.landed != 0 or state.thrust_filtered < 0.05:
         return

@@ -14,7 +14,8 @@ from autopilot.mavlink.port import COMPONENT_ID, Port
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.telemetry_source import Message
 from foundation.frames import Vec3, geodetic_to_ned
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 
 ACCEPTED, DENIED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED
 REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED

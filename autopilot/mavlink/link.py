@@ -13,7 +13,7 @@ def _as_mavlink2(frame: bytes, crc_extra: int) -> bytes:
         return frame
     length, sequence, system, component, number = frame[1:6]
     body = bytes((length, 0, 0, sequence, system, component, number, 0, 0)) + frame[6 : 6 + length]
-    crc = dialect.x25crc(body + bytes((crc_extra,))).crc
+    crc: int = dialect.x25crc(body + bytes((crc_extra,))).crc
     return bytes((dialect.PROTOCOL_MARKER_V2,)) + body + crc.to_bytes(2, "little")
 
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.status_makers import standard_mode
 from autopilot.mavlink.streams import BY_ID, BY_NAME
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 BROADCAST = frozenset({dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES})

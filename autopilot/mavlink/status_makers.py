@@ -4,7 +4,8 @@ import math
 
 from autopilot.arming import STICK_MODES, sensor_health
 from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, whole
-from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES, PX4_AUTOPILOT
 
 SENSOR_GYRO, SENSOR_ACCEL, SENSOR_MAG = 0x1, 0x2, 0x4
 SENSOR_PRESSURE, SENSOR_GPS, SENSOR_RANGE = 0x8, 0x20, 0x100

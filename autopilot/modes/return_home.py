@@ -2,7 +2,8 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Home, Mode
+from autopilot.home import Home
+from autopilot.modes.flight import Flight, Mode
 from autopilot.modes.land import Land
 from autopilot.modes.setpoint import IDLE, Setpoint
 from autopilot.modes.travel import approach_speed

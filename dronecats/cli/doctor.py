@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
@@ -81,10 +82,10 @@ def run(args: argparse.Namespace) -> int:
 def examine() -> list[Finding]:
     """Return everything that was looked at, in reading order. Never raises: a check that breaks is a finding."""
     checks: list[Callable[[], Finding]] = [_version, _python]
-    checks += [lambda d=d, m=m: _package(d, m, "base") for d, m in BASE.items()]  # type: ignore[misc]
-    checks += [lambda d=d, m=m: _package(d, m, "sim") for d, m in SIM.items()]  # type: ignore[misc]
+    checks += [partial(_package, d, m, "base") for d, m in BASE.items()]
+    checks += [partial(_package, d, m, "sim") for d, m in SIM.items()]
     checks += [_jpeg, _compiler, _rays]
-    checks += [lambda p=p, w=w: port(p, w) for p, w in PORTS.items()]  # type: ignore[misc]
+    checks += [partial(port, p, w) for p, w in PORTS.items()]
     checks += [_disk, _cores, _keys]
     findings = []
     for check in checks:
@@ -126,7 +127,8 @@ def _jpeg() -> Finding:
 
     picture = np.zeros((16, 16, 3), np.uint8)
     done, data = cv2.imencode(".jpg", picture)
-    if not done or cv2.imdecode(data, cv2.IMREAD_COLOR).shape != picture.shape:
+    again = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else None
+    if again is None or again.shape != picture.shape:
         return Finding(
             "JPEG", MISSING, "OpenCV cannot write and read JPEG", "pip install --force-reinstall opencv-python-headless"
         )

@@ -12,6 +12,7 @@ from dronecats.cli import signals
 
 if TYPE_CHECKING:
     from dronecats.flight.spec import FlightSpec
+    from dronecats.rundir.results import Result
     from episodes.blind import Flight
 
 
@@ -44,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.flight import look_up
     from dronecats.run.settings import settings
     from dronecats.rundir.folder import fresh_run
+    from dronecats.rundir.reading import stored_result
     from episodes import blind
     from foundation.errors import UsageError
 
@@ -59,12 +61,12 @@ def run(args: argparse.Namespace) -> int:
     flight = look_up(spec)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
     left = batch.left(chosen)
-    results = [{"episode": batch.folder(e).name, **(batch.done(e) or {})} for e in chosen if e not in left]
+    results = [stored_result(batch.folder(e).name, batch.folder(e)) for e in chosen if e not in left]
     bar = _bar(len(chosen), len(results))
 
-    def ended(result: dict[str, Any]) -> None:
-        if result["outcome"] != "success":
-            bar.write(f"{result['episode']}: {result['outcome']}{_reason(result)}", file=sys.stderr)
+    def ended(result: "Result") -> None:
+        if result.outcome != "success":
+            bar.write(f"{result.episode}: {result.outcome}{_reason(result)}", file=sys.stderr)
         bar.update()
 
     try:
@@ -83,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         _keep_blind(args.pilot, flights(results))
     under = {name: floor(blind.load(), name, members) for name, members in lines.items()}
     if args.json:
-        unsolved = {r["episode"]: r["outcome"] for r in results if r["outcome"] != "success"}
+        unsolved = {r.episode: r.outcome for r in results if r.outcome != "success"}
         report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [r.as_json() for r in rows]}
         report["blind"] = [
             {"pilot": pilot, "best_by": kind, **its.as_json()}
@@ -140,10 +142,10 @@ def _bar(total: int, done: int) -> Any:
     return tqdm(total=total, initial=done, unit="episode", dynamic_ncols=True, mininterval=seldom)
 
 
-def _reason(result: dict[str, Any]) -> str:
-    if result.get("error"):
-        return f": {result['error']}"
-    return f", {result['ne_m']:.1f} m away at the end" if result.get("ne_m") is not None else ""
+def _reason(result: "Result") -> str:
+    if result.error:
+        return f": {result.error}"
+    return f", {result.ne_m:.1f} m away at the end" if result.ne_m is not None else ""
 
 
 def _keep(steps: dict[str, int]) -> None:

@@ -50,9 +50,9 @@ class Output:
 
     def __enter__(self) -> "Output":
         # a test, or whoever imports us, may have put something of its own in their place
-        if sys.stderr is not None and sys.stderr is sys.__stderr__:
+        if sys.__stderr__ is not None and sys.stderr is sys.__stderr__:
             sys.stderr = _text(sys.stderr, Lossy(sys.stderr.fileno()), "backslashreplace")
-        if sys.stdout is not None and sys.stdout is sys.__stdout__:
+        if sys.__stdout__ is not None and sys.stdout is sys.__stdout__:
             self._raw = Lossy(sys.stdout.fileno(), self._tell)
             sys.stdout = _text(sys.stdout, self._raw, "replace")  # a terminal without ° or ≤ shows a question mark
         return self

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from dronecats.editor import drape, suggest
 from dronecats.editor.drape import Knots
 from episodes import assets
-from episodes.check.limits import CAP_S, GRID_SIDE_M, OF_OTHER_MAPS, RULES
+from episodes.check.limits import GRID_SIDE_M, OF_OTHER_MAPS, RULES
 from episodes.record import (
     HIDDEN,
     MAX_CANDIDATES,
@@ -30,6 +30,7 @@ from episodes.target import motion
 from episodes.visibility import turn
 from foundation.errors import UsageError
 from foundation.frames import Vec3
+from foundation.protocol import CAP_S
 
 HEIGHT_M = 1.6  # of a new drone above the ground
 SPEED_MPS = 0.3  # of a target on a map that has no rule
@@ -130,7 +131,8 @@ class Drafting:
         if which == 0:
             record = replace(record, target=replace(record.target, inscription=written))
         else:
-            record = replace(record, candidates=_with(record.candidates, which - 1, inscription=written))
+            changed = replace(record.candidates[which - 1], inscription=written)
+            record = replace(record, candidates=_with(record.candidates, which - 1, changed))
         return self.settled(replace(draft, record=record))
 
     # ---- its path
@@ -244,7 +246,9 @@ class Drafting:
         """Return the draft with a look-alike elsewhere."""
         one = draft.record.candidates[which]
         yaw = one.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
-        moved = _with(draft.record.candidates, which, position_ned=self.on_ground(north, east), yaw_deg=yaw)
+        there = self.on_ground(north, east)
+        one = replace(draft.record.candidates[which], position_ned=there, yaw_deg=yaw)
+        moved = _with(draft.record.candidates, which, one)
         return self.settled(replace(draft, record=replace(draft.record, candidates=moved)))
 
     def drop_candidate(self, draft: Draft) -> Draft:
@@ -364,8 +368,7 @@ class Drafting:
         return self.grid(self.face(draft, 0)) if len(record.starts) != 4 else draft
 
 
-def _with(candidates: tuple[TargetRecord, ...], which: int, **fields: object) -> tuple[TargetRecord, ...]:
-    changed = replace(candidates[which], **fields)  # type: ignore[arg-type]
+def _with(candidates: tuple[TargetRecord, ...], which: int, changed: TargetRecord) -> tuple[TargetRecord, ...]:
     return (*candidates[:which], changed, *candidates[which + 1 :])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.protocol import CAP_S
+from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
 from hil.link.envelope import SIMULATED, Limits
 

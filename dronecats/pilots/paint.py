@@ -58,8 +58,8 @@ def mask(picture: Picture, color: str) -> Mask:
         ceiling = np.array((last, band.saturation[1], band.value[1]), np.uint8)
         found |= cv2.inRange(hsv, floor, ceiling)
     found[sky(picture)] = 0
-    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    return found > 0
+    kept: NDArray[np.uint8] = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return kept > 0
 
 
 def saturation(picture: Picture) -> NDArray[np.uint8]:
@@ -73,8 +73,9 @@ def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     flat = labels.ravel()
     plane = [np.bincount(flat, lab[:, :, k].ravel().astype(np.float64) - 128.0, count) for k in (1, 2)]
-    mean = np.stack(plane, axis=1)
-    return mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    mean: NDArray[np.float64] = np.stack(plane, axis=1)
+    length: NDArray[np.float64] = np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    return mean / length
 
 
 def sky(picture: Picture) -> Mask:
@@ -96,4 +97,5 @@ def sky(picture: Picture) -> Mask:
         if blocked[1, x + 1] == 0:
             cv2.floodFill(smooth, blocked, (x, 0), (0, 0, 0), step, step, flags)
     filled = (blocked[1:-1, 1:-1] == 2).astype(np.uint8)
-    return cv2.dilate(filled, np.ones((5, 5), np.uint8)) > 0
+    grown: NDArray[np.uint8] = cv2.dilate(filled, np.ones((5, 5), np.uint8))
+    return grown > 0

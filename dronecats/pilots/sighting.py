@@ -66,7 +66,7 @@ def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | N
     Glass, pillars and trim cut the paint of one vehicle into roof, doors and bonnet: patches within a share of the
     large one's own size, and of the same tint as far as there is one, are its own.
     """
-    blobs = []
+    blobs: list[_Blob] = []
     order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
     taken: set[int] = set()
     for seed in order:

@@ -12,6 +12,7 @@ from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, opened, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
+from dronecats.rundir import layout
 from dronecats.stages.connected import ConnectedStage
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
@@ -52,7 +53,7 @@ def fly_connected(
         },
     )
     folder = folders.create(out, spec.pilot_name, EPISODE, found)
-    folders.write_json(folder / "episode.json", {"id": EPISODE, "instruction": flight.instruction})
+    folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
 
     def fly_it() -> Flown:
         stage = ConnectedStage(link, camera, folder)
@@ -69,7 +70,7 @@ def fly_connected(
     def afterwards(flown: Flown) -> None:
         folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
         if dry:
-            say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / 'intent'}")
+            say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
 
     return conclude(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
 

@@ -13,6 +13,7 @@ from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
+from dronecats.rundir import layout
 from episodes.record import EpisodeRecord
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from vehicles import airframe as airframes
@@ -49,7 +50,7 @@ def fly_in(
     """
     record = _record(flight)
     try:
-        (folder / "episode.json").write_text(record.to_json(), encoding="utf-8")
+        (folder / layout.EPISODE).write_text(record.to_json(), encoding="utf-8")
     except OSError as full:
         raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
     return conclude(
@@ -110,7 +111,7 @@ def draw(folder: Path) -> None:
     from dronecats.sitl.scenario import load_world
 
     try:
-        picture, extent = aerial(load_world(str(folder / "episode.json")), folder)
+        picture, extent = aerial(load_world(str(folder / layout.EPISODE)), folder)
         draw_flight(folder, picture, extent)
     except (DronecatsError, OSError, ValueError) as error:
         (folder / "flight.png.error").write_text(f"{error}\n", encoding="utf-8")

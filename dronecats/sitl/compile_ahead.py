@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 
-from foundation.compiled import KEEPS, ROOT, cache_folder
+from foundation.compiled import KEEPS, ROOT, Kernel, cache_folder
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
@@ -25,7 +25,7 @@ def cold() -> bool:
     return KEEPS and (os.cpu_count() or 1) > 1 and not any(cache_folder().rglob(f"multirotor.step{CACHED}"))
 
 
-def compile_both(core: Any, core_arguments: Iterable[Any]) -> None:
+def compile_both(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:
     """Return when the plant and `core` (a kernel) are compiled and cached for the arguments they will have.
 
     A second process that fails costs its time only: what it leaves undone is compiled when it is called.

@@ -5,37 +5,51 @@ time: 40 µs for the records of one vehicle, three times what ten milliseconds o
 are looked up once, and every call hands over one array of them.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import carray, types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from autopilot.control.records import CONTROL_PARAMS, CONTROL_STATE
 from autopilot.estimator_records import ESTIMATOR_PARAMS, ESTIMATOR_STATE
 from autopilot.flight_core import update
 from autopilot.records import ESTIMATE, SETPOINT
 from dronecats.sitl import compile_ahead
-from foundation.compiled import njit
+from foundation.compiled import Grid, njit
 from foundation.sensors import ACTUATORS, SENSORS, TRUTH
-from vehicles.collision_records import NEAR, SOLIDS
+from vehicles.collision_records import NEAR, SOLIDS, Grid32, Index
 from vehicles.multirotor import step
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE
 from vehicles.sensors import SUITE
 
 
-@intrinsic
-def _pointer(typingctx, address):  # type: ignore[no-untyped-def]
+@intrinsic  # type: ignore[untyped-decorator]  # numba tells no types
+def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
     """Return an integer as the address it is."""
 
-    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(types.voidptr))
 
     return types.voidptr(types.int64), generate
 
 
 @njit(cache=True)
-def fly(steps, at, down, peak, corners, bounds, start, index, owner, covariance, history):
+def fly(
+    steps: int,
+    at: NDArray[np.int64],
+    down: Grid,
+    peak: Grid,
+    corners: Grid32,
+    bounds: Grid32,
+    start: Index,
+    index: Index,
+    owner: Index,
+    covariance: Grid,
+    history: Grid,
+) -> None:
     """Advance one vehicle and its inner loop by `steps` milliseconds. Arguments: `Fused`'s."""
     params = carray(_pointer(at[0]), 1, PARAMS)[0]
     state = carray(_pointer(at[1]), 1, STATE)[0]

@@ -3,16 +3,18 @@
 Every message is still encoded to MAVLink bytes and decoded again; only the sockets are left out.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Generic
 
-from dronecats.sitl.simulation import SimulatedVehicle, Simulation
+from dronecats.sitl.simulation import SimulatedVehicle, Simulation, V
 from hil.link.transport import MemoryTransport, Transport
 
 
-class Lockstep:
-    """Owns the turn order: advance the simulation one tick, then let the followers read what came of it."""
+class TurnOrder(ABC, Generic[V]):
+    """Advance the simulation one tick, then let the followers read what came of it."""
 
-    def __init__(self, simulation: Simulation[SimulatedVehicle]) -> None:
+    def __init__(self, simulation: Simulation[V]) -> None:
         self.simulation = simulation
         self.followers: list[Callable[[], None]] = []
 
@@ -22,10 +24,9 @@ class Lockstep:
         for follower in self.followers:
             follower()
 
-    def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
-        """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
-        port = self.simulation.vehicles[vehicle].open_port(profile)
-        return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)
+    @abstractmethod
+    def transport(self, vehicle: int) -> Transport:
+        """Return the agent's end of the MAVLink of one vehicle's autopilot."""
 
     def follow(self, feed: Callable[[bytes], None]) -> Callable[[bytes], None]:
         """Let `feed` have the truth bus after every tick; return the function that speaks on it."""
@@ -38,3 +39,12 @@ class Lockstep:
 
         self.followers.append(follow_on)
         return tap.receive
+
+
+class Lockstep(TurnOrder[SimulatedVehicle]):
+    """The turn order of vehicles with our autopilot, which answers at once."""
+
+    def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
+        """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
+        port = self.simulation.vehicles[vehicle].open_port(profile)
+        return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)

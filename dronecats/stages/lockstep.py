@@ -16,6 +16,7 @@ from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.px4.lockstep import Px4Lockstep
 from dronecats.sitl.px4.simulator import Px4Simulator
 from dronecats.sitl.scenario import build, origin
+from dronecats.sitl.simulation import SimulatedVehicle
 from dronecats.sitl.vehicle_port import VehiclePort
 from dronecats.stages.parts import simulator_config
 from episodes.world import World
@@ -34,15 +35,18 @@ class LockstepStage:
         spec, camera = flight.spec, CameraModel()
         self.camera_model = camera
         self._px4: Px4Simulator | None = None
+        clock: Lockstep | Px4Lockstep
+        ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with our autopilot
         if simulated.autopilot == "px4":
             self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
-            clock: Lockstep = Px4Lockstep(self._px4)
+            clock = Px4Lockstep(self._px4)
         else:
             clock = Lockstep(build(world, airframe=simulated.airframe, seed=spec.seed))
+            ours = clock.simulation.vehicles
         self._clock, self._simulation = clock, clock.simulation
         self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
         clock.follow(self._recorder.truth)
-        for vehicle in () if self._px4 else self._simulation.vehicles:
+        for vehicle in ours:
             port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))

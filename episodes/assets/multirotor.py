@@ -12,7 +12,7 @@ import numpy as np
 from episodes import geometry as g
 from episodes.assets import paint as colors
 from episodes.geometry import Part
-from episodes.scene import Mesh
+from episodes.scene import Material, Mesh
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
@@ -94,7 +94,7 @@ def _hull(shape: Outline) -> list[Part]:
     return parts
 
 
-def _rotor(hub: Vec3, radius_m: float, number: int, look: colors.Material) -> list[Part]:
+def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[Part]:
     """Return a motor and its two blades, which is how a propeller looks from near in a short exposure."""
     x, y, z = hub
     first, step = STOPPED_RAD

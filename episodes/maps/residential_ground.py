@@ -58,6 +58,10 @@ def _uses() -> dict[str, _Use]:
     return found | {"field": _Use(surface("grass", (1.0, 0.97, 0.95)), 11.0)}
 
 
+def _between(a: float, b: float) -> tuple[float, float]:
+    return min(a, b), max(a, b)
+
+
 def _zones() -> Iterator[tuple[float, float, float, float, str]]:
     """Yield (north, north, east, east, kind of grass) of rectangles that with the round corners tile the ground."""
     inner, outer = UPPER.middle - CORNER, UPPER.middle
@@ -65,12 +69,12 @@ def _zones() -> Iterator[tuple[float, float, float, float, str]]:
     for street in (MAIN, SECOND):
         yield -inner, inner, street.middle - DEPTH, street.middle + DEPTH, "lawn"
     for s in (1.0, -1.0):
-        yield *sorted((s * outer, s * NORTH)), WEST, EAST, "lawn"
+        yield *_between(s * outer, s * NORTH), WEST, EAST, "lawn"
         for e0, e1 in ((-DEPTH, -CORNER), (CORNER, 64.0 - CORNER), (64.0 + CORNER, 64.0 + DEPTH)):
-            yield *sorted((s * inner, s * outer)), e0, e1, "lawn"
-        yield *sorted((s * back, s * outer)), WEST, -DEPTH, "lawn"
-        yield *sorted((s * back, s * outer)), 64.0 + DEPTH, EAST, "lawn"
-        yield *sorted((s * NORTH, s * FAR_M)), -FAR_M, FAR_M, "field"
+            yield *_between(s * inner, s * outer), e0, e1, "lawn"
+        yield *_between(s * back, s * outer), WEST, -DEPTH, "lawn"
+        yield *_between(s * back, s * outer), 64.0 + DEPTH, EAST, "lawn"
+        yield *_between(s * NORTH, s * FAR_M), -FAR_M, FAR_M, "field"
     yield -back, back, WEST, -DEPTH, "field"
     yield -back, back, 64.0 + DEPTH, EAST, "field"
     yield -NORTH, NORTH, -FAR_M, WEST, "field"

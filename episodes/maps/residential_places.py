@@ -156,8 +156,8 @@ def _routes(homes: tuple[Plot, ...]) -> Iterator[tuple[str, str, Array]]:
             share = (begin - lap[leg]) / math.dist(a, b)
             start = (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
             corners = [start, *(ring[(leg + j) % 4] for j in range(1, 4))]
-            way = "clockwise" if clockwise else "anticlockwise"
-            yield "road", f"round the block, {way}, {k + 1}", _rounded(corners, (TURN, TURN))
+            sense = "clockwise" if clockwise else "anticlockwise"
+            yield "road", f"round the block, {sense}, {k + 1}", _rounded(corners, (TURN, TURN))
     for way in (UPPER, LOWER):
         for side in (1, -1):
             yaw = heading(way, side)
@@ -174,8 +174,8 @@ def _routes(homes: tuple[Plot, ...]) -> Iterator[tuple[str, str, Array]]:
             if found is not None:
                 yield "drive", f"from drive {plot.number + 1}, to the {turn}", found
     for number, (way, side, low, high) in enumerate(_walks(), 1):
-        for name, (a, b) in (("there", (low, high)), ("back", (high, low))):
-            points = _rounded([way.at(a, side * 6.25), way.at(b, side * 6.25)], ())
+        for name, (first, last) in (("there", (low, high)), ("back", (high, low))):
+            points = _rounded([way.at(first, side * 6.25), way.at(last, side * 6.25)], ())
             where = ("east" if side > 0 else "west") if way.north else ("north" if side > 0 else "south")
             yield "pavement", f"{way.name}, {where} pavement {number}, {name}", points
 

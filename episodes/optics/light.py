@@ -13,7 +13,7 @@ def decoding_table() -> NDArray[np.float32]:
     codes = display_table()
     steps = np.arange(STEPS + 1)
     first, last = np.searchsorted(codes, np.arange(256)), np.searchsorted(codes, np.arange(256), side="right") - 1
-    middle = steps[(first + last) // 2]
+    middle: NDArray[np.int64] = steps[(first + last) // 2]
     middle[0], middle[255] = 0, STEPS  # black is no light, and white is all that the sensor takes
     return (middle * (WHITE / STEPS)).astype(np.float32)
 

@@ -79,7 +79,8 @@ def path_in_layer(
     y = (np.arange(camera.height) + 0.5 - eye.center_y) / eye.focal
     up = -(eye.forward[2] + x[None, :] * eye.right[2] + y[:, None] * eye.down[2]) * per_metre
     reach = np.divide(height_m, up, out=np.full(up.shape, np.inf), where=up > 1e-6)
-    return np.minimum(depth / per_metre, reach).astype(np.float32)
+    length: NDArray[np.float64] = np.minimum(depth / per_metre, reach)
+    return length.astype(np.float32)
 
 
 def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec3) -> Light:
@@ -87,7 +88,7 @@ def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec
 
     Source: Koschmieder's law of the visibility of distant things, 1924.
     """
-    clear = np.exp(-np.float32(density) * path)[..., None]
+    clear: NDArray[np.float32] = np.exp(-np.float32(density) * path)[..., None]
     hazy = np.asarray(color, np.float32)
     return (hazy + (light - hazy) * clear).astype(np.float32)
 

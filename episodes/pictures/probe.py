@@ -168,6 +168,7 @@ def _stage(mesh: Mesh) -> Scene:
 def _cell(data: bytes, probe: Probe) -> NDArray[np.uint8]:
     """Return the middle of one picture, enlarged without smoothing, below its distance and text; BGR."""
     seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert seen is not None  # `data` is what `picture.encode` has just written
     focal = CAMERA.focal_px * seen.shape[1] / CAMERA.width
     kind = next(k for k in KINDS if k.name == probe.kind)
     face = face_of(assets.build(kind.asset, kind.paint, probe.text), kind.material)

@@ -102,7 +102,8 @@ class Site:
         rows, columns = field.down.shape
         high_n = field.origin_north + (rows - 1) * field.cell_m - EDGE_M
         high_e = field.origin_east + (columns - 1) * field.cell_m - EDGE_M
-        return field.origin_north + EDGE_M <= north <= high_n and field.origin_east + EDGE_M <= east <= high_e
+        on: bool = field.origin_north + EDGE_M <= north <= high_n and field.origin_east + EDGE_M <= east <= high_e
+        return on
 
     def free(self, place: Vec3) -> bool:
         """Return whether a drone has room at a place (m) and below it."""

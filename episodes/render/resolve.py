@@ -1,13 +1,22 @@
 """From the light of each pixel to the picture: edges smoothed by what the samples around each pixel see, then sRGB."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from episodes.render.sky import STEPS, WHITE
 from foundation.compiled import njit
 
 
 @njit(cache=True, nogil=True)
-def resolve_rows(thread, threads, samples, plane, light, table, rgb):
+def resolve_rows(
+    thread: int,
+    threads: int,
+    samples: NDArray[np.int32],
+    plane: NDArray[np.int32],
+    light: NDArray[np.float32],
+    table: NDArray[np.uint8],
+    rgb: NDArray[np.uint8],
+) -> None:
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
     A pixel whose nine samples see one flat piece keeps its colour. Elsewhere each sample counts with the weight of a
@@ -67,7 +76,17 @@ def resolve_rows(thread, threads, samples, plane, light, table, rgb):
 
 
 @njit(cache=True, nogil=True)
-def _find(samples, plane, wanted, y, x, dy, dx, height, width):
+def _find(
+    samples: NDArray[np.int32],
+    plane: NDArray[np.int32],
+    wanted: int,
+    y: int,
+    x: int,
+    dy: int,
+    dx: int,
+    height: int,
+    width: int,
+) -> tuple[int, int]:
     """Return the pixel beside the sample (dy, dx) of pixel (y, x) whose middle sees the piece `wanted`, or (-1, -1)."""
     for choice in range(3):
         qy = y + (dy if choice != 1 else 0)

@@ -3,19 +3,37 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from episodes.render.shadow import sun_slopes, sunlight
-from episodes.render.sky import HAZE_LENGTH_M, WHITE, sky_color
-from episodes.render.textures import footprint, texture_color
+from episodes.render.pose import Eye
+from episodes.render.shadow import SunMap, sun_slopes, sunlight
+from episodes.render.sky import HAZE_LENGTH_M, WHITE, Daylight, sky_color
+from episodes.render.textures import Atlas, footprint, texture_color
+from episodes.render.triangles import Surfaces, Triangles
+from episodes.render.visibility import Drawn
 from foundation.compiled import njit
+from foundation.frames import Vec3
 
 FRESH = 4  # px, a power of two
 
 
 @njit(cache=True, nogil=True)
 def shade_rows(
-    thread, threads, eye, drawn, triangles, surfaces, atlas, sun, day, per_metre, samples, light, depth, ids
-):
+    thread: int,
+    threads: int,
+    eye: Eye,
+    drawn: Drawn,
+    triangles: Triangles,
+    surfaces: Surfaces,
+    atlas: Atlas,
+    sun: SunMap,
+    day: Daylight,
+    per_metre: NDArray[np.float32],
+    samples: NDArray[np.int32],
+    light: NDArray[np.float32],
+    depth: NDArray[np.float32],
+    ids: NDArray[np.int32],
+) -> None:
     """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), `depth` (H, W, m) and `ids` (H, W).
 
     Only the sample at the middle of each pixel is looked at. What belongs to the whole triangle is found when the row
@@ -136,7 +154,7 @@ def shade_rows(
 
 
 @njit(cache=True, nogil=True)
-def _toward(n, e, d, fn, fe, fd):
+def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Vec3:
     """Return the vector (n, e, d) at unit length and on the side of the unit vector f; f itself if it has no length."""
     square = n * n + e * e + d * d
     if square < 1e-12:
@@ -148,7 +166,20 @@ def _toward(n, e, d, fn, fe, fd):
 
 
 @njit(cache=True, nogil=True)
-def _polish(day, gloss, direct, dn, de, dd, nn, ne, nd, lr, lg, lb):
+def _polish(
+    day: Daylight,
+    gloss: float,
+    direct: float,
+    dn: float,
+    de: float,
+    dd: float,
+    nn: float,
+    ne: float,
+    nd: float,
+    lr: float,
+    lg: float,
+    lb: float,
+) -> Vec3:
     """Return the light (lr, lg, lb) of a surface with the mirrored sky and a soft highlight of the sun added.
 
     The mirrored share follows Schlick's approximation of Fresnel's law with 0.04 at normal incidence.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from episodes.render.triangles import Layout, MovablePart, Triangles
 from episodes.scene import Sun
 from foundation.compiled import njit
+from foundation.frames import Vec3
 
 CELLS = 4096  # per side of the map
 MARGIN_CELLS = 4
@@ -92,7 +93,7 @@ def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]
 
 
 @njit(cache=True, nogil=True)
-def draw_heights(sun, position, first, stop):
+def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: int) -> None:
     """Raise `sun.height` to the triangles first … stop - 1."""
     cells = sun.height.shape[0]
     last = cells - 1.0
@@ -133,7 +134,7 @@ def draw_heights(sun, position, first, stop):
 
 
 @njit(cache=True, nogil=True)
-def sun_slopes(sun, nn, ne, nd):
+def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
     """Return (slope_x, slope_y, bias) in m: how the height of a plane with unit normal n (NED) changes per cell, and
     how far below the map's height a point of it still counts as lit.
     """
@@ -147,7 +148,7 @@ def sun_slopes(sun, nn, ne, nd):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def sunlight(sun, n, e, d, slope_x, slope_y, bias):
+def sunlight(sun: SunMap, n: float, e: float, d: float, slope_x: float, slope_y: float, bias: float) -> float:
     """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
 
     The mean of 2 × 2 bilinear comparisons; each cell is compared with the height of the receiving plane itself above

@@ -53,7 +53,7 @@ def _vec3(v: tuple[float, ...]) -> Vec3:
 
 
 @njit(cache=True, nogil=True)
-def sky_color(day, n, e, d):
+def sky_color(day: Daylight, n: float, e: float, d: float) -> Vec3:
     """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED."""
     up = max(-d, 0.0)
     low = (1.0 - up) * (1.0 - up)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from foundation.compiled import njit
 from foundation.errors import UsageError
+from foundation.frames import Vec3
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
 MOST_DOUBLINGS = 3  # of the reads along the longer axis of a pixel's footprint: at most eight
@@ -60,7 +61,9 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]]) -> Atlas:
         for level in pyramid:
             levels.append((filled, level.shape[1], level.shape[0]))
             code = np.rint(np.sqrt(np.clip(level, 0.0, 1.0)) * 1023.0).astype(np.uint32)
-            texels.append(((code[..., 0] << 20) | (code[..., 1] << 10) | code[..., 2]).ravel())
+            texels.append(
+                ((code[..., 0] << 20) | (code[..., 1] << 10) | code[..., 2]).ravel().astype(np.uint32, copy=False)
+            )
             filled += texels[-1].size
     return Atlas(
         texels=np.concatenate(texels) if texels else np.zeros(1, np.uint32),
@@ -86,7 +89,9 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def footprint(atlas, texture, ux, vx, uy, vy):
+def footprint(
+    atlas: Atlas, texture: int, ux: float, vx: float, uy: float, vy: float
+) -> tuple[np.int64, int, int, float, float]:
     """Return (level, mix, doublings, step_u, step_v): how `texture_color` reads a pixel.
 
     (ux, vx) and (uy, vy) are the changes of (u, v) over one pixel to the right and down. The level is chosen by the
@@ -115,7 +120,9 @@ def footprint(atlas, texture, ux, vx, uy, vy):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def texture_color(atlas, u, v, level, mix, doublings, step_u, step_v):
+def texture_color(
+    atlas: Atlas, u: float, v: float, level: np.int64, mix: int, doublings: int, step_u: float, step_v: float
+) -> Vec3:
     """Return the linear (r, g, b) at (u, v) for a `footprint`.
 
     Where one read is enough both levels are read, where there are several they take turns.
@@ -145,7 +152,9 @@ def texture_color(atlas, u, v, level, mix, doublings, step_u, step_v):
 
 
 @njit(cache=True, nogil=True)
-def _bilinear(texels, levels, level, u, v, weight):
+def _bilinear(
+    texels: NDArray[np.uint32], levels: NDArray[np.int64], level: np.int64, u: float, v: float, weight: int
+) -> np.uint64:
     """Return one level's code at (u, v) times `weight`, the three channels side by side in one integer.
 
     Positions have eight binary places and weights are whole numbers, so that multiplying and adding the integer serves
@@ -177,13 +186,13 @@ def _bilinear(texels, levels, level, u, v, weight):
 
 
 @njit(cache=True, nogil=True)
-def _lanes(texel):
+def _lanes(texel: np.uint32) -> np.uint64:
     """Return the three ten-bit channels of a texel moved 21 bits apart."""
     t = np.uint64(texel)
     return (t & LOW_10) | ((t & MIDDLE_10) << SHIFT_1) | ((t & HIGH_10) << SHIFT_2)
 
 
 @njit(cache=True, nogil=True)
-def _log2(x):
+def _log2(x: float) -> float:
     """Return log₂ x within 0.05, from the bits of a float: its exponent, and its mantissa taken as straight."""
     return (np.float32(x).view(np.int32) - ONE_BITS) * (1.0 / (1 << 23)) + 0.043

@@ -189,7 +189,8 @@ def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.flo
 
 def _chunk_starts(instances: list[Instance]) -> list[int]:
     """Return the first triangle of each chunk; a chunk never spans two instances."""
-    starts, filled = [], 0
+    starts: list[int] = []
+    filled = 0
     for instance in instances:
         starts.extend(range(filled, filled + len(instance.mesh.triangles), CHUNK))
         filled += len(instance.mesh.triangles)

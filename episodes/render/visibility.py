@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.render.pose import NEAR_M
+from episodes.render.pose import NEAR_M, Eye
+from episodes.render.triangles import Triangles
 from foundation.compiled import njit
 
 BAND = 16  # rows of samples that one thread fills at a time
@@ -44,7 +45,7 @@ def new_drawn(triangles: int, chunks: int) -> Drawn:
 
 
 @njit(cache=True, nogil=True)
-def set_up(thread, threads, triangles, eye, drawn):
+def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Drawn) -> None:
     """Fill `drawn` for the chunks of one thread: cull them against the view, then set up their triangles."""
     slope_x = eye.center_x / eye.focal
     slope_y = eye.center_y / eye.focal
@@ -67,7 +68,7 @@ def set_up(thread, threads, triangles, eye, drawn):
 
 
 @njit(cache=True, nogil=True)
-def _set_up_triangle(t, position, eye, drawn):
+def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
     drawn.rows[t, 0] = 1
     drawn.rows[t, 1] = 0
     dx = float(position[t, 0, 0]) - eye.position[0]
@@ -136,7 +137,7 @@ def _set_up_triangle(t, position, eye, drawn):
 
 
 @njit(cache=True, nogil=True)
-def _widen(xa, za, xb, zb, low, high):
+def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
     """Return (low, high) widened by the slopes z / x of the part of the edge a - b that lies beyond the near plane."""
     if xa >= NEAR_M:
         low, high = min(low, za / xa), max(high, za / xa)
@@ -147,7 +148,7 @@ def _widen(xa, za, xb, zb, low, high):
 
 
 @njit(cache=True, nogil=True)
-def sort_into_bands(triangles, drawn, bands):
+def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return (start, items): band k holds triangles items[start[k]:start[k + 1]], in the order of the scene."""
     start = np.zeros(bands + 1, np.int64)
     for chunk in range(triangles.chunk_first.size):
@@ -175,7 +176,14 @@ def sort_into_bands(triangles, drawn, bands):
 
 
 @njit(cache=True, nogil=True)
-def draw_bands(thread, threads, drawn, start, items, samples):
+def draw_bands(
+    thread: int,
+    threads: int,
+    drawn: Drawn,
+    start: NDArray[np.int64],
+    items: NDArray[np.int32],
+    samples: NDArray[np.int32],
+) -> None:
     """Write the nearest triangle (or NOTHING) of every sample in this thread's bands of `samples` (2 H + 1, 2 W + 1).
 
     Of two triangles at the same depth the first in the scene wins.
@@ -206,7 +214,18 @@ def draw_bands(thread, threads, drawn, start, items, samples):
 
 
 @njit(cache=True, nogil=True)
-def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, samples, count_up):
+def _draw(
+    t: int,
+    e: NDArray[np.float64],
+    volume: float,
+    nearest: float,
+    first_row: int,
+    last_row: int,
+    top: int,
+    inverse_depth: NDArray[np.float32],
+    samples: NDArray[np.int32],
+    count_up: NDArray[np.float32],
+) -> None:
     right = samples.shape[1] - 1.0
     name = np.int32(t)
     per = 1.0 / volume
@@ -245,7 +264,7 @@ def _draw(t, e, volume, nearest, first_row, last_row, top, inverse_depth, sample
 
 
 @njit(cache=True, nogil=True)
-def _cut(a, inverse, rest, low, high):
+def _cut(a: float, inverse: float, rest: float, low: float, high: float) -> tuple[float, float]:
     """Return the part of [low, high] in which a·i + rest ≥ 0; `inverse` is -1 / a."""
     if a > 0.0:
         low = max(low, rest * inverse)

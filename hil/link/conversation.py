@@ -6,8 +6,10 @@ import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
-from foundation.mavlink import PX4_AUTOPILOT, Packer, Parser, dialect
+from foundation.mavlink import Packer, Parser, dialect
+from hil.link.family import Family
 from hil.link.firmware import Firmware, firmware, kind_name
+from hil.link.px4 import PX4
 from hil.link.statustext import StatusTexts
 from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import TOLD, VehicleClock, VehicleState, update
@@ -23,6 +25,7 @@ COMMAND_TRIES = 6
 AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
 WORDS_S = 0.3  # s of vehicle time in which an autopilot says why it refused
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
+FAMILIES: dict[int, Family] = {PX4.autopilot: PX4}  # by HEARTBEAT.autopilot: those that we can fly
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
 STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE}  # either keeps the clock going
@@ -43,6 +46,7 @@ class Conversation:
         self.clock = VehicleClock()
         self.track = Track()
         self.firmware: Firmware | None = None
+        self.family: Family = PX4  # until a heartbeat tells
         self.system = 0
         self.component = AUTOPILOT
         self.streams = Streams()
@@ -135,7 +139,7 @@ class Conversation:
                 self._gap_us = self.time_us
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
-        self.state = update(self.state, message, self.time_us)
+        self.state = update(self.state, message, self.family.mode_name, self.time_us)
         if kind in STAMPED:
             self._track()
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
@@ -152,11 +156,12 @@ class Conversation:
     def _meet(self, heartbeat: dialect.MAVLink_message) -> None:
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             return
-        if heartbeat.autopilot != PX4_AUTOPILOT:
+        if heartbeat.autopilot not in FAMILIES:
             raise LinkError(
                 f"{kind_name(heartbeat.autopilot)} answers on {self.transport.url}, but flight modes and setpoints are"
                 " PX4's here: connect a vehicle that runs PX4"
             )
+        self.family = FAMILIES[heartbeat.autopilot]
         self.system = heartbeat.get_srcSystem()
 
     def _noticed(self) -> None:

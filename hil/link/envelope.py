@@ -1,6 +1,6 @@
 """The safety envelope: where and how fast a vehicle may be sent. Each limit acts before it is reached, never after.
 
-Pure: a target, the state and the limits in, the target that may be flown and what was limited out. Speeds towards a
+Pure: a setpoint, the state and the limits in, the setpoint that may be flown and what was limited out. Speeds towards a
 limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows its setpoint with
 half a second's lag comes to rest short of it.
 """
@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 from foundation.errors import LinkError
 from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
-from hil.link.offboard import PositionTarget, Target, VelocityTarget
+from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
 PLACE_GAIN = 1.0  # 1/s; how fast a PX4 flies to a place, per metre: MPC_XY_P 0.95, MPC_Z_P 1
 GAIN = 0.5  # 1/s; a real PX4 follows a step of velocity to nine tenths within a second
-STANDING = VelocityTarget((0.0, 0.0, 0.0), 0.0)
+STANDING = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, at which a vehicle that is beyond a limit is brought back
 TOUCHING_M = 1e-3  # m
 STALE_US = 500_000  # µs without a position after which none is believed
@@ -54,7 +54,7 @@ SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches 
 class Admitted:
     """What may be flown."""
 
-    target: Target
+    setpoint: OffboardSetpoint
     limited: tuple[str, ...]  # names of the limits that changed it, in order
 
 
@@ -93,31 +93,31 @@ def unwatched(state: VehicleState, limits: Limits) -> str | None:
     return None
 
 
-def admit(target: Target, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int) -> Admitted:
-    """Return the target as the envelope lets it pass. `state` needs position, velocity and attitude."""
+def admit(setpoint: OffboardSetpoint, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int) -> Admitted:
+    """Return the setpoint as the envelope lets it pass. `state` needs position, velocity and attitude."""
     assert state.position_ned is not None
     assert state.euler is not None
-    if not _is_a_number(target):
+    if not _is_a_number(setpoint):
         return Admitted(STANDING, ("not a number",))
     if time_us - state.position_us > STALE_US:
         return Admitted(STANDING, ("stale position",))
     if time_us - state.heartbeat_us > limits.heartbeat_s * 1e6:
         return Admitted(STANDING, ("lost heartbeat",))
     north, east, down = (p - h for p, h in zip(state.position_ned, home_ned, strict=True))
-    if isinstance(target, PositionTarget):
-        return _position(target, (north, east, down), home_ned, state.euler[2], limits)
-    return _velocity(target, (north, east, down), state.euler[2], limits)
+    if isinstance(setpoint, PositionSetpoint):
+        return _position(setpoint, (north, east, down), home_ned, state.euler[2], limits)
+    return _velocity(setpoint, (north, east, down), state.euler[2], limits)
 
 
-def _is_a_number(target: Target) -> bool:
-    if isinstance(target, PositionTarget):
-        return all(map(math.isfinite, (*target.position_ned, target.yaw)))
-    return all(map(math.isfinite, (*target.velocity_body, target.yaw_rate)))
+def _is_a_number(setpoint: OffboardSetpoint) -> bool:
+    if isinstance(setpoint, PositionSetpoint):
+        return all(map(math.isfinite, (*setpoint.position_ned, setpoint.yaw)))
+    return all(map(math.isfinite, (*setpoint.velocity_body, setpoint.yaw_rate)))
 
 
-def _velocity(target: VelocityTarget, at: Vec3, yaw: float, limits: Limits) -> Admitted:
+def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) -> Admitted:
     limited: list[str] = []
-    forward, right, down = target.velocity_body
+    forward, right, down = setpoint.velocity_body
     c, s = math.cos(yaw), math.sin(yaw)
     north, east = c * forward - s * right, s * forward + c * right
     speed = math.hypot(north, east)
@@ -141,21 +141,21 @@ def _velocity(target: VelocityTarget, at: Vec3, yaw: float, limits: Limits) -> A
         if outward > allowed + 1e-9:
             north, east = north - (outward - allowed) * normal[0], east - (outward - allowed) * normal[1]
             limited.append(name)
-    yaw_rate = max(-limits.yaw_rate, min(limits.yaw_rate, target.yaw_rate))
-    if yaw_rate != target.yaw_rate:
+    yaw_rate = max(-limits.yaw_rate, min(limits.yaw_rate, setpoint.yaw_rate))
+    if yaw_rate != setpoint.yaw_rate:
         limited.append("yaw rate")
     if not limited:
-        return Admitted(target, ())
-    return Admitted(VelocityTarget((c * north + s * east, -s * north + c * east, down), yaw_rate), _once(limited))
+        return Admitted(setpoint, ())
+    return Admitted(VelocitySetpoint((c * north + s * east, -s * north + c * east, down), yaw_rate), _once(limited))
 
 
-def _position(target: PositionTarget, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
+def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
     """A place beyond a limit is put back inside, one in or behind an exclusion is given up for where the vehicle is.
 
     A place so far off that the autopilot would race there is flown to at the limits' speed.
     """
     limited: list[str] = []
-    north, east, down = (p - h for p, h in zip(target.position_ned, home, strict=True))
+    north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))
     top, bottom = limits.ceiling_m - limits.height_margin_m, limits.floor_m + limits.height_margin_m
     height = max(bottom, min(top, -down)) if bottom < top else -down
     if height != -down:
@@ -174,13 +174,13 @@ def _position(target: PositionTarget, at: Vec3, home: Vec3, yaw: float, limits: 
         down = max(-limits.climb, min(limits.climb, away[2] * PLACE_GAIN))
         c, s = math.cos(yaw), math.sin(yaw)
         body = ((c * away[0] + s * away[1]) * share, (-s * away[0] + c * away[1]) * share, down)
-        turn = max(-limits.yaw_rate, min(limits.yaw_rate, wrap_pi(target.yaw - yaw)))
-        flown = _velocity(VelocityTarget(body, turn), at, yaw, limits)
+        turn = max(-limits.yaw_rate, min(limits.yaw_rate, wrap_pi(setpoint.yaw - yaw)))
+        flown = _velocity(VelocitySetpoint(body, turn), at, yaw, limits)
         names = ["speed"] * fast + ["climb"] * steep
-        return Admitted(flown.target, _once([*limited, *names, *flown.limited]))
+        return Admitted(flown.setpoint, _once([*limited, *names, *flown.limited]))
     if not limited:
-        return Admitted(target, ())
-    return Admitted(replace(target, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
+        return Admitted(setpoint, ())
+    return Admitted(replace(setpoint, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
 
 
 def _towards(room_m: float, margin_m: float) -> float:

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from foundation.mavlink import PX4_AUTOPILOT, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import PX4_AUTOPILOT
 
 KINDS = {0: "", 64: "alpha", 128: "beta", 192: "rc", 255: ""}  # FIRMWARE_VERSION_TYPE; 0 is a developer's build
 NAMES = {0: "a generic autopilot", 3: "ArduPilot", PX4_AUTOPILOT: "PX4", 8: "no autopilot"}

@@ -5,20 +5,17 @@ from collections.abc import Callable
 
 from foundation.errors import LinkError
 from foundation.frames import Vec3
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Setpoint, Sight
 from hil.link.arrival import Arrival
 from hil.link.conversation import SILENCE_S, Conversation
 from hil.link.course import Turning
 from hil.link.envelope import Limits, admit, broken_off, placed
-from hil.link.offboard import OffboardStream, Place, Target, message
+from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us before the autopilot is asked to hold
-LAST_MODES = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
-LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes into which an autopilot goes on by itself
-HOMEWARD = ("LAND", "RETURN")
 ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
@@ -59,7 +56,7 @@ class Link(Conversation):
         super().__init__(transport, silence_s=silence_s)
         self.limits = limits
         self.mute = mute
-        self.on_target: Callable[[Target], None] = lambda target: None  # hears every target, sent or not
+        self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not
         self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: None  # hears what limits act, at each change
         self._stream = OffboardStream()
         self._offboard = False  # whether offboard is ours
@@ -86,12 +83,13 @@ class Link(Conversation):
             return
         if name != "OFFBOARD":
             self._offboard = False
-        mode = MODES[name]
-        self._expect(name, *LEADS_TO.get(name, ()))
+        self._expect(name, *self.family.goes_on_to(name))
         # a stream of setpoints may not have been heard yet where much is lost
         insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
-        self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub, insist_s=insist_s)
-        if name in HOMEWARD:  # nothing more is ordered, and a PX4 that has landed goes back to the mode before
+        self.order(
+            f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, *self.family.mode_parameters(name), insist_s=insist_s
+        )
+        if name in self.family.homeward:  # nothing more is ordered
             self._expected = ()
 
     def arm(self) -> None:
@@ -281,7 +279,7 @@ class Link(Conversation):
         if self._taken_by is not None:
             raise self._takeover()
         if then != "hold":
-            self.set_mode(LAST_MODES[then])
+            self.set_mode(self.family.ending(then))
         elif refused:
             raise refused
         self._expected = ()  # it is the autopilot's now, and whoever stands by
@@ -292,30 +290,30 @@ class Link(Conversation):
         `round_first`: with one turn about the vertical on the way, which ends at the heading `yaw`.
         """
         turning = Turning(yaw, ROUND_RATE, 2.0 * math.pi, None) if round_first else None
-        self._stream.fly_to(Place(position_ned, yaw, turning))
+        self._stream.fly_to(Destination(position_ned, yaw, turning))
         due_us = self.time_us + (round(2.0 * math.pi / ROUND_RATE * 1e6) if round_first else 0)
         return Arrival(position_ned, yaw, due_us)
 
     def _speak(self) -> None:
         super()._speak()
-        target = self._target(self.state) if self._taken_by is None else None
-        if target is None or not self.mode_is_known():
+        setpoint = self._setpoint(self.state) if self._taken_by is None else None
+        if setpoint is None or not self.mode_is_known():
             return
-        self.on_target(target)
+        self.on_setpoint(setpoint)
         if not self.mute:
-            self.send(message(target, self.time_us // 1000, self.system, self.component))
+            self.send(self.family.setpoint_message(setpoint, self.time_us // 1000, self.system, self.component))
 
-    def _target(self, state: VehicleState) -> Target | None:
+    def _setpoint(self, state: VehicleState) -> OffboardSetpoint | None:
         if state.position_ned is None or state.velocity_ned is None or state.euler is None:
             return None
-        target = self._stream.target(state.position_ned, state.velocity_ned, state.euler[2], self.time_us)
-        if target is None or self.limits is None:
-            return target
-        admitted = admit(target, state, self._home(state), self.limits, self.time_us)
+        setpoint = self._stream.streamed(state.position_ned, state.velocity_ned, state.euler[2], self.time_us)
+        if setpoint is None or self.limits is None:
+            return setpoint
+        admitted = admit(setpoint, state, self._home(state), self.limits, self.time_us)
         if admitted.limited != self._limited:
             self._limited = admitted.limited
             self.on_limit(admitted.limited)
-        return admitted.target
+        return admitted.setpoint
 
     def settle_envelope(self) -> None:
         """From now on the limits stay where they are, whatever becomes of home. Raises LinkError as `placed` does."""

@@ -1,4 +1,4 @@
-"""The agent's setpoints as offboard targets, with the height and place loops that PX4 leaves to its client.
+"""What is streamed in offboard for the agent's setpoints, with the height and place loops that PX4 leaves to us.
 
 A body velocity of vz = 0 drifts 0.1–0.3 m/s on a real PX4, so whatever holds a height or a place here closes that loop.
 """
@@ -7,12 +7,9 @@ import math
 from dataclasses import dataclass, replace
 
 from foundation.frames import Vec3, wrap_pi
-from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
 from hil.link.course import Line, Turning
 
-MASK_VELOCITY_YAW_RATE = 0x5C7  # vx, vy, vz, yaw rate
-MASK_POSITION_YAW = 0x9F8  # x, y, z, yaw
 HEIGHT_GAIN = 1.0  # 1/s
 PLACE_GAIN = 0.9  # 1/s
 LINE_GAIN = 1.5  # 1/s
@@ -29,7 +26,7 @@ LATE_MAX_US = 250_000  # µs by which a move may outlast its time and still be t
 
 
 @dataclass(frozen=True, slots=True)
-class VelocityTarget:
+class VelocitySetpoint:
     """A velocity along the axes of the heading, and a yaw rate: BODY_NED."""
 
     velocity_body: Vec3  # m/s, forward, right, down
@@ -37,18 +34,18 @@ class VelocityTarget:
 
 
 @dataclass(frozen=True, slots=True)
-class PositionTarget:
+class PositionSetpoint:
     """A place and a heading: LOCAL_NED."""
 
     position_ned: Vec3  # m, local frame of the autopilot
     yaw: float  # rad
 
 
-Target = VelocityTarget | PositionTarget
+OffboardSetpoint = VelocitySetpoint | PositionSetpoint
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Destination:
     """A setpoint of the link's own: fly to this place and heading, for the way to the start pose."""
 
     position_ned: Vec3  # m, local frame
@@ -57,14 +54,14 @@ class Place:
 
 
 class OffboardStream:
-    """Remembers what is being flown and turns it into the target for the next tick.
+    """Remembers what is being flown and turns it into the setpoint of the next tick.
 
     What moves the vehicle lasts no longer than the decision behind it: when its time is over and nothing else has been
     said, it has become a hold.
     """
 
     def __init__(self) -> None:
-        self.setpoint: Setpoint | Place | None = None
+        self.setpoint: Setpoint | Destination | None = None
         self._ends_us: int | None = None
         self._place: Vec3 | None = None  # m, local frame, that is being held
         self._height: float | None = None  # m, local z that is being held
@@ -80,7 +77,7 @@ class OffboardStream:
         starts_us: int | None = None,
         seen: Sight | None = None,
     ) -> None:
-        """Change what is flown, from `starts_us` until `ends_us` (µs, vehicle clock); None: the next target, for ever.
+        """Change what is flown, from `starts_us` until `ends_us` (µs, vehicle clock); None: the next tick, for ever.
 
         `seen` is what the angles of the setpoint are counted from; without it, the heading that is held. A hold that
         goes on keeps its place; the height is kept through level moves, the heading through everything.
@@ -116,7 +113,7 @@ class OffboardStream:
             self._heading = turning.heading
         self._turning = None
 
-    def fly_to(self, place: Place) -> None:
+    def fly_to(self, place: Destination) -> None:
         """Fly to a place and stay there."""
         self.stop()
         self.setpoint = place
@@ -138,34 +135,34 @@ class OffboardStream:
         there = heading is not None and abs(wrap_pi(heading - yaw)) <= HEADING_REACHED
         return there and abs(yaw_rate) <= YAW_RATE_STILL
 
-    def target(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> Target | None:
+    def streamed(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> OffboardSetpoint | None:
         """Return what flies the setpoint from here (m, m/s, rad, µs), None when nothing is streamed."""
         if self.setpoint is not None and self._ends_us is not None and time_us > self._ends_us:
             self.fly(Hold(), starts_us=time_us)
         if self.setpoint is None:
             return None
-        if isinstance(self.setpoint, Place):
+        if isinstance(self.setpoint, Destination):
             self._turning = self.setpoint.turning if self._turning is None else self._turning
             self._turning = self._turning.until(time_us) if self._turning else None
             heading = self._turning.heading if self._turning else self.setpoint.yaw
-            return PositionTarget(self.setpoint.position_ned, heading)
+            return PositionSetpoint(self.setpoint.position_ned, heading)
         place, heading = self._held(position, velocity, yaw, time_us)
         match self.setpoint:
             case Hold():
-                return PositionTarget(place, heading)
+                return PositionSetpoint(place, heading)
             case Turn(yaw_rate):
                 assert self._turning is not None
                 self._turning = self._turning.until(time_us)
                 if self._turning.over:
-                    return PositionTarget(place, self._turning.heading)
+                    return PositionSetpoint(place, self._turning.heading)
                 forward, right = _correction(place, position, yaw)
-                return VelocityTarget((forward, right, self._height_correction(position)), yaw_rate)
+                return VelocitySetpoint((forward, right, self._height_correction(position)), yaw_rate)
             case Velocity(forward, up):
                 down = self._height_correction(position) if up is None else -up
                 rate = _clamped(HEADING_GAIN * wrap_pi(heading - yaw), HEADING_RATE_MAX)
                 # along the line, whatever the nose still has to turn to it
                 off = wrap_pi(heading + self._back_to_line(position, forward) - yaw)
-                return VelocityTarget((forward * math.cos(off), forward * math.sin(off), down), rate)
+                return VelocitySetpoint((forward * math.cos(off), forward * math.sin(off), down), rate)
 
     def _held(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> tuple[Vec3, float]:
         """Return the place and the heading that are held, taken here and now where nothing has been held before."""
@@ -208,30 +205,6 @@ def _correction(place: Vec3, position: Vec3, yaw: float) -> tuple[float, float]:
     forward = math.cos(yaw) * north + math.sin(yaw) * east
     right = -math.sin(yaw) * north + math.cos(yaw) * east
     return _clamped(PLACE_GAIN * forward, CORRECTION_MAX), _clamped(PLACE_GAIN * right, CORRECTION_MAX)
-
-
-def message(target: Target, time_boot_ms: int, system: int, component: int) -> dialect.MAVLink_message:
-    """Return SET_POSITION_TARGET_LOCAL_NED in the frames and masks that a real PX4 takes."""
-    stamp = time_boot_ms % (1 << 32)
-    match target:
-        case VelocityTarget(velocity_body, yaw_rate):
-            return dialect.MAVLink_set_position_target_local_ned_message(
-                stamp,
-                system,
-                component,
-                dialect.MAV_FRAME_BODY_NED,
-                MASK_VELOCITY_YAW_RATE,
-                0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
-            )  # fmt: skip
-        case PositionTarget(position_ned, yaw):
-            return dialect.MAVLink_set_position_target_local_ned_message(
-                stamp,
-                system,
-                component,
-                dialect.MAV_FRAME_LOCAL_NED,
-                MASK_POSITION_YAW,
-                *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
-            )  # fmt: skip
 
 
 def _clamped(value: float, most: float) -> float:

@@ -1,10 +1,11 @@
 """What a vehicle last said of itself, as one frozen state, and the vehicle's clock."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from foundation.frames import Vec3
-from foundation.mavlink import dialect, mode_name
+from foundation.mavlink import dialect
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
 FAR_MS = 60_000  # a stamp further ahead than this, or one from after a reboot, is believed when a second one agrees
@@ -92,7 +93,9 @@ TOLD = frozenset(  # the messages that tell something of the state
 )
 
 
-def update(state: VehicleState, message: dialect.MAVLink_message, time_us: int = 0) -> VehicleState:
+def update(
+    state: VehicleState, message: dialect.MAVLink_message, mode_name: Callable[[int], str], time_us: int = 0
+) -> VehicleState:
     """Return the state after a message of the autopilot component, heard at `time_us` of the vehicle's clock.
 
     A place or an attitude that is no number has not been told: it grows stale, instead of passing every comparison.

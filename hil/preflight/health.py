@@ -1,6 +1,7 @@
 """The autopilot itself: which firmware, what its own checks say, and whether its estimate can be flown on."""
 
-from foundation.mavlink import dialect, mode_name
+from foundation.mavlink import dialect
+from foundation.px4 import mode_name
 from hil.preflight.heard import Heard, Message
 from hil.preflight.row import Row
 

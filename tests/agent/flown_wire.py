@@ -6,6 +6,7 @@ import json
 import threading
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
 from foundation.setpoints import Hold, Sight
+from tests.support.json_lines import rows
 
 CAMERA = CameraModel()
 
@@ -60,6 +62,9 @@ class Views:
         columns = np.linspace(0, 15.99, self.size[1]).astype(int)
         return np.ascontiguousarray(coarse[rows][:, columns])
 
+    def close(self):
+        pass
+
     def newest(self, drone=0):
         self.taken += 1
         return Frame(self.taken, drone, 0, self.picture(self.taken))
@@ -70,7 +75,7 @@ class Endpoint:
     """A server of chat completions that keeps every request and gives the replies in order, the last one for ever."""
 
     replies: list[str]
-    bodies: list[dict] = field(default_factory=list)
+    bodies: list[dict[str, Any]] = field(default_factory=list)
 
     def __enter__(self):
         endpoint = self
@@ -130,5 +135,5 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
     agent.fly(stop=lambda decision: decision.step + 1 == steps and decision.drone + 1 == drones)
     log.close()
     model.close()
-    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
+    decisions = rows(folder / "decisions.jsonl")
     return decisions, views, vehicles

@@ -26,14 +26,20 @@ def test_back_projection():
 def test_straight_ahead_is_a_stride_of_three_metres_in_two_and_a_half_seconds():
     (move,) = plan(Go(500, 500, 20), CAMERA)
     assert move.duration_s == 2.5
-    assert move.setpoint == Velocity(forward=pytest.approx(1.2), up=None, bearing=0.0)
+    assert isinstance(move.setpoint, Velocity)
+    assert move.setpoint.forward == pytest.approx(1.2)
+    assert (move.setpoint.up, move.setpoint.bearing) == (None, 0.0)
 
 
 def test_turns_first_beyond_the_deadband_and_never_sideways():
     right = math.tan(math.radians(20)) * 500 + 500
     turn, move = plan(Go(right, 500, 20), CAMERA)
     angle = pytest.approx(math.radians(20))
-    assert turn.setpoint == Turn(pytest.approx(math.radians(60)), angle, onto_line=True)
+    assert isinstance(turn.setpoint, Turn)
+    assert isinstance(move.setpoint, Velocity)
+    assert turn.setpoint.yaw_rate == pytest.approx(math.radians(60))
+    assert turn.setpoint.angle == angle
+    assert turn.setpoint.onto_line
     assert move.setpoint.bearing == angle
     assert turn.duration_s == pytest.approx(20 / 60)
     assert isinstance(move.setpoint, Velocity)
@@ -48,6 +54,7 @@ def test_deadband_is_eight_degrees(bearing_deg, segments):
 def test_small_vertical_components_are_dropped(ratio, level):
     y = 500 - ratio * CAMERA.focal_px / CAMERA.height * 1000
     (move,) = plan(Go(500, y, 12), CAMERA)
+    assert isinstance(move.setpoint, Velocity)
     assert (move.setpoint.up is None) == level
 
 
@@ -56,6 +63,7 @@ def test_small_vertical_components_are_dropped(ratio, level):
 )
 def test_bands_near_the_target(depth, speed):
     (move,) = plan(Go(500, 500, depth), CAMERA)
+    assert isinstance(move.setpoint, Velocity)
     assert move.setpoint.forward == pytest.approx(speed, rel=1e-3)
 
 
@@ -70,6 +78,7 @@ def test_brakes_under_two_metres_but_still_turns():
 @pytest.mark.parametrize("angle", [-200, -90, -1, 30, 90, 215])
 def test_rotation_is_a_rate_held_for_a_time(angle):
     (turn,) = plan(Rotate(angle), CAMERA)
+    assert isinstance(turn.setpoint, Turn)
     assert turn.setpoint.yaw_rate == pytest.approx(math.copysign(math.radians(60), angle))
     assert turn.duration_s == pytest.approx(abs(angle) / 60)
 

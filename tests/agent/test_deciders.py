@@ -3,8 +3,6 @@
 import itertools
 import json
 
-from flown_wire import CAMERA, Clock, Views
-
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
@@ -13,6 +11,7 @@ from dronecats.agent.latency import Latency, Question, latency
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
+from tests.agent.flown_wire import CAMERA, Clock, Views
 
 
 class Noting:

@@ -1,6 +1,6 @@
 import math
 import statistics
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 
 import pytest
 
@@ -32,13 +32,13 @@ class Answering:
         pass
 
 
-class Later:
+class Later(Executor):
     """An executor whose call is still under way."""
 
     def __init__(self):
-        self.future = Future()
+        self.future: Future[Reply] = Future()
 
-    def submit(self, fn, *args):
+    def submit(self, fn, /, *args, **kwargs):
         return self.future
 
 

@@ -14,21 +14,7 @@ from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import CameraError
-
-
-class Vehicle:
-    """Holds, while its clock goes on."""
-
-    time_us = 0
-
-    def fly(self, setpoint, seconds=None, seen=None):
-        pass
-
-    def listen(self):
-        pass
-
-    def tick(self):
-        self.time_us += 50_000
+from tests.agent.flown_wire import Clock
 
 
 class StuckCamera:
@@ -37,10 +23,17 @@ class StuckCamera:
 
     def newest(self, drone=0):
         self.free.wait()
+        raise CameraError("the camera was let go")
+
+    def close(self):
+        self.free.set()
 
 
 class Model:
     name = "never asked"
+
+    def check(self):
+        pass
 
     def ask(self, request):
         return Reply("", 0.0)
@@ -52,7 +45,7 @@ class Model:
 def test_a_camera_that_hangs_ends_the_flight(tmp_path):
     camera = StuckCamera()
     cockpit = Cockpit(
-        aircraft=[Vehicle()], camera=camera, camera_model=CameraModel(), log=DecisionLog(tmp_path / "d.jsonl"),
+        aircraft=[Clock()], camera=camera, camera_model=CameraModel(), log=DecisionLog(tmp_path / "d.jsonl"),
         frames_dir=tmp_path, executor=DaemonExecutor(), t0_us=0,
     )  # fmt: skip
     agent = PaperAgent(Questions(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0), cockpit)

@@ -1,7 +1,6 @@
 import re
 
 import pytest
-from paper_words import known, rows
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import History
@@ -9,6 +8,7 @@ from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
 from dronecats.pilots import briefing
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from tests.agent.paper_words import known, rows
 
 
 def test_history_is_five_lines_in_pixels_with_the_newest_tagged():

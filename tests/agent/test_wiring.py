@@ -5,9 +5,9 @@ import struct
 import cv2
 import numpy as np
 import pytest
-from flown_wire import Endpoint, Views, fly
 
 from dronecats.agent.prompt import Prompt
+from tests.agent.flown_wire import Endpoint, Views, fly
 
 THINK, TURN, DONE = '{"action":"think"}', '{"action":"rotate","angle_deg":45}', '{"action":"finished"}'
 GO = '{"action":"go","point":[612, 430],"depth_m":9}'

@@ -55,7 +55,7 @@ def circles(edges: dict[str, set[str]]) -> list[list[str]]:
             elif other in stack:
                 low[name] = min(low[name], index[other])
         if low[name] == index[name]:
-            circle = []
+            circle: list[str] = []
             while not circle or circle[-1] != name:
                 circle.append(stack.pop())
             if len(circle) > 1:

@@ -4,7 +4,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from import_graph import ROOMS, ROOT, circles, graph, modules
+
+from tests.architecture.import_graph import ROOMS, ROOT, circles, graph, modules
 
 BESIDE = {"tests", "benchmarks"}  # top-level packages that no room imports
 

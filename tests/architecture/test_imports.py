@@ -8,7 +8,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_import_contracts_hold():
-    linter = [Path(sys.executable).parent / "lint-imports", "--no-cache"]
+    linter = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
     run = subprocess.run(linter, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from autopilot.autopilot import Autopilot
+from autopilot.logging.flight_log import FlightLog
 from autopilot.mavlink.port import Port
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY, SETPOINT
 from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
@@ -156,7 +157,28 @@ class Client:
         self.send(dialect.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
 
 
-class Bench:
+class Timed:
+    """An autopilot in a time that passes when it is told to."""
+
+    autopilot: Autopilot
+
+    @property
+    def commander(self) -> Any:
+        return self.autopilot.commander
+
+    def run(self, seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
+        raise NotImplementedError
+
+    def until(self, condition: Callable[[], bool], seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
+        """Let time pass until the condition holds; fail when it does not within `seconds`."""
+        for _ in range(round(seconds * 10)):
+            if condition():
+                return
+            self.run(0.1, each_50ms)
+        raise AssertionError(f"did not happen within {seconds} s: mode {self.commander.mode}")
+
+
+class Bench(Timed):
     """Autopilot, stand-in and one client, with a clock."""
 
     def __init__(self, *, profile: str = "onboard", converged: bool = True, **options: Any) -> None:
@@ -176,8 +198,9 @@ class Bench:
         self.run(1.5)
 
     @property
-    def commander(self) -> Any:
-        return self.autopilot.commander
+    def log(self) -> FlightLog:
+        assert self.autopilot.log is not None
+        return self.autopilot.log
 
     @property
     def height(self) -> float:
@@ -205,14 +228,6 @@ class Bench:
                 each_50ms()
             self.tick()
 
-    def until(self, condition: Callable[[], bool], seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
-        """Let time pass until the condition holds; fail when it does not within `seconds`."""
-        for _ in range(round(seconds * 10)):
-            if condition():
-                return
-            self.run(0.1, each_50ms)
-        raise AssertionError(f"did not happen within {seconds} s: mode {self.commander.mode}, height {self.height}")
-
     def fly(self, height: float = 5.0) -> None:
         """Arm, take off, wait for HOLD."""
         self.autopilot.parameters.set("MIS_TAKEOFF_ALT", height)
@@ -220,3 +235,14 @@ class Bench:
         assert self.client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
         self.until(lambda: self.commander.mode == "HOLD", 30)
         self.run(2.0)
+
+
+def put(bench: Bench, **parameters: float) -> None:
+    """Set parameters on board."""
+    for name, value in parameters.items():
+        bench.autopilot.parameters.set(name, value)
+
+
+def sticks(bench: Bench, x: int = 0, y: int = 0, z: int = 500, r: int = 0) -> None:
+    """Send one message of a hand on the sticks, thousandths; z is thrust, 500 in the middle."""
+    bench.client.send(dialect.MAVLink_manual_control_message(1, x, y, z, r, 0))

@@ -3,11 +3,11 @@
 import math
 
 import pytest
-from commander_bench import Bench
 
 from autopilot.accuracy import IN_USE, required
 from dronecats.sitl.simulation import Place, SimulatedVehicle
 from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import Bench
 from vehicles import airframe
 
 GPS, OFF = dialect.FAILURE_UNIT_SENSOR_GPS, dialect.FAILURE_TYPE_OFF

@@ -1,62 +1,12 @@
 """One whole flight over the real physics, sensors, estimator and cascade, commanded by MAVLink alone."""
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from commander_bench import ORIGIN, Client
-from numba import njit
 
-from autopilot.autopilot import Autopilot
-from autopilot.flight_core import FlightCore
-from autopilot.flight_core import update as core_update
 from foundation.mavlink import dialect
-from vehicles.airframe import load
-from vehicles.multirotor import Multirotor
-from vehicles.multirotor import step as vehicle_step
-
-
-@njit(cache=False)
-def _live(milliseconds: int, vehicle: Any, core: Any) -> None:
-    for _ in range(milliseconds):
-        vehicle_step(*vehicle)
-        core_update(*core)
-
-
-class Aircraft:
-    """Vehicle, flight core and autopilot in lockstep."""
-
-    def __init__(self, name: str, seed: int) -> None:
-        airframe = load(name)
-        self.vehicle = Multirotor(airframe, seed=seed, origin=ORIGIN)
-        core = FlightCore(airframe)
-        self.autopilot = Autopilot(airframe, core, self.vehicle.sensors, actuators=self.vehicle.actuators)
-        self.client = Client(self.autopilot.open_port("onboard"))
-        self._kernels = self.vehicle.kernel_args, core.kernel_args(self.vehicle.sensors, self.vehicle.actuators)
-
-    @property
-    def commander(self) -> Any:
-        return self.autopilot.commander
-
-    @property
-    def truth(self) -> Any:
-        return self.vehicle.truth
-
-    def run(self, seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
-        for i in range(round(seconds * 50)):
-            if each_50ms is not None and i % 5 in (0, 2):
-                each_50ms()
-            _live(20, *self._kernels)
-            self.autopilot.update()
-
-    def until(self, condition: Callable[[], bool], seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
-        for _ in range(round(seconds * 10)):
-            if condition():
-                return
-            self.run(0.1, each_50ms)
-        raise AssertionError(f"did not happen within {seconds} s: mode {self.commander.mode}")
+from tests.autopilot.aircraft import Aircraft
 
 
 def ground_speed(aircraft: Aircraft) -> float:

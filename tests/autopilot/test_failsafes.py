@@ -4,30 +4,16 @@ import math
 from dataclasses import replace
 
 import pytest
-from commander_bench import Bench
-from test_mission_protocol import item, upload
 
 from autopilot.failsafe import Action, Conditions, Failsafe, evaluate, reaction
 from autopilot.parameters import Parameters
 from foundation.frames import quat_from_euler
 from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import Bench, put, sticks
+from tests.autopilot.plan_client import item, upload
 
 HEARTBEAT = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
 FENCE_BIT = 0x100000
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench(profile="minimal")
-
-
-def put(bench: Bench, **parameters: float) -> None:
-    for name, value in parameters.items():
-        bench.autopilot.parameters.set(name, value)
-
-
-def sticks(bench: Bench, x: int = 0, y: int = 0, z: int = 500, r: int = 0) -> None:
-    bench.client.send(dialect.MAVLink_manual_control_message(1, x, y, z, r, 0))
 
 
 def said(bench: Bench, *words: str) -> bool:
@@ -225,7 +211,8 @@ def test_position_loss_leaves_the_pilot_the_altitude(bench: Bench) -> None:
 
 def tilt(bench: Bench, degrees: float) -> None:
     bench.core.estimate["attitude"] = quat_from_euler(math.radians(degrees), 0.0, 0.0)
-    bench.core.step = lambda time_us: bench.core.estimate.__setitem__("time_us", time_us)  # nothing rights it
+    holding = lambda time_us: bench.core.estimate.__setitem__("time_us", time_us)  # noqa: E731  nothing rights it
+    bench.core.step = holding  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize(("breaker", "outcome"), [(0, "TERMINATION"), (121212, "HOLD")])

@@ -6,13 +6,13 @@ import struct
 from pathlib import Path
 
 import pytest
-from commander_bench import Bench
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.parameters import DEFAULTS, Parameters
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import Bench
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 

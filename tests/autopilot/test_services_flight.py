@@ -3,12 +3,12 @@
 import math
 
 import pytest
-from commander_bench import ORIGIN
-from test_commander_flight import Aircraft
-from test_mission_protocol import item, upload
 
 from foundation.frames import ned_to_geodetic, wrap_pi
 from foundation.mavlink import dialect
+from tests.autopilot.aircraft import Aircraft
+from tests.autopilot.commander_bench import ORIGIN
+from tests.autopilot.plan_client import item, upload
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_orbit_then_follow_then_sticks_then_fence(flown: Aircraft) -> None:
     def walk() -> None:
         if next(ticks) % 20 == 0:  # once a second
             place[1] += 1.5
-            lat, lon, alt = ned_to_geodetic(*ORIGIN, *place, 0.0)
+            lat, lon, alt = ned_to_geodetic(*ORIGIN, place[0], place[1], 0.0)
             client.send(dialect.MAVLink_follow_target_message(
                 0, 3, round(lat * 1e7), round(lon * 1e7), alt, [0.0, 1.5, 0.0], [0] * 3, [1, 0, 0, 0], [0] * 3,
                 [0] * 3, 0))  # fmt: skip

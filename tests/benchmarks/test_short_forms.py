@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 PARTS = {"machine", "flight_peers", "render_peers", "render_export"}  # which the others are made of: no command
@@ -12,7 +13,7 @@ SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fle
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "fleet4_640x360")}
 
 
-def printed(module: str, *arguments: str) -> list[dict]:
+def printed(module: str, *arguments: str) -> list[dict[str, Any]]:
     """Return the objects that the short form of a benchmark prints, a line each."""
     command = [sys.executable, "-m", f"benchmarks.{module}", "--short", "--json", *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
@@ -29,7 +30,7 @@ def numbers(value: object) -> list[float]:
     return [value] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
 
 
-def assert_figures(found: dict, names: set[str]) -> None:
+def assert_figures(found: dict[str, Any], names: set[str]) -> None:
     """Every name has a number above nothing, and nowhere is one that is none."""
     assert {name for name in names if not found.get(name, 0.0) > 0.0} == set()
     assert all(map(math.isfinite, numbers(found)))

@@ -65,10 +65,10 @@ RUNS = (
     Run(r"python -m episodes\.pictures\.optics_sheet", slow=True),
 )
 
-VEHICLE = "a vehicle or a camera that is running; tests/flight/test_connected.py, tests/cameras, tests/preflight do it"
-PX4 = "a real PX4; tests/px4 runs it where DRONECATS_PX4 names one"
-FOREVER = "runs until it is interrupted, on ports that somebody else may have; tests/flight/test_clients.py does it"
-REAL_TIME = "minutes in real time; tests/flight/test_realtime.py flies it"
+VEHICLE = "a vehicle or a camera that is running; tests/system, tests/hil/cameras, tests/cli do it"
+PX4 = "a real PX4; tests/system runs it where DRONECATS_PX4 names one"
+FOREVER = "runs until it is interrupted, on ports that somebody else may have; tests/system/test_clients.py does it"
+REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 
 ELSEWHERE = (
     (r"dronecats$|dronecats fly$", "the program or a verb, named"),

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-import tables
-from pages import PAGES, ROOT, commands
 
 from dronecats.cli.main import VERBS, parse
+from tests.docs import tables
+from tests.docs.pages import PAGES, ROOT, commands
 
 ALL = [command for page in PAGES for command in commands(page)]
 OURS = [command for command in ALL if re.match(r"(echo .* \| )?dronecats ", command.text)]
@@ -77,7 +77,7 @@ def flown(tmp_path_factory) -> Path:
     """A run folder with a flight in it."""
     folder = tmp_path_factory.mktemp("docs") / "flown"
     shell(f"dronecats episodes audit {EPISODE} --jobs 1 --out {folder}", folder.parent)
-    return folder
+    return Path(folder)
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def workplace(tmp_path, flown) -> Path:
     (tmp_path / "benchmarks").mkdir()
     for copied in ("docs/airframes.md", "benchmarks/square.jsonl"):
         shutil.copy(ROOT / copied, tmp_path / copied)
-    return tmp_path
+    return Path(tmp_path)
 
 
 def shell(line: str, folder: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pages import PAGES, ROOT
+from tests.docs.pages import PAGES, ROOT
 
 FIRST = ROOT / "docs" / "README.md"
 LINK = re.compile(r"\]\(([^()\s]+)\)")

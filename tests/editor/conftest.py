@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from episodes.maps import user
+from tests.support.ports import free_port
 
 BROWSER = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
@@ -45,9 +46,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    return free_port(socket.SOCK_STREAM)
 
 
 @pytest.fixture

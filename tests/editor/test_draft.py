@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,11 +12,12 @@ from hypothesis import strategies as st
 from dronecats.editor.draft import HEIGHT_M, Drafting
 from dronecats.editor.session import Session
 from episodes import assets, catalogue, maps, record
-from episodes.check.limits import CAP_S, GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
+from episodes.check.limits import GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
 from episodes.record import CELLS, HIDDEN, MOVING
 from episodes.target import motion
 from episodes.world import World
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
 
 
 @pytest.fixture(scope="module")
@@ -184,12 +186,15 @@ OPERATIONS = st.one_of(
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(OPERATIONS, max_size=8))
 def test_whatever_is_done_the_record_stays_sound_and_can_be_undone(drafting, tmp_path, work):
+    def done(name, arguments, draft):
+        return getattr(drafting, name)(draft, *arguments)
+
     first = drafting.new("residential")
     session = Session(drafting, first, tmp_path)
     for name, *arguments in work:
         before = session.draft
         try:
-            session.do(lambda d, name=name, arguments=arguments: getattr(drafting, name)(d, *arguments))
+            session.do(partial(done, name, arguments))
         except UsageError:
             assert session.draft is before  # refused whole
         if session.record.cell == "commanding" and not session.record.target.inscription:

@@ -10,10 +10,11 @@ import urllib.request
 import pytest
 
 from dronecats.cli.main import main
+from tests.support.command_line import DRONECATS
 
 
 def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
-    command = [sys.executable, "-m", "dronecats.cli.main", "edit", yard, "--no-browser", "--port", str(port)]
+    command = [*DRONECATS, "edit", yard, "--no-browser", "--port", str(port)]
     out = tmp_path / "my records"
     with subprocess.Popen(
         [*command, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)

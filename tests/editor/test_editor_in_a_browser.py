@@ -40,7 +40,7 @@ def until(browser, condition):
 def text(browser) -> str:
     from selenium.webdriver.common.by import By
 
-    return browser.find_element(By.TAG_NAME, "body").text
+    return str(browser.find_element(By.TAG_NAME, "body").text)
 
 
 def field(browser, label):
@@ -198,7 +198,9 @@ def test_a_path_is_clicked(editor, page):
 def test_the_page_is_served_to_this_machine_only(editor):
     port = int(editor.url.rsplit(":", 1)[1])
     assert urllib.request.urlopen(editor.url).status == 200
-    outside = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
+    outside = {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {
+        "127.0.0.1"
+    }
     for address in outside:
         if address.startswith("127."):
             continue

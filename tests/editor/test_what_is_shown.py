@@ -4,6 +4,7 @@ import math
 import re
 import threading
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,7 +106,8 @@ def test_only_the_newest_is_worked_on():
 
 
 def test_a_failure_ends_nothing(monkeypatch):
-    seen, done = [], []
+    seen: list[Any] = []
+    done: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", seen.append)
 
     def work(number: int) -> None:
@@ -144,7 +146,7 @@ def test_the_map_is_sent_whole_and_in_few_pieces(drafting, tmp_path):
 
     path = tmp_path / "map.glb"
     path.write_bytes(display.map_glb(drafting.scene))
-    sent = trimesh.load(path)
+    sent = trimesh.load_scene(path)
     looks = {id(m) for one in drafting.scene.instances for m in one.mesh.materials}
     assert len(sent.geometry) <= len(looks)
     assert sum(len(g.faces) for g in sent.geometry.values()) == sum(
@@ -160,17 +162,21 @@ def test_no_two_pieces_of_a_thing_share_vertices(tmp_path):
     mesh: Mesh = assets.build("suv", "cyan")
     path = tmp_path / "suv.glb"
     path.write_bytes(display.thing_glb(mesh))
-    sent = trimesh.load(path)
+    sent = trimesh.load_scene(path)
     assert sum(len(g.vertices) for g in sent.geometry.values()) < 1.3 * len(mesh.vertices)
     assert sum(len(g.faces) for g in sent.geometry.values()) == len(mesh.triangles)
 
 
 def test_a_click_meets_what_is_there(drafting):
     picker = display.Picker(drafting.scene)
-    place, thing = picker.pick((9.0, 9.0, -20.0), (0.0, 0.0, 1.0))
+    met = picker.pick((9.0, 9.0, -20.0), (0.0, 0.0, 1.0))
+    assert met is not None
+    place, thing = met
     assert thing.name == "shed"
     assert place == pytest.approx((9.0, 9.0, -3.0), abs=1e-4)
-    place, thing = picker.pick((0.0, 0.0, -5.0), (3.0, 0.0, 5.0))
+    met = picker.pick((0.0, 0.0, -5.0), (3.0, 0.0, 5.0))
+    assert met is not None
+    place, thing = met
     assert thing.kind == "ground"
     assert place == pytest.approx((3.0, 0.0, 0.0), abs=1e-4)
     assert picker.pick((0.0, 0.0, -5.0), (0.0, 0.0, -1.0)) is None

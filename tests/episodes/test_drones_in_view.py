@@ -12,7 +12,7 @@ from episodes.fleet import DronePose, Fleet, hovering
 from episodes.render import Renderer, camera_pose
 from episodes.world import World
 from foundation.camera import CameraModel
-from foundation.frames import quat_from_euler
+from foundation.frames import Vec3, quat_from_euler
 from foundation.obstacles import OPEN
 from vehicles import airframe as airframes
 from vehicles.collision import CAMERA_RADIUS, solids_record
@@ -112,11 +112,12 @@ def test_every_drone_is_in_the_pictures_where_a_pinhole_has_it(world, renderer):
     rng = np.random.default_rng(4)
     shape, checked, behind = around(X500), 0, 0
     for _ in range(12):
-        poses = {}
+        poses: dict[int, tuple[Vec3, Vec3]] = {}
         for k, start in enumerate(world.record.starts):
-            place = np.array(start.position_ned) + rng.uniform((-5.0, -5.0, -3.0), (5.0, 5.0, 0.0))
-            tilt = (*rng.uniform(-0.35, 0.35, 2), math.radians(start.yaw_deg) + rng.uniform(-2.0, 2.0))
-            poses[k] = (tuple(float(v) for v in place), tuple(float(a) for a in tilt))
+            at = np.array(start.position_ned) + rng.uniform((-5.0, -5.0, -3.0), (5.0, 5.0, 0.0))
+            (roll, pitch), yaw = rng.uniform(-0.35, 0.35, 2), math.radians(start.yaw_deg) + rng.uniform(-2.0, 2.0)
+            place = (float(at[0]), float(at[1]), float(at[2]))
+            poses[k] = (place, (float(roll), float(pitch), float(yaw)))
         flown = {k: DronePose(place, quat_from_euler(*tilt)) for k, (place, tilt) in poses.items()}
         for i in poses:
             place, tilt = poses[i]

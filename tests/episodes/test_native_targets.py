@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,7 +73,7 @@ def test_a_drone_can_hit_it_once(world: World, thing: Instance) -> None:
         ({"yaw_deg": 91.0}, "off where"),
     ],
 )
-def test_what_the_map_does_not_have_is_refused(thing: Instance, change: dict, says: str) -> None:
+def test_what_the_map_does_not_have_is_refused(thing: Instance, change: dict[str, Any], says: str) -> None:
     record = record_of(thing)
     with pytest.raises(UsageError, match=says):
         World(replace(record, target=replace(record.target, **change)))

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -34,8 +35,9 @@ def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process
 def test_every_item_is_worked_on() -> None:
     assert sorted(share_out(abs, [-1, 2, -3], jobs=2)) == [1, 2, 3]
     assert list(share_out(abs, [-4, 2], jobs=1)) == [4, 2]
+    items: list[Any] = [1, "x"]
     with pytest.raises(TypeError):
-        list(share_out(abs, [1, "x"], jobs=2))
+        list(share_out(abs, items, jobs=2))
 
 
 def test_a_process_that_dies_is_said() -> None:

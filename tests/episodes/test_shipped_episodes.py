@@ -116,6 +116,7 @@ def test_moving_targets_go_one_way_and_leave_the_start(world: World) -> None:
         assert world.moved(10.0) == {}
         return
     path = world.record.target.path
+    assert path is not None
     assert path.speed_mps == {"residential": 0.3, "campus": 0.15}[world.record.map]  # paper
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(path.waypoints_ned))
     assert length > path.speed_mps * CAP_S

@@ -26,6 +26,7 @@ def test_speed_is_constant_in_three_dimensions() -> None:
 
 
 def test_waypoints_are_met_at_their_time_and_the_end_is_kept() -> None:
+    assert CORNER.path is not None
     way, points = motion(CORNER), CORNER.path.waypoints_ned
     reached = 0.0
     for a, b in itertools.pairwise(points):

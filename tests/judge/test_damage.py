@@ -3,14 +3,13 @@
 import json
 
 import pytest
-from episode_logs import BEGIN, END, decision, frame, pose, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.contradictions import of_logs
-from dronecats.judge.episode import judge_run, outcome, write_verdict
-from dronecats.judge.files import read
+from dronecats.rundir.reading import read
 from foundation.errors import UsageError
+from tests.judge.episode_logs import BEGIN, END, decision, frame, judge_run, outcome, pose, write, write_verdict
 
 DECISIONS = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0), decision(2, 2, 12.0, None)]
 TARGET = {"target_ned": [10.0, 0.0, 0.0]}
@@ -39,8 +38,9 @@ def changed(rows, number, key, value):
     return [*rows[:number], row if value is GONE else {**row, key: value}, *rows[number + 1 :]]
 
 
-def judged(folder, name, number, key, value):
+def judged(folder, place, value):
     """Judge the logs with one key changed: by themselves, and beside an episode that is whole."""
+    name, number, key = place
     decisions = changed(DECISIONS, number, key, value) if name == "decisions" else DECISIONS
     truth = changed(TRUTH, number, key, value) if name == "truth" else TRUTH
     write(folder / "whole", DECISIONS, TRUTH)
@@ -62,12 +62,12 @@ def judged(folder, name, number, key, value):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=300)
 @given(st.sampled_from(PLACES), JSON)
 def test_any_value_at_any_place_is_judged_or_named(tmp_path, place, value):
-    judged(tmp_path, *place, value)
+    judged(tmp_path, place, value)
 
 
 @pytest.mark.parametrize("place", PLACES, ids=lambda p: f"{p[0]}-{p[1]}-{p[2]}")
 def test_any_missing_key_is_judged_or_named(tmp_path, place):
-    verdict = judged(tmp_path, *place, GONE)
+    verdict = judged(tmp_path, place, GONE)
     needed = place[2] not in ("reply", "error", "target_ned", "cap_s", "source") and not (
         (place[2] == "position_ned" and TRUTH[place[1]]["kind"] == "frame") or place == ("truth", 0, "t")
     )
@@ -85,16 +85,16 @@ def test_any_missing_key_is_judged_or_named(tmp_path, place):
         (("truth", 0, "t0_us"), 1.5, "its t0_us is not a whole number"),
         (("truth", 0, "cap_s"), -1, "its cap_s is not a time"),
         (("decisions", 1, "t_decided"), 8.4, "its t_decided is before its t_frame"),
-        (("decisions", 1, "drone"), 255, "its drone is not below 255"),
+        (("decisions", 1, "drone"), 255, "its drone is not a whole number below 255"),
         (("decisions", 1, "step"), -1, "its step is not a whole number"),
     ],
 )
 def test_what_cannot_be_is_damage(tmp_path, place, value, reason):
-    assert judged(tmp_path, *place, value)["error"].endswith(reason)
+    assert judged(tmp_path, place, value)["error"].endswith(reason)
 
 
 def test_a_fleets_frame_may_be_a_tick_younger_than_its_decision(tmp_path):
-    assert judged(tmp_path, "decisions", 0, "t_decided", 4.47)["error"] is None
+    assert judged(tmp_path, ("decisions", 0, "t_decided"), 4.47)["error"] is None
 
 
 def test_a_damaged_last_line_is_not_a_torn_one(tmp_path):

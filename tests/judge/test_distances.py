@@ -2,24 +2,27 @@
 
 import json
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
+from dronecats.judge import episode
 from dronecats.judge.distances import sentence
-from dronecats.judge.episode import judge_folder, judge_run, write_verdict
+from dronecats.rundir.results import Distances
 from foundation.errors import UsageError
+from tests.judge.episode_logs import judge_folder, judge_run, write_verdict
 
 TARGET = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 480.0, "std_m": 0.02}
 HEAD = {"kind": "estimate", "source": "flight.tlog", "target": TARGET}
 
 
-def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **more) -> dict:
+def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **more) -> dict[str, Any]:
     place = {"position_ned": [0.0, 0.0, 0.0], "distance_m": distance_m, "distance_std_m": std_m, "visible": None}
     return {"kind": kind, "t": t, "drone": 0, **place, **more}
 
 
 def flown(
-    folder: Path, estimate: list[dict], declared: list[int], *, source: str | None = "estimate", end="cap"
+    folder: Path, estimate: list[dict[str, Any]], declared: list[int], *, source: str | None = "estimate", end="cap"
 ) -> Path:
     """Write a flight whose decisions k were made on frames k at k seconds; those in `declared` are declarations."""
     folder.mkdir(exist_ok=True)
@@ -35,7 +38,7 @@ def flown(
     return folder
 
 
-def frames(*told: tuple[float | None, float | None]) -> list[dict]:
+def frames(*told: tuple[float | None, float | None]) -> list[dict[str, Any]]:
     return [row("frame", float(k), *t, frame_id=k) for k, t in enumerate(told)]
 
 
@@ -61,7 +64,7 @@ def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_fram
     assert measured["closest"] == {"t": 4.0, "distance_m": 0.0, "std_m": 0.5, "within": True}
     assert measured["dwell_s"] == pytest.approx(5.5)
     assert (measured["last_action"]["distance_m"], measured["last_action"]["within"]) == (3, True)
-    assert "never declared" in sentence(measured, 5.0)
+    assert "never declared" in sentence(cast(Distances, episode.judge_folder(tmp_path / "e").verdict.distances), 5.0)
 
 
 def test_without_an_estimate_or_a_target_the_outcome_is_unknown(tmp_path: Path) -> None:
@@ -89,7 +92,8 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
     folder = flown(tmp_path / "e", [HEAD, *frames((9, 1), (2, 0.5), (1, 0.5))], [1, 2])
     stored = write_verdict(folder)
     assert judge_folder(folder)["stored_agrees"] is True
-    said = sentence(stored["distances"], 5.0)
+    assert stored == json.loads((folder / "verdict.json").read_text())
+    said = sentence(cast(Distances, episode.verdict_of(folder).distances), 5.0)
     assert said.startswith("DISTANCE ONLY: declared at 1.5 s, 2.00 ± 0.50 m away, within 5 m; 2 declarations")
     assert "SUCCESS" not in said
 
@@ -103,7 +107,7 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
         [HEAD, {"kind": "end", "reason": "cap"}, HEAD],
     ],
 )
-def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict]) -> None:
+def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict[str, Any]]) -> None:
     folder = flown(tmp_path / "e", damaged, [0])
     with pytest.raises(UsageError, match=r"estimate\.jsonl"):
         judge_folder(folder)

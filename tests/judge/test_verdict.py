@@ -18,6 +18,7 @@ def test_the_first_qualifying_declaration_decides():
     verdict = judge([at(50, 1.0), at(10, 9.0), at(30, 4.2), at(20, 3.0, visible=False)], at(60, 0.5))
     assert verdict.success
     assert verdict.ne_m == 4.2
+    assert verdict.deciding is not None
     assert verdict.deciding.t == 30
 
 
@@ -44,6 +45,7 @@ def test_agrees_with_the_definition(declarations, last):
     assert verdict.success == bool(qualifying)
     if qualifying:
         assert verdict.deciding in qualifying
+        assert verdict.deciding is not None
         assert verdict.deciding.t == min(d.t for d in qualifying)
         assert verdict.ne_m == verdict.deciding.distance_m
     else:
@@ -64,6 +66,7 @@ def unmeasured(t):
 def test_what_was_not_measured_cannot_undo_a_success():
     for early, late in ((10, 50), (50, 10)):
         verdict = judge([unmeasured(early), at(late, 4.0)], unmeasured(60))
+        assert verdict.deciding is not None
         assert (verdict.success, verdict.ne_m, verdict.deciding.t) == (True, 4.0, late)
         assert [d.t for d in verdict.unknown] == ([early] if early < late else [])
 

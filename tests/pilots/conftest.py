@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
@@ -21,10 +22,10 @@ HALF = CameraModel(640, 360)  # what a 1280 × 720 frame is resized to before a 
 class Flown:
     """What became of a flight."""
 
-    declared: list = field(default_factory=list)  # (time s, distance m, visible) of each declaration
-    distances: list = field(default_factory=list)  # m, body to target centre at each frame
-    clearances: list = field(default_factory=list)  # m, to the nearest solid or the target's box, at each frame
-    actions: list = field(default_factory=list)
+    declared: list[Any] = field(default_factory=list)  # (time s, distance m, visible) of each declaration
+    distances: list[Any] = field(default_factory=list)  # m, body to target centre at each frame
+    clearances: list[Any] = field(default_factory=list)  # m, to the nearest solid or the target's box, at each frame
+    actions: list[Any] = field(default_factory=list)
 
     @property
     def success(self):

@@ -129,7 +129,8 @@ def test_after_a_claim_it_keeps_tracking():
 
 
 def test_it_sweeps_one_way_and_after_a_full_circle_leaves():
-    picture, past, turned = scene(), [], 0.0
+    picture, turned = scene(), 0.0
+    past: list[PastAction] = []
     while (action := decide(picture, past=tuple(past[-5:])))["action"] == "rotate":
         turned += action["angle_deg"]
         past.append(PastAction("rotate", angle_deg=action["angle_deg"]))

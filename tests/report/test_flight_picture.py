@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.judge.files import read
 from dronecats.report import flight_picture
+from dronecats.rundir.reading import read
 from foundation.errors import UsageError
+from tests import pictures
 
 
 def flight(folder, drones=1, steps=12, declare=(7, 11), target_speed=0.0):
@@ -58,7 +59,7 @@ def flight(folder, drones=1, steps=12, declare=(7, 11), target_speed=0.0):
 
 def colour(path, bgr, tolerance=40):
     """Number of pixels of about this colour."""
-    picture = cv2.imread(str(path)).astype(int)
+    picture = pictures.read(path).astype(int)
     return int((np.abs(picture - bgr).max(axis=2) < tolerance).sum())
 
 
@@ -70,7 +71,7 @@ def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_pat
     picture = np.full((200, 300, 3), (96, 128, 72), np.uint8)
     path = flight_picture.draw(folder, picture, (-40.0, 60.0, -75.0, 75.0))
     assert path == folder / "flight.png"
-    drawn = cv2.imread(str(path))
+    drawn = pictures.read(path)
     assert drawn.shape[1] == 1280
     assert drawn.shape[0] > 1200  # map and two rows of frames
     assert colour(path, GREEN) > 30
@@ -80,7 +81,7 @@ def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_pat
 
 def test_declarations_are_told_apart_by_the_truth_of_their_own_frame(tmp_path):
     logs = read(flight(tmp_path / "run"))
-    told = {d["step"]: flight_picture.qualifies(d, logs) for d in logs.decisions}
+    told = {d.step: flight_picture.qualifies(d, logs) for d in logs.decisions}
     assert told[7] is False  # 10.5 m north of the start: still more than 5 m away
     assert told[11] is True
     assert told[0] is None

@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from tests.support.command_line import DRONECATS, last_object
+
 LIMIT = 2000  # bytes that a file may have: enough for the logs' first lines, too little for a verdict
 
 FLIGHT = """
@@ -81,11 +83,11 @@ def test_logs_that_a_disk_does_not_take_end_a_flight_with_status_3(tmp_path, lim
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
 
     done = subprocess.run(
-        [sys.executable, "-m", "dronecats.cli.main", "fly", "--sitl", "--speed", "max", "--pilot", "oracle",
+        [*DRONECATS, "fly", "--sitl", "--speed", "max", "--pilot", "oracle",
          "--latency", "fixed:0.5", "--out", str(tmp_path / "run"), "--json"],
         capture_output=True, text=True, check=False, preexec_fn=small,
     )  # fmt: skip
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     assert "File too large" in done.stderr
-    assert json.loads(done.stdout.splitlines()[-1])["outcome"] in ("error", "success")
+    assert last_object(done.stdout)["outcome"] in ("error", "success")

@@ -1,22 +1,18 @@
 """Whatever else breaks at the end of a flight, the vehicle has been told to land."""
 
 import signal
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from dronecats.run.episode import Start, ascend
+from dronecats.run.ascent import Start, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from foundation.errors import LinkError
 from foundation.mavlink import dialect
 from hil.link.envelope import Limits
 from hil.link.link import Link
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "hil"))
-from scripted_vehicle import ScriptedVehicle, flying
+from tests.hil.link.scripted_vehicle import ScriptedVehicle, flying
 
 
 class Landing(ScriptedVehicle):
@@ -74,8 +70,10 @@ def test_a_wire_that_raises_what_nobody_expects_leaves_the_next_vehicle_landed(v
 
 @pytest.mark.parametrize("after_ms", [0, 200, 480])
 def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms):
-    link, said = flying(vehicle), []
-    due_ms, go_on, pressed = vehicle.time_ms + after_ms, vehicle.take, []
+    link = flying(vehicle)
+    said: list[str] = []
+    pressed: list[bool] = []
+    due_ms, go_on = vehicle.time_ms + after_ms, vehicle.take
 
     def take():
         if vehicle.time_ms >= due_ms and not pressed:

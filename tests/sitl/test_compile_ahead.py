@@ -1,5 +1,7 @@
 """What a second process compiles must be what the first one calls, or the first run compiles it twice."""
 
+import os
+import sys
 from pathlib import Path
 
 import numba
@@ -25,7 +27,7 @@ def test_the_plant_of_every_airframe_and_map_has_the_same_types() -> None:
 
 def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path / "kernels")
-    monkeypatch.setattr(compile_ahead.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
     monkeypatch.setattr(compile_ahead, "KEEPS", True)
     assert compile_ahead.cold()
     folder = tmp_path / "kernels" / "vehicles"
@@ -41,7 +43,7 @@ def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: p
 def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compile_ahead.sys, "executable", "/bin/false")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
     double = numba.njit(lambda x: 2.0 * x)
     compile_ahead.compile_both(double, (1.5,))
     assert double.signatures == [(numba.float64,)]

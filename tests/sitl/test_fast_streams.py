@@ -21,7 +21,12 @@ class Client:
         self._packer, self._parser = Packer(245, 190), Parser()
         self.steps: list[int] = []  # ms of every call of the compiled loop
         loop = self.vehicle._fused.advance
-        self.vehicle._fused.advance = lambda steps: (self.steps.append(steps), loop(steps))
+
+        def advance(steps: int) -> None:
+            self.steps.append(steps)
+            loop(steps)
+
+        self.vehicle._fused.advance = advance  # type: ignore[method-assign]
         self.hear(1.5)  # the sensors have something to say
 
     def ask(self, message: int, interval_us: float) -> None:

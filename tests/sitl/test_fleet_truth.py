@@ -1,6 +1,5 @@
 """A fleet on the truth bus: the pictures and the log of one drone are of the instant at which all of them are known."""
 
-import json
 import math
 
 import numpy as np
@@ -15,6 +14,7 @@ from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
 from foundation.mavlink import Packer
 from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message, truth_message
+from tests.support.json_lines import rows
 
 EPISODE = "blocks-commanding-01"
 HALF = CameraModel(640, 360)
@@ -67,8 +67,7 @@ def log(world, tmp_path):
     recorder.begin(1_000_000)
 
     def written(kind):
-        lines = (tmp_path / "truth.jsonl").read_text().splitlines()
-        return [line for line in map(json.loads, lines) if line["kind"] == kind]
+        return rows(tmp_path / "truth.jsonl", kind)
 
     yield recorder, written
     recorder.close()
@@ -132,12 +131,18 @@ def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
     newest = NewestTruth(origin(world))
     assert newest.together(0) is None
     newest.feed(bus.all(0, bus.in_the_way) + bus.all(20_000, bus.away) + bus.pose(0, 40_000, bus.facing))
-    sample, others = newest.together(0)
+    together = newest.together(0)
+    assert together is not None
+    sample, others = together
     assert sample.time_us == 20_000
     assert {k: one.time_us for k, one in others.items()} == {1: 20_000, 2: 20_000, 3: 20_000}
-    assert newest.of(0).time_us == 40_000
+    of_one = newest.of(0)
+    assert of_one is not None
+    assert of_one.time_us == 40_000
     newest.feed(bus.pose(0, 130_000, bus.facing))  # the others have fallen silent
-    sample, others = newest.together(0)
+    together = newest.together(0)
+    assert together is not None
+    sample, others = together
     assert sample.time_us == 130_000
     assert others[1].time_us == 20_000
 

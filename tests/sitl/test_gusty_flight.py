@@ -17,7 +17,8 @@ from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
 from foundation.frames import Vec3, quat_multiply
 from foundation.mavlink import dialect
 from hil.link.link import Link
-from hil.link.offboard import PositionTarget, VelocityTarget, message
+from hil.link.offboard import PositionSetpoint, VelocitySetpoint
+from hil.link.px4 import PX4
 from vehicles import airframe
 from vehicles.wind import Wind
 
@@ -79,10 +80,12 @@ def fly(seed: int) -> Flight:
             link.tick()
 
     def place(seconds, north, east, up, yaw):
-        stream(seconds, lambda: message(PositionTarget((north, east, -up), yaw), link.time_us // 1000, 1, 1))
+        stream(
+            seconds, lambda: PX4.setpoint_message(PositionSetpoint((north, east, -up), yaw), link.time_us // 1000, 1, 1)
+        )
 
     def body(seconds, velocity, yaw_rate):
-        stream(seconds, lambda: message(VelocityTarget(velocity, yaw_rate), link.time_us // 1000, 1, 1))
+        stream(seconds, lambda: PX4.setpoint_message(VelocitySetpoint(velocity, yaw_rate), link.time_us // 1000, 1, 1))
         if yaw_rate == 0.0 and seconds >= 4.0:
             asked = rotated(velocity, vehicle.core.estimate["attitude"])
             flight.off_course.append(float(np.linalg.norm(vehicle.plant.truth["velocity_ned"] - asked)))

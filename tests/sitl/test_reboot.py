@@ -8,7 +8,8 @@ from autopilot.mavlink.streams import BY_NAME
 from autopilot.plan.items import FENCE, MISSION, RALLY, Item
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
-from foundation.mavlink import MODES, dialect
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from hil.link.link import Link
 from vehicles import airframe
 

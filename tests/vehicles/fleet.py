@@ -1,5 +1,7 @@
 """Vehicles for the tests of this folder."""
 
+from typing import Any
+
 import numpy as np
 
 from foundation.frames import GRAVITY
@@ -32,9 +34,9 @@ PERFECT = Suite(
 )
 
 
-def vehicle(name: str = "x500", seed: int = 1, **options: object) -> Multirotor:
+def vehicle(name: str = "x500", seed: int = 1, **options: Any) -> Multirotor:
     """Return a vehicle at ORIGIN, on flat ground unless told otherwise."""
-    return Multirotor(load(name), **{"seed": seed, "origin": ORIGIN, **options})  # type: ignore[arg-type]
+    return Multirotor(load(name), **{"seed": seed, "origin": ORIGIN, **options})
 
 
 def spin(craft: Multirotor, speed: float | np.ndarray) -> None:

@@ -1,13 +1,14 @@
 """Fault scripts: what a file says is what the vehicle suffers, and a file that is wrong is told so in one sentence."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
-from fleet import vehicle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import UsageError
+from tests.vehicles.fleet import vehicle
 from vehicles.fault_script import load, parse
 from vehicles.faults import KINDS, PARTS, Fault
 
@@ -110,7 +111,7 @@ entries = st.dictionaries(st.sampled_from(["part", "kind", "from_s", "until_s", 
 
 @settings(deadline=None)  # the first vehicle may have to be compiled
 @given(st.lists(entries, max_size=4))
-def test_any_table_gives_faults_that_a_vehicle_takes_or_a_usage_error(listed: list) -> None:
+def test_any_table_gives_faults_that_a_vehicle_takes_or_a_usage_error(listed: list[Any]) -> None:
     try:
         faults = parse({"fault": listed}, "any.toml", 4)
     except UsageError:

@@ -69,8 +69,9 @@ class BoardSimulator:
         self._report()
 
     def close(self) -> None:
-        for closing in (*self._ports, self._truth, self._vehicle):
-            closing.close()
+        for port in (*self._ports, self._truth):
+            port.close()
+        self._vehicle.close()
 
     def _report(self) -> None:
         """Say how it stands with the board when that has changed."""

@@ -6,16 +6,17 @@ time to arrive, so a flight is as fast as the machine allows, but not the same b
 
 import time
 
-from dronecats.sitl.lockstep import Lockstep
+from dronecats.sitl.lockstep import TurnOrder
 from dronecats.sitl.ports import AGENT_PORT
 from dronecats.sitl.px4.simulator import Px4Simulator
+from dronecats.sitl.px4.vehicle import Px4Vehicle
 from hil.link.transport import Transport, connect
 
 MOMENT_S = 0.002  # wall seconds; PX4's ATTITUDE comes on every tick, mostly within a third of a millisecond
 
 
-class Px4Lockstep(Lockstep):
-    """As `Lockstep`, with PX4 in our autopilot's place."""
+class Px4Lockstep(TurnOrder[Px4Vehicle]):
+    """The turn order of vehicles with PX4 in our autopilot's place."""
 
     def __init__(self, simulator: Px4Simulator) -> None:
         """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError when one that we started ends."""
@@ -30,7 +31,7 @@ class Px4Lockstep(Lockstep):
         for follower in self.followers:
             follower()
 
-    def transport(self, vehicle: int, profile: str = "onboard") -> "PumpedTransport":
+    def transport(self, vehicle: int) -> "PumpedTransport":
         """Return PX4's offboard link of one vehicle. Raises UsageError when its port is taken."""
         return PumpedTransport(connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}"), self)
 

@@ -86,8 +86,9 @@ class Px4Simulator:
         self._processes: list[Px4Process] = []
         self._passing = TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True)
         try:
-            for vehicle in self.vehicles if command is not None else ():
-                self._processes.append(self._px4(command, vehicle.index, config))
+            if command is not None:
+                for vehicle in self.vehicles:
+                    self._processes.append(self._px4(command, vehicle.index, config))
         except BaseException:
             self.close()
             raise

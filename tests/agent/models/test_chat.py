@@ -1,0 +1,136 @@
+"""The model client against endpoints that misbehave, over real HTTP."""
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import pytest
+
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.providers import spec_of
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError, UsageError
+
+KEY = "sk-SECRET-1234567890"
+REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
+
+
+@pytest.fixture
+def endpoint():
+    """An HTTP server that answers with what the test puts into `answers`: (status, body, headers)."""
+    answers: list[tuple[int, bytes, dict[str, str]]] = []
+    seen: list[tuple[Any, dict[str, Any]]] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self):
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            seen.append((self.headers, json.loads(body)))
+            status, data, headers = answers.pop(0) if len(answers) > 1 else answers[0]
+            self.send_response(status)
+            for name, value in {"Content-Length": str(len(data)), **headers}.items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(data)
+
+        def log_message(self, format, *args):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/v1", answers, seen
+    server.shutdown()
+    server.server_close()
+
+
+def completion(content="{}", **more):
+    return json.dumps({"choices": [{"message": {"content": content}}], **more}).encode()
+
+
+def model(url, provider="openai"):
+    return open_model(ModelSpec(provider=provider, name="m", base_url=url))
+
+
+def test_one_user_message_text_first_then_the_picture(endpoint, monkeypatch):
+    url, answers, seen = endpoint
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    answers.append((200, completion('{"action":"think"}', usage={"prompt_tokens": 7, "completion_tokens": 3}), {}))
+    reply = model(url).ask(REQUEST)
+    assert (reply.text, reply.tokens_in, reply.tokens_out) == ('{"action":"think"}', 7, 3)
+    headers, body = seen[0]
+    assert headers["Authorization"] == f"Bearer {KEY}"
+    (message,) = body["messages"]
+    assert message["role"] == "user"
+    assert [part["type"] for part in message["content"]] == ["text", "image_url"]
+    assert message["content"][1]["image_url"]["url"].startswith("data:image/jpeg;base64,")
+    assert "tools" not in body
+    assert "functions" not in body
+    assert body["temperature"] == 0.4
+
+
+@pytest.mark.parametrize("provider", ["openai", "openrouter", "vllm"])
+def test_thinking_changes_the_request_and_nothing_else(provider):
+    chat = model("http://127.0.0.1:1/v1", provider)
+    quick = chat.body(REQUEST)
+    slow = chat.body(Request("text", REQUEST.images_jpeg, thinking=True))
+    assert quick != slow
+    changed = {key for key in quick.keys() | slow.keys() if quick.get(key) != slow.get(key)}
+    assert changed <= {"reasoning_effort", "reasoning", "chat_template_kwargs"}
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"not json",
+        b"[]",
+        b"{}",
+        b'{"choices":[]}',
+        completion(None, usage=[1, 2]),
+        b'{"choices":[{"message":{"content":5}}]}',
+        b"[" * 100_000,
+    ],
+)
+def test_what_is_no_completion_is_a_fault_of_the_infrastructure(endpoint, body):
+    url, answers, _ = endpoint
+    answers.append((200, body, {}))
+    with pytest.raises(ModelError, match="no chat completion"):
+        model(url, "local").ask(REQUEST)
+
+
+def test_counts_that_are_no_numbers_are_left_out(endpoint):
+    url, answers, _ = endpoint
+    answers.append((200, completion("x", usage={"prompt_tokens": "many", "completion_tokens": True}), {}))
+    reply = model(url, "local").ask(REQUEST)
+    assert (reply.tokens_in, reply.tokens_out) == (None, None)
+
+
+def test_a_busy_endpoint_is_asked_again_and_the_wait_is_not_the_models(endpoint):
+    url, answers, seen = endpoint
+    answers += [(429, b"slow down", {"Retry-After": "0.3"}), (200, completion("ok"), {})]
+    reply = model(url, "local").ask(REQUEST)
+    assert reply.text == "ok"
+    assert len(seen) == 2
+    assert reply.waited_s >= 0.3
+    assert reply.latency_s < reply.waited_s
+
+
+def test_a_key_that_is_echoed_and_a_password_in_a_url_are_never_said(endpoint, monkeypatch):
+    url, answers, _ = endpoint
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    answers.append((401, f"wrong key {KEY}, sir".encode(), {}))
+    with pytest.raises(ModelError, match=r"401: wrong key \*\*\*, sir"):
+        model(url).ask(REQUEST)
+    with pytest.raises(UsageError) as refused:
+        model("http://me:pw777@127.0.0.1:1/v1").check()
+    assert "pw777" not in str(refused.value)
+
+
+def test_providers_are_split_at_the_first_slash():
+    spec = spec_of("openrouter/qwen/qwen3.5-9b")
+    assert (spec.provider, spec.name, spec.title) == ("openrouter", "qwen/qwen3.5-9b", "openrouter/qwen/qwen3.5-9b")
+    with pytest.raises(UsageError, match="did you mean 'openrouter/…'"):
+        spec_of("openruter/x")
+    with pytest.raises(UsageError, match="wants PROVIDER/NAME"):
+        spec_of("openrouter")

@@ -1,0 +1,332 @@
+"""An endpoint that hangs, trickles, breaks off or floods: an answer or an error, in the stated time. Over real TCP."""
+
+import contextlib
+import gzip
+import json
+import re
+import socket
+import struct
+import threading
+import zlib
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
+
+import httpx
+import pytest
+
+from dronecats.agent.asking import Asking
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.executors import DaemonExecutor, InlineExecutor
+from dronecats.agent.latency import Question, latency
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.models import endpoint as endpoints
+from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, Patience, pause_asked_for
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.prompt import Prompt
+from foundation.camera import CameraModel
+from foundation.errors import ModelError, UsageError
+from tests.agent.flown_wire import Clock, Views
+
+REQUEST = Request("text", (b"jpeg",), thinking=False)
+FIRST = Question((0,), 0, 0)
+QUICK = Patience(give_up_s=0.5, attempts=3, pause_s=0.0)
+
+
+def completion(text, head=""):
+    body = json.dumps({"choices": [{"message": {"content": text}}]}).encode()
+    return f"HTTP/1.1 200 OK\r\n{head}Content-Length: {len(body)}\r\nConnection: close\r\n\r\n".encode() + body
+
+
+class Wire:
+    """A server that does, per connection, the next of what is scripted, the last for ever."""
+
+    def __init__(self, *script):
+        self.script, self.served = script, 0
+        self.over, self.dropped = threading.Event(), threading.Event()
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}/v1"
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self):
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = self._socket.accept()
+                act = self.script[min(self.served, len(self.script) - 1)]
+                self.served += 1
+                threading.Thread(target=self._serve, args=(connection, act), daemon=True).start()
+
+    def _serve(self, connection, act):
+        with connection, self._noticing():
+            received = b""
+            while b"\r\n\r\n" not in received:
+                received += connection.recv(65536)
+            head, _, body = received.partition(b"\r\n\r\n")
+            length = int(re.findall(rb"Content-Length: (\d+)", head)[0])
+            while len(body) < length:
+                body += connection.recv(65536)
+            act(self, connection)
+
+    @contextlib.contextmanager
+    def _noticing(self):
+        try:
+            yield
+        except OSError:
+            self.dropped.set()
+
+    def close(self):
+        self.over.set()
+        self._socket.close()
+
+
+def say(data):
+    return lambda wire, connection: connection.sendall(data)
+
+
+def hang(wire, connection):
+    wire.over.wait()
+
+
+def reset(wire, connection):
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+
+
+def trickle(head):
+    """Send `head`, and then a byte every 20 ms for ever: no single read is ever late."""
+
+    def act(wire, connection):
+        connection.sendall(head)
+        while not wire.over.wait(0.02):
+            connection.sendall(b"a")
+
+    return act
+
+
+@pytest.fixture
+def serve():
+    opened = []
+
+    def start(*script):
+        opened.append(Wire(*script))
+        return opened[-1]
+
+    yield start
+    for wire in opened:
+        wire.close()
+
+
+def model(wire, patience=QUICK):
+    return open_model(ModelSpec(provider="local", name="m", base_url=wire.url), patience)
+
+
+@pytest.mark.parametrize(
+    ("act", "left"),
+    [
+        (hang, False),
+        (trickle(b"HTTP/1.1 200 OK\r\nX-Long: "), False),  # nobody can look in there: the thread is left behind
+        (trickle(b"HTTP/1.1 200 OK\r\nContent-Length: 1000000\r\n\r\n"), True),
+        (trickle(b"HTTP/1.1 503 Busy\r\nContent-Length: 1000000\r\n\r\n"), True),
+    ],
+    ids=["hang", "header", "body", "refusal"],
+)
+def test_what_hangs_or_trickles_is_given_up_after_the_stated_time(serve, act, left):
+    wire = serve(act)
+    with pytest.raises(ModelError, match=r"has not answered for 0\.5 s"):
+        model(wire).ask(REQUEST)
+    assert wire.served == 1
+    assert wire.dropped.wait(30.0 if left else 0.0) == left
+
+
+def test_pauses_and_attempts_are_within_that_time_too(serve):
+    wire = serve(say(b"HTTP/1.1 429 Busy\r\nRetry-After: 50\r\nContent-Length: 4\r\nConnection: close\r\n\r\nbusy"))
+    with pytest.raises(ModelError, match="answered 429: busy"):
+        model(wire).ask(REQUEST)
+    assert wire.served == 1  # fifty seconds are more than there are
+
+
+@pytest.mark.parametrize(
+    "fault", [reset, say(b""), say(b"HTTP/1.1 200 OK\r\nContent-Length: 50\r\n\r\n{"), say(b"no HTTP at all\r\n\r\n")]
+)
+def test_a_connection_that_breaks_is_tried_again_within_the_same_attempts(serve, fault):
+    wire = serve(fault, fault, say(completion("there")))
+    reply = model(wire).ask(REQUEST)
+    assert (reply.text, wire.served) == ("there", 3)
+    assert reply.waited_s > 0.0
+    wire = serve(fault)
+    with pytest.raises(ModelError, match="broke off"):
+        model(wire).ask(REQUEST)
+    assert wire.served == 3
+
+
+def test_resets_and_refusals_share_the_attempts(serve):
+    wire = serve(reset, say(b"HTTP/1.1 500 X\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"), reset)
+    with pytest.raises(ModelError):
+        model(wire).ask(REQUEST)
+    assert wire.served == 3
+
+
+def test_a_redirect_is_not_followed_and_says_so(serve):
+    there = serve(say(completion("stolen")))
+    wire = serve(say(f"HTTP/1.1 307 Gone\r\nLocation: {there.url}\r\nContent-Length: 0\r\n\r\n".encode()))
+    with pytest.raises(ModelError, match=r"answered 307, a redirect: none is followed, so that no key goes there"):
+        model(wire).ask(REQUEST)
+    assert (wire.served, there.served) == (1, 0)
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "deflate"])
+def test_a_compressed_answer_is_read_and_a_bomb_is_not(serve, encoding, monkeypatch):
+    pack = gzip.compress if encoding == "gzip" else zlib.compress
+    body = pack(completion("small").partition(b"\r\n\r\n")[2])
+    head = f"HTTP/1.1 200 OK\r\nContent-Encoding: {encoding}\r\nConnection: close\r\n\r\n".encode()
+    assert model(serve(say(head + body))).ask(REQUEST).text == "small"
+    largest = []
+    inflater = zlib.decompressobj
+
+    class Watched:
+        def __init__(self, *arguments):
+            self._inner = inflater(*arguments)
+
+        def decompress(self, *arguments):
+            largest.append(len(piece := self._inner.decompress(*arguments)))
+            return piece
+
+    monkeypatch.setattr(zlib, "decompressobj", Watched)
+    bomb = pack(b" " * (64 * 2**20))
+    with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
+        model(serve(say(head + bomb)), Patience(give_up_s=30.0)).ask(REQUEST)
+    assert sum(largest) <= endpoints.MAX_BODY_BYTES + 1
+    with pytest.raises(ModelError, match="cannot be decompressed"):
+        model(serve(say(head + b"no such thing"))).ask(REQUEST)
+    with pytest.raises(ModelError, match="compressed, which"):
+        model(serve(say(completion("x", "Content-Encoding: br\r\n")))).ask(REQUEST)
+
+
+def test_an_endless_answer_is_cut_off(serve):
+    def flood(wire, connection):
+        connection.sendall(b"HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n")
+        while not wire.over.is_set():
+            connection.sendall(b" " * 65536)
+
+    with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
+        model(serve(flood), Patience(give_up_s=30.0)).ask(REQUEST)
+
+
+@pytest.mark.parametrize(
+    ("value", "seconds"),
+    [("7", 7.0), ("0.3", 0.3), ("-4", 0.0), ("1e9", MAX_PAUSE_S), ("nan", None), ("soon", None), ("", None)],
+)
+def test_retry_after_as_seconds(value, seconds):
+    assert pause_asked_for(httpx.Headers({"Retry-After": value})) == seconds
+
+
+def test_retry_after_as_a_date():
+    now = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
+    for ahead, seconds in ((20, 20.0), (-20, 0.0), (86400, MAX_PAUSE_S)):
+        date = format_datetime(now + timedelta(seconds=ahead), usegmt=True)
+        assert pause_asked_for(httpx.Headers({"Retry-After": date}), now) == seconds
+    assert pause_asked_for(httpx.Headers({"Retry-After": "Sun, 01 Mar 2026 12:00:09"}), now) == 9.0
+    assert pause_asked_for(httpx.Headers({"Retry-After": "Sun, 99 Mar 2026 12:00:09 GMT"}), now) is None
+    assert pause_asked_for(httpx.Headers({})) is None
+
+
+def test_the_time_of_attempts_that_failed_is_no_latency(serve):
+    busy = say(b"HTTP/1.1 429 Busy\r\nRetry-After: 0.2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+    asking = Asking(model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), latency("real"), FIRST, 100.0)
+    reply = asking.reply()
+    assert reply.waited_s >= 0.2
+    took_s = 10.0 * (reply.latency_s + reply.waited_s)  # the vehicle's clock at ten times the wall's
+    assert asking.latency_s(100.0 + took_s) == pytest.approx(10.0 * reply.latency_s)
+
+
+def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QUICK, on_tick=lambda: None):
+    asked = Questions(
+        model(wire, patience), Prompt.load(None), "go", latency("fixed:0"), patience_s=patience_s, last_reply=last_reply
+    )
+    cockpit = Cockpit(
+        aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=DecisionLog(folder / "decisions.jsonl"),
+        frames_dir=folder, executor=executor, t0_us=0, on_tick=on_tick,
+    )  # fmt: skip
+    return PaperAgent(asked, cockpit)
+
+
+class Answering(DaemonExecutor):
+    """Real time, in which pictures, and the first `count` replies, come before the vehicle's clock goes on."""
+
+    def __init__(self, count):
+        self.count = count
+
+    def submit(self, fn, /, *args, **kwargs):
+        coming = super().submit(fn, *args, **kwargs)
+        asked = isinstance(getattr(fn, "__self__", None), ChatModel)
+        if not asked or self.count > 0:
+            coming.exception()
+        self.count -= asked
+        return coming
+
+
+@pytest.mark.parametrize("executor", [InlineExecutor(), Answering(2)], ids=["lockstep", "real time"])
+def test_a_model_that_hangs_after_some_replies_is_a_fault_of_the_infrastructure(serve, tmp_path, executor):
+    answer = say(completion('{"action":"rotate","angle_deg":9}'))
+    agent = flight(serve(answer, answer, hang), tmp_path, executor)
+    with pytest.raises(ModelError, match="has not answered"):
+        agent.fly(30.0)
+    assert agent.steps == 2
+
+
+def test_a_model_that_is_slow_at_the_end_has_only_come_too_late(serve, tmp_path):
+    late = threading.Event()
+
+    def slow(wire, connection):
+        late.wait()
+        connection.sendall(completion('{"action":"finished"}'))
+
+    answer = say(completion('{"action":"rotate","angle_deg":9}'))
+    agent: PaperAgent = flight(
+        serve(answer, slow), tmp_path, Answering(1), patience=Patience(give_up_s=60.0),
+        on_tick=lambda: late.set() if agent.now_s > 31.0 else None,
+    )  # fmt: skip
+    agent.fly(30.0)
+    assert agent.steps == 1
+    assert agent.now_s > 31.0
+
+
+def test_a_vehicle_that_must_come_down_does_not_stay_for_the_last_reply(serve, tmp_path):
+    answer = say(completion('{"action":"rotate","angle_deg":9}'))
+    agent = flight(serve(answer, hang), tmp_path, Answering(1), last_reply=False)
+    agent.fly(30.0)
+    assert (agent.steps, agent.now_s) == (1, pytest.approx(30.0))
+    agent = flight(serve(answer, hang), tmp_path, Answering(1), patience_s=60.0, patience=Patience())
+    with pytest.raises(ModelError, match="for 60 s, nor when"):
+        agent.fly(30.0)
+
+
+def test_the_path_goes_before_the_query():
+    def url(base):
+        return str(Endpoint(base, None, (), QUICK).url("chat/completions"))
+
+    assert url("http://h/v1") == "http://h/v1/chat/completions"
+    assert url("http://h/v1/") == "http://h/v1/chat/completions"
+    assert url("http://h/v1?key=a%2Fb&x") == "http://h/v1/chat/completions?key=a%2Fb&x"
+    assert url("http://h/a%2Fb/v1/#top") == "http://h/a%2Fb/v1/chat/completions"
+    assert url("http://h") == "http://h/chat/completions"
+    assert url("http://h?k=v") == "http://h/chat/completions?k=v"
+
+
+@pytest.mark.parametrize(
+    "url", ["http://key:SECRET9/v1", "http://h:99999999/SECRET9?", "http://[SECRET9", "http://SECRET9:x@[::"]
+)
+def test_what_is_no_url_is_said_without_it(url):
+    with pytest.raises(UsageError) as refused:
+        open_model(ModelSpec(provider="local", name="m", base_url=url)).check()
+    assert "SECRET9" not in str(refused.value)
+
+
+def test_a_key_that_cannot_be_sent_is_not_said(monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-Schlüssel")
+    with pytest.raises(UsageError, match="holds a character that cannot be sent") as refused:
+        open_model(ModelSpec(provider="openai", name="m"))
+    assert "Schl" not in str(refused.value)

@@ -1,0 +1,341 @@
+"""MAVLink FTP: what a client may read and write, what it is refused, and that no name leaves the log folder."""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink.mavftp import MAVFTP
+
+from autopilot.mavlink import file_transfer as ftp
+from autopilot.mavlink.file_sessions import IDLE_US, MOST
+from foundation.mavlink import dialect
+from tests.autopilot.commander_bench import Bench, Client
+
+FUZZ = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
+LOG = "/fs/microsd/log/log001.ulg"
+CONTENT = bytes(range(256)) * 300 + b"end"  # longer than one burst
+
+
+class Files:
+    """A client of the protocol, one request at a time."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self.sequence = 0
+
+    def ask(self, opcode: int, data: bytes | str = b"", *, session: int = 0, offset: int = 0, size: int | None = None,
+            sequence: int | None = None) -> ftp.Request:  # fmt: skip
+        """Send a request and return the answer."""
+        content = data.encode() if isinstance(data, str) else data
+        self.sequence = (self.sequence + 2 if sequence is None else sequence) & 0xFFFF
+        head = struct.pack("<HBBBBBBI", self.sequence, session, opcode, len(content) if size is None else size, 0, 0, 0,
+                           offset)  # fmt: skip
+        self.client.forget()
+        payload = list((head + content).ljust(251, b"\0"))
+        self.client.send(dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
+        (answer,) = self.answers()
+        assert answer.sequence == (self.sequence + 1) & 0xFFFF
+        return answer
+
+    def answers(self) -> list[ftp.Request]:
+        found = self.client.of("FILE_TRANSFER_PROTOCOL")
+        assert all((m.target_system, m.target_component) == (self.client.system, self.client.component) for m in found)
+        return [ftp.parsed(bytes(m.payload)) for m in found]
+
+    def refused(self, opcode: int, data: bytes | str = b"", **fields: int) -> bytes:
+        answer = self.ask(opcode, data, **fields)
+        assert answer.opcode == ftp.NAK
+        return answer.data
+
+    def done(self, opcode: int, data: bytes | str = b"", **fields: int) -> ftp.Request:
+        answer = self.ask(opcode, data, **fields)
+        assert answer.opcode == ftp.ACK, answer.data
+        return answer
+
+    def listed(self, name: str, opcode: int = ftp.LIST_DIRECTORY) -> list[str]:
+        lines: list[str] = []
+        while True:
+            answer = self.ask(opcode, name, offset=len(lines))
+            if answer.opcode == ftp.NAK:
+                assert answer.data == b"\x06"
+                return lines
+            lines += answer.data.decode().rstrip("\0").split("\0")
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """The log folder, with a secret outside it."""
+    (tmp_path / "secret").write_text("not yours")
+    folder = tmp_path / "log"
+    folder.mkdir()
+    (folder / "log001.ulg").write_bytes(CONTENT)
+    return folder
+
+
+@pytest.fixture
+def bench(root: Path) -> Bench:
+    return Bench(profile="minimal", log_dir=root)
+
+
+@pytest.fixture
+def files(bench: Bench) -> Files:
+    return Files(bench.client)
+
+
+def read(files: Files, name: str) -> bytes:
+    opened = files.done(ftp.OPEN_TO_READ, name)
+    (size,) = struct.unpack("<I", opened.data)
+    data = b""
+    while (answer := files.ask(ftp.READ, session=opened.session, offset=len(data), size=239)).opcode == ftp.ACK:
+        assert answer.offset == len(data)
+        data += answer.data
+    assert answer.data == b"\x06"
+    assert len(data) == size
+    files.done(ftp.TERMINATE_SESSION, session=opened.session)
+    return data
+
+
+def test_the_tree_is_shown(files: Files) -> None:
+    assert files.listed("/") == ["D@PARAM", "Dfs"]
+    assert files.listed("fs/") == ["Dmicrosd"]
+    assert files.listed("/fs/microsd") == ["Dlog"]
+    assert files.listed("/fs/microsd/log") == files.listed("@MAV_LOG") == [f"Flog001.ulg\t{len(CONTENT)}"]
+    assert files.listed("/@PARAM")[0].startswith("Fparam.pck\t")
+
+
+def test_times_are_shown_on_request(files: Files, root: Path) -> None:
+    (root / "folder").mkdir()
+    folder, log = files.listed("/fs/microsd/log", ftp.LIST_DIRECTORY_WITH_TIME)
+    assert folder.split("\t")[:2] == ["Dfolder", "0"]
+    assert log == f"Flog001.ulg\t{len(CONTENT)}\t{int((root / 'log001.ulg').stat().st_mtime)}"
+
+
+def test_long_directories_come_in_parts(files: Files, root: Path) -> None:
+    names = sorted(["log001.ulg", *(f"{i:03d}{'x' * (i % 200)}" for i in range(120)), "y" * 240])
+    for name in names[:-2] + names[-1:]:
+        (root / name).touch()
+    lines = files.listed("/fs/microsd/log")
+    assert len(lines) == len(names)
+    assert [line for line in lines if line != "S"] == [
+        f"F{name}\t{(root / name).stat().st_size}" for name in names if len(name) < 200
+    ]
+
+
+def test_a_file_is_read_and_checked(files: Files) -> None:
+    assert read(files, LOG) == CONTENT
+    (crc,) = struct.unpack("<I", files.done(ftp.CHECKSUM, LOG).data)
+    expected = 0  # bit by bit, as the protocol's description has it
+    for byte in CONTENT:
+        expected ^= byte
+        for _ in range(8):
+            expected = expected >> 1 ^ (0xEDB88320 if expected & 1 else 0)
+    assert crc == expected
+
+
+def test_a_burst_streams_the_file_in_bounded_portions(files: Files, bench: Bench) -> None:
+    opened = files.done(ftp.OPEN_TO_READ, LOG)
+    data, complete, bursts = b"", True, 0
+    while len(data) < len(CONTENT):
+        assert complete
+        files.client.forget()
+        head = struct.pack("<HBBBBBBI", 100, opened.session, ftp.BURST_READ, 239, 0, 0, 0, len(data))
+        payload = list(head.ljust(251, b"\0"))
+        files.client.send(dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
+        for _ in range(15):
+            before = len(files.answers())
+            bench.tick()
+            assert len(files.answers()) - before <= 20
+        bursts += 1
+        for i, message in enumerate(files.client.of("FILE_TRANSFER_PROTOCOL")):
+            answer = ftp.parsed(bytes(message.payload))
+            assert (answer.sequence, answer.offset) == (101 + i, len(data))
+            data += answer.data
+            complete = bool(message.payload[6])
+    assert data == CONTENT
+    assert bursts == 2
+    assert len(bench.autopilot.node.file_sessions) == 1
+
+
+def test_a_burst_at_the_end_says_so(files: Files, bench: Bench) -> None:
+    session = files.done(ftp.OPEN_TO_READ, LOG).session
+    head = struct.pack("<HBBBBBBI", 7, session, ftp.BURST_READ, 239, 0, 0, 0, len(CONTENT))
+    files.client.forget()
+    files.client.send(dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, list(head.ljust(251, b"\0"))))
+    bench.tick()
+    (answer,) = files.answers()
+    assert (answer.opcode, answer.data) == (ftp.NAK, b"\x06")
+    assert files.refused(ftp.BURST_READ, session=99) == b"\x04"
+
+
+def test_a_terminated_burst_stops(files: Files, bench: Bench) -> None:
+    session = files.done(ftp.OPEN_TO_READ, LOG).session
+    head = struct.pack("<HBBBBBBI", 9, session, ftp.BURST_READ, 239, 0, 0, 0, 0)
+    files.client.send(dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, list(head.ljust(251, b"\0"))))
+    bench.tick()
+    files.client.forget()
+    files.done(ftp.TERMINATE_SESSION, session=session)
+    bench.run(0.5)
+    assert len(files.answers()) == 1
+
+
+def test_files_are_written_renamed_and_removed(files: Files, root: Path) -> None:
+    session = files.done(ftp.CREATE, "/fs/microsd/log/new").session
+    for offset in range(0, 1000, 200):
+        assert files.done(ftp.WRITE, CONTENT[offset : offset + 200], session=session, offset=offset).offset == offset
+    assert files.refused(ftp.READ, session=session, size=10) == b"\x01"  # opened for writing
+    files.done(ftp.TERMINATE_SESSION, session=session)
+    assert (root / "new").read_bytes() == CONTENT[:1000]
+    session = files.done(ftp.OPEN_TO_WRITE, "/fs/microsd/log/new").session
+    files.done(ftp.WRITE, b"HELLO", session=session, offset=10)
+    files.done(ftp.RESET_SESSIONS)
+    assert (root / "new").read_bytes() == CONTENT[:10] + b"HELLO" + CONTENT[15:1000]
+    files.done(ftp.TRUNCATE, "/fs/microsd/log/new", offset=12)
+    files.done(ftp.MAKE_FOLDER, "/fs/microsd/log/folder")
+    files.done(ftp.RENAME, "/fs/microsd/log/new\0/fs/microsd/log/folder/old\0")
+    assert (root / "folder" / "old").read_bytes() == CONTENT[:10] + b"HE"
+    assert files.refused(ftp.REMOVE_FOLDER, "/fs/microsd/log/folder")[0] == 2  # errno: not empty
+    assert files.refused(ftp.MAKE_FOLDER, "/fs/microsd/log/folder") == b"\x08"
+    assert files.refused(ftp.RENAME, f"/fs/microsd/log/folder\0{LOG}\0") == b"\x08"
+    files.done(ftp.REMOVE_FILE, "/fs/microsd/log/folder/old")
+    files.done(ftp.REMOVE_FOLDER, "/fs/microsd/log/folder")
+    assert [path.name for path in root.iterdir()] == ["log001.ulg"]
+
+
+@pytest.mark.parametrize(
+    ("opcode", "data", "code"),
+    [
+        (ftp.OPEN_TO_READ, "/fs/microsd/log/none", b"\x0a"),
+        (ftp.OPEN_TO_READ, "/fs/microsd/log", b"\x0a"),
+        (ftp.OPEN_TO_READ, "/etc/passwd", b"\x0a"),
+        (ftp.OPEN_TO_READ, "/fs/microsd/log/../secret", b"\x0a"),
+        (ftp.OPEN_TO_READ, "/fs/microsd/log/link", b"\x0a"),
+        (ftp.OPEN_TO_READ, "/fs/microsd/log/up/secret", b"\x0a"),
+        (ftp.OPEN_TO_READ, b"/fs/microsd/log/\xff\xfe", b"\x0a"),
+        (ftp.OPEN_TO_READ, "/fs/microsd/log/log001.ulg/below", b"\x0a"),
+        (ftp.LIST_DIRECTORY, "/fs/microsd/log/none", b"\x0a"),
+        (ftp.LIST_DIRECTORY, "/etc", b"\x0a"),
+        (ftp.CHECKSUM, "/fs/microsd/log/../secret", b"\x0a"),
+        (ftp.CREATE, "/fs/microsd/log/up/file", b"\x0a"),
+        (ftp.CREATE, "/fs/microsd/other", b"\x0a"),
+        (ftp.CREATE, "@PARAM/param.pck", b"\x09"),
+        (ftp.CREATE, "/fs/microsd/log", b"\x09"),
+        (ftp.REMOVE_FILE, "/fs/microsd/log/none", b"\x0a"),
+        (ftp.REMOVE_FOLDER, "/fs/microsd/log", b"\x09"),
+        (ftp.RENAME, "/fs/microsd/log/log001.ulg\0/fs/microsd/log/../gone", b"\x0a"),
+        (ftp.RENAME, "/fs/microsd/log/none\0/fs/microsd/log/x", b"\x0a"),
+        (ftp.TRUNCATE, "/fs/microsd/log/none", b"\x0a"),
+        (ftp.READ, b"", b"\x04"),
+        (ftp.WRITE, b"abc", b"\x04"),
+        (ftp.TERMINATE_SESSION, b"", b"\x04"),
+        (17, b"", b"\x07"),
+        (127, b"", b"\x07"),
+    ],
+)
+def test_refusals_have_their_codes(files: Files, root: Path, opcode: int, data: bytes | str, code: bytes) -> None:
+    (root / "link").symlink_to(root.parent / "secret")
+    (root / "up").symlink_to(root.parent)
+    assert files.refused(opcode, data) == code
+    assert (root.parent / "secret").read_text() == "not yours"
+    assert sorted(path.name for path in root.parent.iterdir()) == ["log", "secret"]
+    assert (root / "log001.ulg").read_bytes() == CONTENT
+
+
+def test_too_much_data_is_refused(files: Files) -> None:
+    assert files.refused(ftp.OPEN_TO_READ, LOG, size=240) == b"\x03"
+    session = files.done(ftp.CREATE, "/fs/microsd/log/new").session
+    assert files.refused(ftp.WRITE, b"x", session=session, offset=0xFFFFFFF0) == b"\x01"  # nobody fills the disk
+    assert files.refused(ftp.TRUNCATE, "/fs/microsd/log/new", offset=0xFFFFFFF0) == b"\x01"
+
+
+def test_a_repeated_request_is_not_carried_out_again(files: Files, root: Path, bench: Bench) -> None:
+    first = files.done(ftp.MAKE_FOLDER, "/fs/microsd/log/folder", sequence=10)
+    assert files.done(ftp.MAKE_FOLDER, "/fs/microsd/log/folder", sequence=10) == first
+    assert files.refused(ftp.MAKE_FOLDER, "/fs/microsd/log/folder", sequence=11) == b"\x08"
+    opened = files.done(ftp.OPEN_TO_READ, LOG, sequence=20)
+    assert files.done(ftp.OPEN_TO_READ, LOG, sequence=20).session == opened.session
+    assert len(bench.autopilot.node.file_sessions) == 1
+
+
+def test_sessions_belong_to_their_client_and_are_limited(files: Files, bench: Bench) -> None:
+    other = Files(Client(bench.autopilot.open_port("minimal"), 255, 190))
+    assert files.done(ftp.OPEN_TO_READ, LOG).session == 0
+    assert files.done(ftp.OPEN_TO_READ, LOG).session == 1
+    assert files.done(ftp.OPEN_TO_READ, LOG, session=77).session == 77
+    assert other.refused(ftp.READ, session=1, size=5) == b"\x04"
+    other.done(ftp.RESET_SESSIONS)
+    assert files.done(ftp.READ, session=1, size=5).data == CONTENT[:5]
+    for _ in range(MOST - 3):
+        files.done(ftp.OPEN_TO_READ, LOG)
+    assert other.refused(ftp.OPEN_TO_READ, LOG) == b"\x05"
+    bench.run(IDLE_US * 1e-6 + 1)
+    other.done(ftp.OPEN_TO_READ, LOG)  # a client that has gone does not hold its files for ever
+    assert len(bench.autopilot.node.file_sessions) == MOST
+
+
+def test_the_log_being_written_is_protected_but_readable(files: Files, bench: Bench) -> None:
+    bench.commander.arm()
+    bench.run(1.0)
+    name = "/fs/microsd/log/log002.ulg"
+    for opcode in (ftp.CREATE, ftp.OPEN_TO_WRITE, ftp.REMOVE_FILE, ftp.TRUNCATE):
+        assert files.refused(opcode, name) == b"\x09"
+    assert files.refused(ftp.RENAME, f"{name}\0/fs/microsd/log/x\0") == b"\x09"
+    assert read(files, name).startswith(b"ULog")
+
+
+def test_the_parameter_file_says_what_the_parameters_are(files: Files, bench: Bench) -> None:
+    bench.autopilot.parameters.set("MIS_TAKEOFF_ALT", 7.25)
+    bench.autopilot.parameters.set("COM_RCL_EXCEPT", 4)
+    parameters = bench.autopilot.parameters
+    for name in ("@PARAM/param.pck", "@PARAM/param.pck?withdefaults=1"):
+        told = MAVFTP.ftp_param_decode(read(files, name))
+        assert {n.decode(): value for n, value, _ in told.params} == {n: parameters[n] for n in parameters.names}
+
+
+def test_without_a_log_folder_there_are_still_parameters() -> None:
+    files = Files(Bench(profile="minimal").client)
+    assert files.listed("/fs/microsd") == []
+    assert files.refused(ftp.OPEN_TO_READ, LOG) == b"\x0a"
+    assert files.refused(ftp.CREATE, LOG) == b"\x0a"
+    assert len(read(files, "@PARAM/param.pck")) > 1000
+
+
+NAMES = st.sampled_from(
+    [b"", b"/", b"..", b"/fs/microsd/log", b"/fs/microsd/log/log001.ulg", b"/fs/microsd/log/../secret",
+     b"@PARAM/param.pck", b"/fs/microsd/log/a", b"/fs/microsd/log/a\0/fs/microsd/log/b", b"/fs/microsd/log/b/c",
+     b"/fs/microsd/log/b"]
+)  # fmt: skip
+
+
+@given(
+    requests=st.lists(
+        st.tuples(
+            st.integers(0, 20), st.integers(0, 3), st.integers(0, 0xFFFFFFFF) | st.integers(0, 300),
+            NAMES | st.binary(max_size=239), st.integers(0, 255) | st.none(),
+        ),
+        max_size=8,
+    )
+)  # fmt: skip
+@FUZZ
+def test_any_sequence_of_requests_is_answered_and_stays_inside(bench: Bench, root: Path, requests: list[Any]) -> None:
+    files = Files(bench.client)
+    for opcode, session, offset, data, size in requests:
+        if opcode == ftp.BURST_READ:
+            continue
+        files.ask(opcode, data, session=session, offset=offset, size=size)
+    bench.run(0.1)
+    assert bench.autopilot.node.handler_errors == 0
+    assert (root.parent / "secret").read_text() == "not yours"
+    assert sorted(path.name for path in root.parent.iterdir()) == ["log", "secret"]
+    assert all(path.stat().st_size <= 64 << 20 for path in root.rglob("*"))
+
+
+@given(payload=st.binary(min_size=251, max_size=251))
+@FUZZ
+def test_any_payload_is_survived(bench: Bench, payload: bytes) -> None:
+    bench.client.send(dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, list(payload)))
+    bench.run(0.1)
+    bench.client.forget()
+    assert bench.autopilot.node.handler_errors == 0

@@ -1,0 +1,98 @@
+"""The golden flight, replayed through estimator and cascade: no number may move beyond its tolerance.
+
+A change that is meant to move them is followed by `python -m tests.autopilot.replay.record`.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autopilot.flight_core import FlightCore
+from autopilot.replay import Outcome, load, replay, save
+from foundation.errors import UsageError
+from tests.autopilot.replay.record import AIRFRAME, EVERY, FILE, fly
+from vehicles import airframe
+
+TOLERANCES = {  # other compilers round differently; a changed gain or noise figure moves far more than this
+    "position_ned": 2e-3,  # m
+    "velocity_ned": 2e-3,  # m/s
+    "attitude": 2e-4,
+    "gyro_bias": 1e-5,  # rad/s
+    "accel_bias": 1e-4,  # m/s²
+    "rates_setpoint": 5e-3,  # rad/s
+    "thrust_setpoint": 1e-3,
+    "command": 3e-3,
+}
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return load(FILE)
+
+
+@pytest.fixture(scope="module")
+def flown(golden):
+    return replay(FlightCore(airframe.load(AIRFRAME)), golden[0], EVERY)
+
+
+@pytest.mark.parametrize("name", TOLERANCES)
+def test_no_number_moves(name, golden, flown):
+    assert getattr(flown, name) == pytest.approx(golden[1][f"golden.{name}"], abs=TOLERANCES[name])
+
+
+def test_every_outcome_has_a_tolerance_and_something_to_say(golden, flown):
+    assert set(TOLERANCES) | {"time_us"} == set(Outcome.__slots__)
+    assert (flown.time_us == golden[1]["golden.time_us"]).all()
+    assert np.ptp(flown.position_ned, axis=0).min() > 1.0
+    assert flown.command.max() > 0.5
+
+
+def test_the_golden_flight_is_a_good_one(golden, flown):
+    """What is guarded is worth guarding: the estimate follows the truth, once it is there."""
+    aloft = slice(50, None)
+    assert flown.velocity_ned[aloft] == pytest.approx(golden[1]["truth.velocity_ned"][aloft], abs=0.4)
+    turned = np.abs(np.sum(flown.attitude[aloft] * golden[1]["truth.attitude"][aloft], axis=1))
+    assert np.degrees(2.0 * np.arccos(np.minimum(turned, 1.0))).max() < 4.0
+
+
+def test_a_changed_gain_is_noticed(golden, flown):
+    core = FlightCore(airframe.load(AIRFRAME), overrides={"MPC_XY_VEL_P_ACC": 2.1})
+    other = replay(core, golden[0], EVERY)
+    assert np.abs(other.command - flown.command).max() > TOLERANCES["command"]
+
+
+def test_a_changed_noise_figure_is_noticed(golden, flown):
+    core = FlightCore(airframe.load(AIRFRAME))
+    core.filter_params["gps_velocity_noise"] *= 1.1
+    other = replay(core, golden[0], EVERY)
+    assert np.abs(other.velocity_ned - flown.velocity_ned).max() > TOLERANCES["velocity_ned"]
+
+
+def test_a_recording_survives_its_file(golden, tmp_path: Path):
+    recording = golden[0]
+    short = replace(
+        recording, sensors=recording.sensors[:700], setpoints=recording.setpoints[:700], landed=recording.landed[:700]
+    )
+    save(short, tmp_path / "short.npz")
+    again, _ = load(tmp_path / "short.npz")
+    assert again.sensors.tobytes() == short.sensors.tobytes()
+    assert again.setpoints.tobytes() == short.setpoints.tobytes()
+    assert (again.landed == short.landed).all()
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path):
+    (tmp_path / "no.npz").write_bytes(b"nothing")
+    with pytest.raises(UsageError, match=r"record\.py"):
+        load(tmp_path / "no.npz")
+
+
+def test_the_file_is_small():
+    assert FILE.stat().st_size < 300_000
+
+
+def test_the_flight_can_be_recorded_again():
+    recording, truth = fly()
+    assert len(recording.sensors) == len(truth["truth.position_ned"]) * EVERY
+    assert recording.setpoints["armed"].any()

@@ -1,0 +1,50 @@
+"""The benchmark of other simulators: what does not fly the task is not compared, what is not installed is said."""
+
+import json
+
+import pytest
+
+from benchmarks import flight_peers as peers
+from tests.benchmarks.peer_environments import make_environments
+
+
+class Vehicle:
+    """A point that goes to its target with a lag, or does not."""
+
+    def __init__(self, dt, lag_s, offset=(0.0, 0.0, 0.0)):
+        self.dt, self.share, self.offset = dt, dt / lag_s, offset
+        self.place, self.calls = [0.0, 0.0, 0.0], []
+
+    def step(self, number):
+        self.calls.append(number)
+        for axis, wish in enumerate(peers.target(number * self.dt)):
+            self.place[axis] += self.share * (wish + self.offset[axis] - self.place[axis])
+        return tuple(self.place)
+
+
+def test_a_flight_is_timed_from_its_first_hover_on_without_a_gap():
+    vehicle = Vehicle(0.02, 0.3)
+    found = peers.timed(vehicle.step, 0.02, 8.0)
+    assert vehicle.calls == list(range(round((peers.UNTIMED_S + peers.REPEAT * 8.0) / 0.02)))
+    assert found["control_hz"] == 50
+    assert found["rtf"] > 100.0
+    assert found["rtf_cpu"] > 100.0
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "offset"), [(0.3, (0.0, 0.0, -1.0)), (0.3, (0.0, 0.8, 0.0)), (0.3, (0.8, 0.0, 0.0)), (20.0, (0.0,) * 3)]
+)
+def test_what_does_not_fly_the_task_is_not_timed(lag_s, offset):
+    with pytest.raises(RuntimeError, match=r"-?\d\.\d\d to -?\d\.\d\d m"):
+        peers.timed(Vehicle(0.02, lag_s, offset).step, 0.02, 8.0)
+
+
+def test_a_peer_that_is_absent_or_breaks_is_a_note_and_the_rest_are_ratios(tmp_path, monkeypatch):
+    answer = {"rtf": 4.0, "rtf_cpu": 5.0, "control_hz": 100}
+    monkeypatch.setattr(peers, "PEERS", dict.fromkeys(("works", "breaks", "absent")))
+    scripts = {"works": f"print({json.dumps(json.dumps(answer))})", "breaks": "raise ValueError('no rotors')"}
+    make_environments(tmp_path, scripts)
+    found = peers.compare(tmp_path, 500.0, 600.0)
+    assert found["absent"]["note"].startswith("skipped: no virtual environment")
+    assert "no rotors" in found["breaks"]["note"]
+    assert found["works"] == {**answer, "ours_over_it": 125.0, "ours_over_it_cpu": 120.0}

@@ -1,0 +1,98 @@
+"""The benchmark of other renderers: they get our scene, and one that draws something else is not compared."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks import render_peers as peers
+from benchmarks.render_export import export
+from episodes.render import Renderer
+from episodes.scene import Material
+from foundation.camera import CameraModel
+from tests.benchmarks.peer_environments import make_environments
+from tests.episodes.render.scenes import box_mesh, instance, looking, scene_of
+
+CAMERA = CameraModel(1280, 720)
+RED = Material("red", (0.5, 0.0, 0.0), np.full((4, 4, 3), 188, np.uint8))
+
+
+@pytest.fixture
+def exported(tmp_path):
+    """A box of 2 × 1 × 4 m, 10 m north and 3 m east, and another that shares its mesh."""
+    mesh = box_mesh(2.0, 1.0, 4.0, RED)
+    scene = scene_of([instance(1, mesh, (10.0, 3.0, -1.0)), instance(2, mesh, (20.0, -4.0, 0.0))])
+    poses = [looking((0.0, 0.0, -2.0)), looking((0.0, 0.0, -2.0), 180.0)]
+    export(scene, poses, CAMERA, tmp_path)
+    return tmp_path, json.loads((tmp_path / "scene.json").read_text(encoding="utf-8")), scene, poses
+
+
+def corners_of(folder, piece):
+    """Return the (T, 3, 3) corners of a piece, placed in the world: north, west, up."""
+    rows = [line.split() for line in (folder / piece["file"]).read_text().splitlines()]
+    v = np.array([[float(x) for x in r[1:]] for r in rows if r[0] == "v"])
+    faces = np.array([[int(c.split("/")[0]) - 1 for c in r[1:]] for r in rows if r[0] == "f"])
+    c, s = math.cos(piece["yaw"]), math.sin(piece["yaw"])
+    return (v @ np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]) + piece["position"])[faces]
+
+
+def test_every_triangle_stands_where_ours_does_and_faces_outwards(exported):
+    folder, told, scene, _ = exported
+    assert told["triangles"] == sum(len(i.mesh.triangles) for i in scene.instances) == 24
+    assert len({piece["file"] for piece in told["pieces"]}) == 1
+    corners = corners_of(folder, told["pieces"][0])
+    assert corners.reshape(-1, 3).min(axis=0) == pytest.approx((9.0, -3.5, 1.0))
+    assert corners.reshape(-1, 3).max(axis=0) == pytest.approx((11.0, -2.5, 5.0))
+    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert ((outwards * (corners.mean(axis=1) - (10.0, -3.0, 3.0))).sum(axis=1) > 0.0).all()
+
+
+def test_a_texture_becomes_its_mean_colour(exported):
+    red, green, blue = exported[1]["pieces"][0]["color"]
+    assert red**2.2 == pytest.approx(0.5 * (188 / 255) ** 2.2, rel=1e-3)
+    assert green == blue == 0.0
+
+
+def test_projecting_through_the_exported_view_covers_what_we_cover(exported):
+    """A pinhole made from the view's axes and field of view sees the corners where our ids begin and end."""
+    folder, told, scene, poses = exported
+    view = told["views"][0]
+    away = corners_of(folder, told["pieces"][0]).reshape(-1, 3) - view["eye"]
+    focal = 360.0 / math.tan(math.radians(told["vfov_deg"]) / 2.0)
+    x = 640 + focal * (away @ view["right"]) / (away @ view["forward"])
+    y = 360 - focal * (away @ view["up"]) / (away @ view["forward"])
+    ids = Renderer(scene, CAMERA, shadow_cells=64).render(poses[0]).ids
+    rows, columns = np.nonzero(ids == 1)
+    assert (columns.min(), columns.max() + 1) == pytest.approx((x.min(), x.max()), abs=1.0)
+    assert (rows.min(), rows.max() + 1) == pytest.approx((y.min(), y.max()), abs=1.0)
+    assert told["covered"][1] == 0.0
+    assert told["covered"][0] == pytest.approx((ids > 0).mean(), abs=0.005)
+
+
+def test_a_peer_that_sees_another_scene_is_not_timed():
+    scene = {"covered": [0.5, 0.6], "views": [{}, {}]}
+    drawn = []
+    figures = peers.timed(lambda view, size: drawn.append((view, size)), lambda view: (0.51, 0.59)[view], scene)
+    assert set(figures) == {"ms_1280x720", "ms_640x360", "cpu_ms_1280x720", "cpu_ms_640x360"}
+    assert {view for view, _ in drawn} == {0, 1}
+    with pytest.raises(RuntimeError, match=r"0\.000 of view 1"):
+        peers.timed(lambda view, size: None, lambda view: (0.51, 0.0)[view], scene)
+
+
+def test_an_absent_or_broken_peer_is_a_note_and_the_rest_are_ratios(tmp_path, monkeypatch):
+    kept = tmp_path / "exported"
+    kept.mkdir()
+    answer = {"ms_1280x720": 500.0, "ms_640x360": 90.0}
+    monkeypatch.setattr(peers, "PEERS", dict.fromkeys(("works", "breaks", "absent")))
+    scripts = {
+        "works": f"import sys; open(sys.argv[3] + '/picture.npy', 'w')\nprint({json.dumps(json.dumps(answer))})",
+        "breaks": "raise ImportError('no libOSMesa')",
+    }
+    make_environments(tmp_path, scripts)
+    found = peers.compare(tmp_path, kept, lambda: {"ms_1280x720": 100.0, "ms_640x360": 30.0})
+    assert found["absent"]["note"].startswith("absent: no virtual environment")
+    assert "no libOSMesa" in found["breaks"]["note"]
+    assert found["works"]["over_ours_ms_1280x720"] == 5.0
+    assert found["works"]["over_ours_ms_640x360"] == 3.0
+    assert (tmp_path / "works.npy").exists()

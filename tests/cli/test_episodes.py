@@ -1,0 +1,140 @@
+"""`dronecats episodes …` as a user meets it."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from dronecats.cli.main import main
+from episodes import catalogue, par, suites
+from episodes.maps import build
+from foundation.errors import UsageError
+from tests import pictures
+
+SHIPPED = catalogue.load(catalogue.DEFAULT)
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str, status: int = 0) -> str:
+    assert main(["episodes", *arguments]) == status
+    return capsys.readouterr().out
+
+
+def test_list_has_a_row_for_every_episode_and_can_be_narrowed_to_a_suite(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = json.loads(said(capsys, "list", "--json"))["episodes"]
+    assert [row["id"] for row in rows] == catalogue.ids()
+    assert set(rows[0]) == {"id", "map", "cell", "suites", "drones", "par", "instruction"}
+    quick = json.loads(said(capsys, "list", "--json", "--suite", "quick"))["episodes"]
+    assert {row["id"] for row in quick} == {row["id"] for row in rows if "quick" in row["suites"]}
+    assert len(said(capsys, "list").splitlines()) == len(rows)
+
+
+def test_an_unknown_suite_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["episodes", "list", "--suite", "comanding"]) == 2
+    assert "commanding" in capsys.readouterr().err
+    with pytest.raises(UsageError):
+        suites.ids("")
+
+
+def test_suites_part_the_catalogue() -> None:
+    everything = set(suites.ids("all"))
+    assert set(suites.ids("one-drone")) | set(suites.ids("commanding")) == everything
+    assert not set(suites.ids("one-drone")) & set(suites.ids("commanding"))
+    assert suites.of(catalogue.DEFAULT) == ("one-drone", "quick", "all")
+    assert suites.of("mine") == ()
+
+
+def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    picture = tmp_path / "first.png"
+    text = said(capsys, "show", catalogue.DEFAULT, "--picture", str(picture))
+    for part in ("residential", "approaching", "one-drone, quick, all", "cyan suv", SHIPPED.instruction):
+        assert part in text
+    drawn = pictures.read(picture)
+    assert drawn.shape == (720, 1280, 3)
+    assert drawn.std() > 20.0
+    shown = json.loads(said(capsys, "show", catalogue.DEFAULT, "--json"))
+    assert shown["record"] == json.loads(SHIPPED.to_json())
+    assert shown["drones"] == 1
+
+
+def test_only_what_ships_is_in_a_suite(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    same, other = tmp_path / "same.json", tmp_path / "other.json"
+    same.write_text(SHIPPED.to_json())
+    other.write_text(replace(SHIPPED, seed=SHIPPED.seed - 1).to_json())
+    assert "quick" in json.loads(said(capsys, "show", str(same), "--json"))["suites"]
+    shown = json.loads(said(capsys, "show", str(other), "--json"))
+    assert shown["suites"] == []
+    assert shown["par"] is None
+
+
+def test_show_refuses_a_picture_of_no_kind(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["episodes", "show", catalogue.DEFAULT, "--picture", str(tmp_path / "first.gif")]) == 2
+    assert ".png" in capsys.readouterr().err
+
+
+def test_check_accepts_and_rejects(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    house = next(i.position_ned for i in build("residential", 1).instances if i.kind == "house")
+    walled = tmp_path / "walled.json"
+    walled.write_text(replace(SHIPPED, id="walled", target=replace(SHIPPED.target, position_ned=house)).to_json())
+    torn = tmp_path / "torn.json"
+    torn.write_text(SHIPPED.to_json()[:100])
+    answer = json.loads(said(capsys, "check", catalogue.DEFAULT, "--json"))
+    assert answer == {"checked": 1, "rejected": {}, "suite": []}
+    answer = json.loads(said(capsys, "check", catalogue.DEFAULT, str(walled), str(torn), "--json", status=1))
+    assert answer["checked"] == 3
+    assert set(answer["rejected"]) == {"walled", str(torn)}
+    assert "walled.json: field 'target.position_ned'" not in answer["rejected"][str(torn)]
+    assert "field 'target.position_ned': what the target stands in is house-" in answer["rejected"]["walled"]
+    text = said(capsys, "check", str(walled), "--jobs", "1", "--rules", status=1)
+    assert "REJECTED" in text
+    assert "1 checked, 1 rejected" in text
+
+
+def test_no_reason_is_lost_where_files_hold_the_same_id(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    files = [tmp_path / "one.json", tmp_path / "two.json"]
+    for file, distance in zip(files, (3.0, 4.0), strict=True):
+        file.write_text(replace(SHIPPED, start_distance_m=distance).to_json())
+    asked = [str(file) for file in files]
+    answer = json.loads(said(capsys, "check", *asked, catalogue.DEFAULT, "--json", "--jobs", "1", status=1))
+    assert answer["checked"] == 3
+    assert set(answer["rejected"]) == set(asked)
+
+
+def test_check_asks_for_a_record_that_exists(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["episodes", "check", "residential-aproaching-01"]) == 2
+    assert "residential-approaching-01" in capsys.readouterr().err
+
+
+def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
+    assert set(par.load()) <= set(catalogue.known())
+    assert par.load(tmp_path / "none.json") == {}
+    file = tmp_path / "par.json"
+    file.write_text('{"a": 9}')
+    assert par.load(file) == {"a": 9}
+    for wrong in ("[]", '{"a": 0}', '{"a": true}', '{"a": 1.5}'):
+        file.write_text(wrong)
+        with pytest.raises(ValueError, match="table"):
+            par.load(file)
+
+
+def test_recorded_numbers_are_short(tmp_path: Path) -> None:
+    """Millimetres and tenths of degrees: what is drawn again is drawn from what is written."""
+    for name in catalogue.ids():
+        for start in catalogue.load(name).starts:
+            assert all(math.isclose(v, round(v, 3), abs_tol=1e-12) for v in start.position_ned)
+
+
+def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "sheet.jpg"
+    said(capsys, "sheet", "suv", "--out", str(file))
+    one = pictures.read(file)
+    said(capsys, "sheet", "suv", "bus", "--out", str(file))
+    two = pictures.read(file)
+    assert two.shape[1] == one.shape[1]
+    assert two.shape[0] > one.shape[0]
+    assert main(["episodes", "sheet", "suw", "--out", str(file)]) == 2
+    assert "suv" in capsys.readouterr().err
+    assert main(["episodes", "sheet", "suv", "--out", str(tmp_path / "sheet.gif")]) == 2
+    assert "call it" in capsys.readouterr().err
+    assert not (tmp_path / "sheet.gif").exists()

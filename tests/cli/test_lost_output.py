@@ -1,0 +1,66 @@
+"""A reader of the output that goes away costs the words: neither the work, nor the truth of the exit status."""
+
+import json
+import shlex
+import signal
+import subprocess
+
+import pytest
+
+from tests.support.command_line import DRONECATS
+
+FLY = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--latency", "fixed:0.5", "--json", "--out"]
+
+
+def after_one_line(command, **streams):
+    """Start a command, read one line of its output, and close the pipe for ever, as `head -1` does."""
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, **{"stderr": subprocess.PIPE, **streams}, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline()
+    process.stdout.close()
+    return process
+
+
+@pytest.mark.parametrize("stderr", [subprocess.PIPE, subprocess.STDOUT])
+def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
+    process = after_one_line([*FLY, str(tmp_path / "run")], stderr=stderr)
+    said = process.stderr.read() if process.stderr else None
+    assert process.wait(300) == 0
+    (verdict,) = (tmp_path / "run").glob("*/verdict.json")
+    assert json.loads(verdict.read_text())["outcome"] == "success"
+    if said is not None:
+        (note,) = said.splitlines()
+        assert "the flight goes on" in note
+
+
+def test_a_shell_sees_the_status_of_what_it_started():
+    line = f"{shlex.join(DRONECATS)} fly --sitl --speed nonsense 2>&1 | head -0; exit ${{PIPESTATUS[0]}}"
+    assert subprocess.run(["bash", "-c", line], timeout=300, check=False).returncode == 2
+
+
+def test_an_interrupted_flight_without_a_reader_is_an_interrupted_flight(tmp_path):
+    process = after_one_line([*FLY, str(tmp_path / "run"), "--full"])
+    assert "the flight goes on" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(300) == 130
+
+
+def test_a_list_ends_well_and_quietly_when_its_reader_has_enough():
+    process = after_one_line([*DRONECATS, "episodes", "list"])
+    assert process.stderr.read() == ""
+    assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_who_closes_the_output_beforehand_is_served_without_it(closed):
+    line = f"exec {shlex.join([*DRONECATS, 'judge', '/nowhere'])} {closed}"
+    assert subprocess.run(["bash", "-c", line], timeout=60, check=False).returncode == 2
+
+
+def test_an_output_that_cannot_be_written_is_not_done():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*DRONECATS, "episodes", "list"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 3
+    assert done.stderr.strip() == "dronecats episodes: the output cannot be written: No space left on device"

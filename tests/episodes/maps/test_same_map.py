@@ -1,0 +1,54 @@
+"""A map is the same in every process: to the byte, whatever the order in which Python's sets and dicts come."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from episodes import maps
+
+ROOT = Path(__file__).parents[3]
+
+
+def digest(name: str) -> str:
+    """Return a digest of everything that a map is drawn and measured from."""
+    scene, found = maps.build(name, 3), hashlib.sha256()
+    found.update(scene.terrain.down.tobytes())
+    found.update(repr((scene.sun.toward_ned, scene.spawn_ned, scene.latitude_deg, scene.longitude_deg)).encode())
+    for one in scene.instances:
+        found.update(repr((one.id, one.name, one.kind, one.position_ned, one.yaw, one.solid)).encode())
+        for part in (one.mesh.vertices, one.mesh.normals, one.mesh.uv, one.mesh.triangles, one.mesh.material):
+            found.update(part.tobytes())
+        for look in one.mesh.materials:
+            found.update(repr((look.name, look.color, look.emission, look.specular)).encode())
+            found.update(b"" if look.texture is None else look.texture.tobytes())
+    return found.hexdigest()
+
+
+@pytest.mark.parametrize("name", ["blocks", "campus"])
+def test_another_process_builds_the_same_map(name: str) -> None:
+    say = f"from tests.episodes.maps.test_same_map import digest; print(digest({name!r}))"
+    other = {"PYTHONHASHSEED": "7", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", say],
+        cwd=ROOT,
+        env={**os.environ, **other, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == digest(name)
+
+
+@pytest.mark.parametrize("name", maps.shipped())
+def test_all_ground_faces_up(name: str) -> None:
+    for one in maps.build(name, 1).instances:
+        if one.kind == "ground":
+            corners = one.mesh.vertices[one.mesh.triangles].astype(float)
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            assert (normal[:, 2] < 1e-9).all(), one.name  # down is positive: a viewer that culls shows no hole

@@ -1,0 +1,273 @@
+"""Records: what is written is read back, what is wrong is refused in one sentence, and the schema says the same."""
+
+import copy
+import json
+import re
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from episodes import assets, catalogue, maps
+from episodes import record as records
+from episodes.record import EpisodeRecord, Path3D, Start, TargetRecord, parse
+from foundation.errors import UsageError
+
+SCHEMA = json.loads((Path(records.__file__).parent / "record.schema.json").read_text())
+BASE = json.loads(catalogue.load("residential-approaching-01").to_json())
+NATIVE = {"asset": "bench", "native": "bench-12", "position_ned": [4.0, 5.0, -0.1], "yaw_deg": 90.0}
+TRACKING = json.loads(catalogue.load("residential-tracking-01").to_json())
+
+
+def read(document: object) -> EpisodeRecord:
+    return parse(json.dumps(document), "e.json")
+
+
+def changed(document: dict[str, Any], path: tuple[Any, ...], value: object) -> dict[str, Any]:
+    result = copy.deepcopy(document)
+    place = result
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return result
+
+
+def refusal(data: bytes | str) -> str:
+    with pytest.raises(UsageError) as caught:
+        parse(data, "e.json")
+    text = str(caught.value)
+    assert text.startswith("e.json")
+    assert "\n" not in text
+    assert len(text) < 400
+    return text
+
+
+def test_round_trip() -> None:
+    for name in catalogue.ids():
+        record = catalogue.load(name)
+        assert parse(record.to_json(), "again") == record
+
+
+def test_commanding_round_trip() -> None:
+    twin = {"asset": "sedan", "paint": "blue", "position_ned": [8, 2.7, 0], "yaw_deg": 0}
+    others = [{**twin, "inscription": str(3218 + k)} for k in range(3)]
+    document = {**BASE, "cell": "commanding", "target": {**twin, "inscription": "4017"}, "candidates": others}
+    document["starts"] = [{"position_ned": [-10, 2 * k, -2], "yaw_deg": 0} for k in range(4)]
+    record = read(document)
+    assert [c.inscription for c in record.candidates] == ["3218", "3219", "3220"]
+    assert parse(record.to_json(), "again") == record
+    assert "candidates" in refusal(json.dumps({**document, "candidates": []}))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "says"),
+    [
+        (("target", "asset"), "suw", "target.asset"),
+        (("target", "asset"), "../../etc/passwd", "target.asset"),
+        (("target", "paint"), "mauve", "target.paint"),
+        (("target", "yaw_deg"), "north", "target.yaw_deg"),
+        (("target", "position_ned"), [0, 0], "target.position_ned"),
+        (("target", "position_ned"), [0, 1e9, 0], "target.position_ned[1]"),
+        (("target", "position_ned"), [0, True, 0], "target.position_ned[1]"),
+        (("target", "inscription"), "<b>", "target.inscription"),
+        (("starts",), [], "starts"),
+        (("starts", 0, "yaw_deg"), 10**400, "starts[0].yaw_deg"),
+        (("starts", 0, "hight"), 1, "starts[0].hight"),
+        (("map",), "moon", "map"),
+        (("cell",), "approching", "did you mean|approaching"),
+        (("id",), "../x", "id"),
+        (("id",), "", "id"),
+        (("instruction",), "go\n to", "instruction"),
+        (("instruction",), "go\x7f\x9b2J", "control characters"),  # a terminal obeys the second
+        (("instruction",), "go\u2028to", "control characters"),  # a line break that is not ASCII
+        (("instruction",), "x" * 501, "instruction"),
+        (("version",), 2, "version"),
+        (("start_distance_m",), float("inf"), "Infinity"),
+        (("seed",), -1, "seed"),
+        (("seed",), 1.5, "seed"),
+        (("start_distance_m",), 1e3, "start_distance_m"),
+        (("visible_at_start",), 1, "visible_at_start"),
+        (("visible_at_start",), False, "visible_at_start"),
+        (("target", "path"), {"waypoints_ned": [[0, 0, 0], [9, 0, 0]], "speed_mps": 1}, "target.position_ned"),
+        (("targett",), {}, "did you mean 'target'"),
+    ],
+)
+def test_refuses_and_names_the_field(path: tuple[Any, ...], value: object, says: str) -> None:
+    text = refusal(json.dumps(changed(BASE, path, value)))
+    assert any(part in text for part in says.split("|"))
+
+
+@pytest.mark.parametrize("name", [f for f in EpisodeRecord.__dataclass_fields__ if f != "candidates"])
+def test_missing_field(name: str) -> None:
+    document = {k: v for k, v in BASE.items() if k != name}
+    assert f"'{name}' is missing" in refusal(json.dumps(document))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "not valid JSON"),
+        ("[]", "JSON object"),
+        ("null", "JSON object"),
+        ('{"version": NaN}', "NaN"),
+        ('{"version": -Infinity}', "Infinity"),
+        ('{"id": "a", "id": "b"}', "twice"),
+        ("[" * 100_000, "nested"),
+        ('{"a":' * 13 + "1" + "}" * 13, "nested"),
+        ("9" * 5000, "cannot be read"),
+        (b"\xff\xfe{}", "UTF-8"),
+        (" " * 1_000_001, "larger than"),
+        ('{"version": 1e999}', "missing"),
+    ],
+)
+def test_refuses_what_is_no_record(text: str | bytes, says: str) -> None:
+    assert says in refusal(text)
+
+
+def test_a_moving_cell_needs_a_path() -> None:
+    assert "target.path" in refusal(json.dumps({**BASE, "cell": "tracking"}))
+    assert "target.path" in refusal(json.dumps({**TRACKING, "cell": "approaching"}))
+    still = changed(TRACKING, ("target", "path", "waypoints_ned"), [[0, 0, 0], [0, 0, 0]])
+    assert "repeats" in refusal(json.dumps(still))
+
+
+def test_a_native_target_is_named_and_keeps_what_the_map_gave_it() -> None:
+    record = read({**BASE, "target": NATIVE})
+    assert (record.target.native, record.target.asset, record.target.paint) == ("bench-12", "bench", None)
+    assert parse(record.to_json(), "again") == record
+    jsonschema.validate(json.loads(record.to_json()), SCHEMA)
+
+
+@pytest.mark.parametrize(
+    ("target", "says"),
+    [
+        ({**NATIVE, "paint": "red"}, "target.paint"),
+        ({**NATIVE, "inscription": "A 1"}, "target.inscription"),
+        ({**NATIVE, "path": {"waypoints_ned": [[0, 0, 0], [9, 0, 0]], "speed_mps": 1}}, "target.path"),
+        ({**NATIVE, "native": "../../etc/passwd"}, "target.native"),
+        ({**NATIVE, "native": 7}, "target.native"),
+        ({**NATIVE, "asset": "Bench!"}, "target.asset"),
+        ({k: v for k, v in NATIVE.items() if k != "yaw_deg"}, "target.yaw_deg"),
+        ({k: v for k, v in NATIVE.items() if k != "native"}, "target.paint"),
+    ],
+)
+def test_a_native_target_that_is_not_one_is_refused_by_reader_and_schema(target: dict[str, Any], says: str) -> None:
+    document = {**BASE, "target": target}
+    assert f"'{says}'" in refusal(json.dumps(document))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(document, SCHEMA)
+
+
+def test_a_file_of_a_gigabyte_is_refused_before_memory_is_spent(tmp_path: Path) -> None:
+    file = tmp_path / "vast.json"
+    with file.open("wb") as out:
+        out.truncate(10**9)
+    tracemalloc.start()
+    try:
+        with pytest.raises(UsageError, match="larger than"):
+            catalogue.load(file)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_stands_on_posts_cannot_move() -> None:
+    if "sign" in assets.names():
+        assert "cannot move" in refusal(json.dumps(changed(TRACKING, ("target", "asset"), "sign")))
+
+
+def test_big_file_is_not_parsed(tmp_path: Path) -> None:
+    file = tmp_path / "big.json"
+    file.write_bytes(b"[" * 3_000_000)
+    with pytest.raises(UsageError, match="larger than"):
+        records.load(file)
+    with pytest.raises(UsageError, match="regular file"):
+        records.load(tmp_path)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=12,
+)
+places = [
+    ("version",), ("id",), ("map",), ("map_seed",), ("cell",), ("instruction",), ("target",), ("target", "asset"),
+    ("target", "yaw_deg"), ("target", "native"), ("target", "paint"), ("target", "path"),
+    ("target", "position_ned"), ("target", "position_ned", 2), ("starts",), ("starts", 0),
+    ("starts", 0, "position_ned"), ("starts", 0, "yaw_deg"), ("seed",), ("bearing_deg",), ("candidates",), ("extra",),
+]  # fmt: skip
+
+
+@settings(max_examples=300, deadline=None)
+@given(path=st.sampled_from(places), value=json_values)
+def test_any_change_is_read_or_refused_as_the_schema_says(path: tuple[Any, ...], value: object) -> None:
+    document = changed(BASE, path, value)
+    try:
+        read(document)
+    except UsageError:
+        return
+    jsonschema.validate(document, SCHEMA)  # the loader checks more (cells, control characters), never less
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200) | st.text(max_size=200))
+def test_any_bytes_are_refused_politely(data: bytes | str) -> None:
+    refusal(data)
+
+
+def test_schema_is_the_dataclasses() -> None:
+    shapes: dict[str, Any] = {
+        "target": TargetRecord,
+        "path": Path3D,
+        "start": Start,
+    }
+    for name, shape in shapes.items():
+        assert list(SCHEMA["$defs"][name]["properties"]) == list(shape.__dataclass_fields__)
+    fields = list(EpisodeRecord.__dataclass_fields__)
+    assert list(SCHEMA["properties"]) == fields
+    assert SCHEMA["required"] == fields[:-1]
+    word = re.compile(SCHEMA["$defs"]["name"]["pattern"])
+    assert all(word.fullmatch(known) for known in maps.names())
+    assert SCHEMA["properties"]["cell"]["enum"] == list(records.CELLS)
+    assert SCHEMA["$defs"]["asset"]["enum"] == assets.names()
+    assert SCHEMA["$defs"]["target"]["properties"]["paint"]["enum"] == list(assets.PAINTS)
+
+
+def test_bounds_of_schema_and_loader_agree() -> None:
+    cases: list[tuple[tuple[Any, ...], float]] = [
+        (("start_distance_m",), 300), (("start_distance_m",), 0), (("bearing_deg",), 360), (("bearing_deg",), 0),
+        (("seed",), 2**31 - 1), (("seed",), 0), (("target", "yaw_deg"), 360), (("target", "yaw_deg"), -360),
+        (("starts", 0, "position_ned", 1), 1000), (("starts", 0, "position_ned", 1), -1000),
+    ]  # fmt: skip
+    for path, bound in cases:
+        inside = changed(BASE, path, bound)
+        read(inside)
+        jsonschema.validate(inside, SCHEMA)
+        outside = changed(BASE, path, bound + (1 if bound > 0 else -1))
+        refusal(json.dumps(outside))
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(outside, SCHEMA)
+
+
+def test_catalogue_finds_ids_files_and_folders(tmp_path: Path) -> None:
+    record = catalogue.load(catalogue.DEFAULT)
+    (tmp_path / "episode.json").write_text(record.to_json())
+    assert catalogue.load(tmp_path) == record
+    assert catalogue.load(tmp_path / "episode.json") == record
+    assert all(catalogue.load(name).id == name for name in catalogue.ids())
+
+
+@pytest.mark.parametrize("name", ["residential-aproaching-01", "", "../records", "a" * 5000, "x\0y", "no/such.json"])
+def test_catalogue_refuses(name: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        catalogue.load(name)
+    assert len(str(caught.value)) < 400
+
+
+def test_catalogue_suggests() -> None:
+    with pytest.raises(UsageError, match="residential-approaching-01"):
+        catalogue.load("residential-aproaching-01")

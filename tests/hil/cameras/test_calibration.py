@@ -1,0 +1,267 @@
+"""The lens from a chessboard, and pictures made straight: against a lens that is known because it was drawn."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from hil.cameras.calibration import Calibration, load, save
+from hil.cameras.chessboard import Board, board_of, corners, fit, is_new
+from hil.cameras.lens import Lens
+from tests.hil.cameras.board_views import BOARD, LENS, POSES, corners_of, placed, rays, view
+
+FISHEYE = Calibration(
+    640, 480, ((280.0, 0.0, 322.0), (0.0, 280.0, 237.0), (0.0, 0.0, 1.0)), (0.02, -0.006, 0.002, -4e-4), True
+)
+
+
+def model_of(lens: Lens) -> CameraModel:
+    """Return the pinhole that a lens's pictures are straightened to; it has one."""
+    assert lens.model is not None
+    return lens.model
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Return the pictures of the board in every pose."""
+    directions = rays(LENS)
+    return [view(directions, pose) for pose in POSES]
+
+
+@pytest.fixture(scope="module")
+def seen(views):
+    """Return the corners in those pictures."""
+    found = [corners(picture, BOARD) for picture in views]
+    assert all(places is not None for places in found)
+    return found
+
+
+def bent(lens, points):
+    """Return where (px) the lens puts directions given as x/z, y/z."""
+    if lens.fisheye:
+        return cv2.fisheye.distortPoints(points.reshape(-1, 1, 2), np.array(lens.matrix), np.array(lens.distortion))
+    rays3 = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+    return cv2.projectPoints(rays3, np.zeros(3), np.zeros(3), np.array(lens.matrix), np.array(lens.distortion))[0]
+
+
+def test_a_known_lens_is_found_again(seen):
+    found = fit(seen, BOARD, LENS.width, LENS.height)
+    for k in (0, 1):
+        assert found.calibration.matrix[k][k] == pytest.approx(LENS.matrix[k][k], rel=0.01)
+        assert found.calibration.matrix[k][2] == pytest.approx(LENS.matrix[k][2], abs=3.0)
+    assert found.calibration.distortion[0] == pytest.approx(LENS.distortion[0], abs=0.02)
+    directions = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(-0.35, 0.35, 9)), -1).reshape(-1, 2)
+    off_px = np.linalg.norm(bent(found.calibration, directions) - bent(LENS, directions), axis=2)
+    assert off_px.max() < 1.5
+    assert found.calibration.error_px is not None
+    assert found.calibration.error_px < 0.3
+    assert abs(found.calibration.matrix[0][0] / LENS.matrix[0][0] - 1.0) < 5.0 * found.focal_sigma
+    assert model_of(Lens(found.calibration)).hfov_deg == pytest.approx(model_of(Lens(LENS)).hfov_deg, abs=0.3)
+
+
+def test_a_straightened_picture_is_the_pinholes_that_the_model_says(views):
+    """Where a pinhole of that width and field of view, its axis in the middle of the picture, would see the corners."""
+    lens = Lens(LENS)
+    model = model_of(lens)
+    for pose, picture in zip(POSES[:6], views, strict=False):
+        places = corners(lens.straightened(picture), BOARD)
+        assert places is not None
+        turn, middle = placed(pose)
+        grid = BOARD.points - BOARD.points.mean(axis=0)
+        ahead = grid @ turn.T + middle
+        centre = np.array([model.width / 2 - 0.5, model.height / 2 - 0.5])  # pixel 0 is at 0.5 px
+        wanted = ahead[:, :2] / ahead[:, 2:] * model.focal_px + centre
+        found = places.reshape(-1, 2)
+        off = min((found - wanted, found - wanted[::-1]), key=lambda apart: np.abs(apart).max())
+        assert np.abs(off).max() < 0.6
+        assert np.abs(off.mean(axis=0)).max() < 0.15  # half a pixel of another convention would show here
+
+
+@pytest.mark.parametrize("lens", [LENS, FISHEYE])
+def test_a_straightened_picture_is_the_widest_without_an_empty_corner(lens):
+    """Every ray along its edge was in the camera's picture, and one of them at its very edge."""
+    focal_px, size = model_of(Lens(lens)).focal_px, np.array([lens.width, lens.height])
+    steps = np.linspace(-1.0, 1.0, 41)
+    edge = [(a, b) for s in (-1.0, 1.0) for a, b in [*((s, t) for t in steps), *((t, s) for t in steps)]]
+    places = bent(lens, np.array(edge) * (size - 1) / 2 / focal_px).reshape(-1, 2)
+    room = np.minimum(places, size - 1 - places).min(axis=1)
+    assert -1.5 < room.min() < 1.5
+
+
+def test_a_fisheye_becomes_a_pinhole_too():
+    """A straight line in the world is one in the picture: three directions on it stay in line."""
+    model = model_of(Lens(FISHEYE))
+    assert 90.0 < model.hfov_deg < 120.0
+    picture = np.zeros((480, 640, 3), np.uint8)
+    line = np.array([[x, 0.45, 1.0] for x in np.linspace(-1.0, 1.0, 300)])
+    matrix, bend = np.array(FISHEYE.matrix), np.array(FISHEYE.distortion)
+    places = cv2.fisheye.distortPoints((line[:, :2] / line[:, 2:]).reshape(-1, 1, 2), matrix, bend).reshape(-1, 2)
+    cv2.polylines(picture, [np.round(places * 16).astype(np.int32)], False, (255, 255, 255), 2, cv2.LINE_AA, 4)
+    straight = Lens(FISHEYE).straightened(picture)[:, :, 1].astype(float)
+    rows = np.arange(480)
+    heights = [float((rows * straight[:, x]).sum() / straight[:, x].sum()) for x in range(120, 520, 40)]
+    assert np.ptp(heights) < 0.5
+    assert heights[0] == pytest.approx(0.45 * model.focal_px + 239.5, abs=0.5)
+
+
+def test_without_a_calibration_pictures_stay_and_the_field_of_view_is_what_was_said():
+    lens, picture = Lens(hfov_deg=70.0), np.random.default_rng(1).integers(0, 255, (90, 160, 3)).astype(np.uint8)
+    assert lens.model is None
+    assert lens.straightened(picture) is picture
+    model = model_of(lens)
+    assert (model.width, model.height, model.hfov_deg) == (160, 90, 70.0)
+
+
+def test_a_picture_of_another_size_is_refused():
+    with pytest.raises(UsageError, match="gives 160×90 px, and its calibration is of 640×480 px"):
+        Lens(LENS).straightened(np.zeros((90, 160, 3), np.uint8))
+
+
+@pytest.mark.parametrize("bend", [(-3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.9, 0.9), (50.0, -900.0, 0.0, 0.0)])
+def test_a_lens_that_cannot_be_undone_is_refused(bend):
+    with pytest.raises(UsageError, match="the calibration's lens cannot be undone"):
+        Lens(Calibration(640, 480, LENS.matrix, bend))
+
+
+# -- what is no calibration ----------------------------------------------------------------------------------------
+
+
+def test_too_few_views_are_refused(seen):
+    with pytest.raises(UsageError, match="9×6 inner corners is seen in 9 different pictures, and 10 are wanted"):
+        fit(seen[:9], BOARD, 640, 480)
+
+
+def test_a_wrong_board_is_refused(seen):
+    """The same number of corners, read as the board's other way round: nothing fits."""
+    with pytest.raises(UsageError, match=r"the reprojection error is \d+\.\d\d px, and more than 1 is no calibration"):
+        fit(seen, Board(6, 9, 0.025), 640, 480)
+
+
+def test_a_board_that_was_never_tilted_is_refused():
+    """It fits perfectly, the solver is sure of itself to 0.01 %, and its focal length is a third too short."""
+    flat = [(0, 0, 2.0 * k, 0.5 * math.cos(k), 0.5 * math.sin(k), 0.33) for k in range(10)]
+    with pytest.raises(UsageError, match="always shown at nearly the same angle, which leaves the focal length open"):
+        fit([corners_of(pose, 0.1) for pose in flat], BOARD, 640, 480)
+
+
+def test_a_focal_length_that_is_not_known_well_is_refused():
+    little = [
+        (9 * math.cos(k), 9 * math.sin(k), 0.0, 0.5 * math.cos(2.4 * k), 0.5 * math.sin(2.4 * k), 0.33)
+        for k in range(10)
+    ]
+    with pytest.raises(UsageError, match=r"the focal length is known to \d+\.\d% only, and 1% is wanted"):
+        fit([corners_of(pose, 0.6) for pose in little], BOARD, 640, 480)
+
+
+def test_a_board_in_the_middle_only_is_refused():
+    middle = [(30 * math.cos(k), 30 * math.sin(k), 9 * k, 0.0, 0.0, 0.42) for k in range(12)]
+    with pytest.raises(
+        UsageError, match=r"seen in \d+% of the picture, and 50% is wanted: bring the board to the edges"
+    ):
+        fit([corners_of(pose, 0.1) for pose in middle], BOARD, 640, 480)
+
+
+def test_a_picture_without_a_board_has_no_corners(views):
+    assert corners(np.full((480, 640, 3), 128, np.uint8), BOARD) is None
+    assert corners(views[0], Board(8, 7, 0.025)) is None
+
+
+def test_a_view_is_new_when_the_board_has_moved(seen):
+    assert not is_new(seen[0] + 3.0, seen[:1], 640)
+    assert is_new(seen[1], seen[:1], 640)
+
+
+@pytest.mark.parametrize("size", ["9", "9x", "axb", "2x9", "60x9", "6x6", "", "-9x6"])
+def test_what_is_no_board_is_refused(size):
+    with pytest.raises(UsageError, match="--board wants"):
+        board_of(size, 0.025)
+
+
+def test_squares_are_in_metres():
+    with pytest.raises(UsageError, match=r"--square wants the side of a square in metres, from 0\.001 to 10, not 25"):
+        board_of("9x6", 25.0)
+
+
+# -- the file ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", [".yml", ".yaml", ".json", ".xml"])
+@pytest.mark.parametrize("lens", [LENS, FISHEYE])
+def test_what_is_written_is_read(tmp_path, ending, lens):
+    save(lens, tmp_path / f"camera{ending}")
+    assert load(tmp_path / f"camera{ending}") == lens
+
+
+def test_a_file_of_opencvs_own_making_is_read(tmp_path):
+    """The fields that its calibration sample writes, whole numbers among the coefficients."""
+    path = tmp_path / "camera.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("calibration_time", "some day")
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", np.array(LENS.matrix))
+    storage.write("distortion_coefficients", np.array([[-0.28], [0.09], [0.0], [0.0], [0.0]]))
+    storage.write("avg_reprojection_error", 0.21)
+    storage.release()
+    assert load(path) == Calibration(640, 480, LENS.matrix, (-0.28, 0.09, 0.0, 0.0, 0.0), False, 0.21)
+
+
+def matrix(rows, cols, data):
+    return {"type_id": "opencv-matrix", "rows": rows, "cols": cols, "dt": "d", "data": data}
+
+
+GOOD = {
+    "image_width": 640,
+    "image_height": 480,
+    "camera_matrix": matrix(3, 3, [520.0, 0.0, 326.0, 0.0, 518.0, 236.0, 0.0, 0.0, 1.0]),
+    "distortion_coefficients": matrix(1, 4, [-0.28, 0.09, 0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"image_width": None}, "'image_width' is missing"),
+        ({"image_height": "tall"}, "'image_height' is missing"),
+        ({"image_width": -640}, "'image_width' is not the width"),
+        ({"camera_matrix": None}, "'camera_matrix' is missing"),
+        ({"camera_matrix": matrix(2, 2, [1.0, 0.0, 0.0, 1.0])}, "'camera_matrix' is not a matrix of 3 × 3"),
+        ({"camera_matrix": matrix(3, 3, [0.0] * 9)}, "'camera_matrix' is not that of a camera with 640×480 px"),
+        ({"image_width": 320}, "'camera_matrix' is not that of a camera with 320×480 px"),
+        ({"distortion_coefficients": matrix(1, 3, [0.0] * 3)}, "'distortion_coefficients' does not hold 4 or 5 or 8"),
+        ({"fisheye_model": 1, "distortion_coefficients": matrix(1, 5, [0.0] * 5)}, "does not hold 4 numbers"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(tmp_path, change, said):
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({name: value for name, value in {**GOOD, **change}.items() if value is not None}))
+    with pytest.raises(UsageError, match=said):
+        load(path)
+
+
+def test_what_is_no_file_of_opencvs_is_said(tmp_path):
+    path = tmp_path / "camera.yml"
+    for content in (b"", b"%YAML:1.0\n---\n: : [", b"camera_matrix:\n  rows: 3\n  cols: 3\n", b"\xff\xfe\x00", b"{"):
+        path.write_bytes(content)
+        with pytest.raises(UsageError, match=r"camera\.yml'"):
+            load(path)
+    with pytest.raises(UsageError, match="cannot be read: No such file"):
+        load(tmp_path / "none.yml")
+    with pytest.raises(UsageError, match="should end in"):
+        save(LENS, tmp_path / "camera.txt")
+    with pytest.raises(UsageError, match="cannot be written"):
+        save(LENS, tmp_path / "no" / "camera.yml")
+
+
+@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
+def test_nonsense_is_a_sentence(tmp_path_factory, text):
+    path = tmp_path_factory.getbasetemp() / "nonsense.yml"
+    path.write_text(f"%YAML:1.0\n---\n{text}", encoding="utf-8", errors="replace")
+    with pytest.raises(UsageError, match="calibration file"):
+        load(path)

@@ -1,0 +1,224 @@
+"""Snapshots and motion JPEG, over real sockets."""
+
+import base64
+import hashlib
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from foundation.errors import CameraError, UsageError
+from hil.cameras.mjpeg import Multipart
+from hil.cameras.open import open_camera
+from hil.cameras.snapshot import HttpCamera
+from hil.cameras.stream import StreamCamera
+from tests.hil.cameras import picture_code
+from tests.hil.cameras.host_clock import host_us
+from tests.hil.cameras.http_cameras import HttpServer, MjpegServer, jpeg, reply
+
+
+@pytest.fixture
+def serve():
+    servers = []
+
+    def start(server):
+        servers.append(server)
+        return server
+
+    yield start
+    for server in servers:
+        server.close()
+
+
+def test_a_snapshot_of_the_simulated_camera_keeps_the_stamp_it_came_with(serve):
+    stamped = {"X_Frame_Id": "41", "X_Frame_Time_Us": "7000000", "Content_Type": "image/jpeg"}
+    server = serve(HttpServer(lambda handler: reply(handler, 200, jpeg(5), **stamped)))
+    camera = open_camera(server.url(), lambda: 7_400_000)
+    frame = camera.newest()
+    assert isinstance(camera, HttpCamera)
+    assert (frame.frame_id, frame.time_us, picture_code.read(frame.image_rgb)) == (41, 7_000_000, 5)
+    assert (camera.model.width, camera.model.height, camera.model.hfov_deg) == (256, 144, 90.0)
+    camera.close()
+
+
+def test_a_snapshot_that_is_old_is_an_error_and_no_picture(serve):
+    stamped = {"X_Frame_Id": "41", "X_Frame_Time_Us": "7000000"}
+    server = serve(HttpServer(lambda handler: reply(handler, 200, jpeg(5), **stamped)))
+    camera = open_camera(server.url(), lambda: 8_600_000)
+    with pytest.raises(CameraError, match=r"gives no frame: the newest is 1\.6 s old"):
+        camera.newest()
+    camera.close()
+
+
+def test_a_plain_snapshot_is_stamped_when_its_first_bytes_come(serve):
+    """The picture takes 0.3 s to come, in two halves: that time is no part of its stamp."""
+    began = []
+
+    def slow(handler):
+        picture = jpeg(9)
+        handler.send_response(200)
+        handler.send_header("Content-Length", str(len(picture)))
+        handler.end_headers()
+        began.append(host_us())
+        handler.wfile.write(picture[:500])
+        handler.wfile.flush()
+        threading.Event().wait(0.3)
+        handler.wfile.write(picture[500:])
+
+    server = serve(HttpServer(slow))
+    camera = HttpCamera(server.url(), host_us)
+    frame = camera.newest()
+    assert picture_code.read(frame.image_rgb) == 9
+    assert 0 <= frame.time_us - began[-1] < 150_000
+    assert host_us() - frame.time_us > 290_000
+    camera.close()
+
+
+@pytest.mark.parametrize("lengths", [True, False])
+def test_motion_jpeg_gives_the_newest_picture_however_long_nobody_asked(serve, lengths):
+    server = serve(MjpegServer(20.0, lengths=lengths))
+    camera = open_camera(server.url(), host_us)
+    assert isinstance(camera, StreamCamera)
+    camera.newest()
+    threading.Event().wait(2.0)  # forty pictures that nobody asks for: a buffer would now be two seconds deep
+    now, asked_us = server.number_now(), host_us()
+    frame = camera.newest()
+    # a picture without a length is known to be complete when the next begins
+    assert picture_code.read(frame.image_rgb) >= now - (4 if lengths else 5)
+    assert 0 <= asked_us - frame.time_us < 300_000
+    after = camera.following(frame.frame_id)
+    assert after.frame_id > frame.frame_id
+    assert after.time_us > frame.time_us
+    camera.close()
+
+
+def test_the_stamp_is_the_vehicle_clock_of_the_moment_it_came(serve):
+    server = serve(MjpegServer(10.0))
+    camera = open_camera(server.url(), lambda: host_us() + 5_000_000_000)
+    frame = camera.newest()
+    born_us = round((server.began_s + picture_code.read(frame.image_rgb) / server.rate_hz) * 1e6)
+    assert 0 <= frame.time_us - 5_000_000_000 - born_us < 200_000
+    camera.close()
+
+
+def test_a_stream_that_falls_silent_is_an_error_in_a_second_and_not_an_old_picture(serve):
+    server = serve(MjpegServer(20.0, then_silent_after=3))
+    camera = StreamCamera(*stream_of(server), patience_s=0.2)
+    camera.following(1)
+    threading.Event().wait(1.2)
+    with pytest.raises(CameraError, match=r"gives no frame: the last one is 1\.\d s old"):
+        camera.newest()
+    camera.close()
+
+
+def test_a_dropped_stream_comes_back_by_itself(serve):
+    server = serve(MjpegServer(20.0))
+    camera = open_camera(server.url(), host_us)
+    before = camera.newest()
+    server.cut.set()
+    threading.Event().wait(0.2)
+    server.cut.clear()
+    after = camera.following(camera.newest().frame_id + 3)
+    assert picture_code.read(after.image_rgb) > picture_code.read(before.image_rgb)
+    assert camera.reopened >= 1
+    camera.close()
+
+
+def stream_of(server):
+    from hil.cameras.http import Caller
+    from hil.cameras.lens import Lens
+    from hil.cameras.mjpeg import MjpegSource
+
+    return MjpegSource(Caller(server.url())), "a test", host_us, Lens()
+
+
+def test_digest_authentication_which_most_cameras_ask_for(serve):
+    def guarded(handler):
+        given = handler.headers.get("Authorization", "")
+        fields = dict(part.strip().split("=", 1) for part in given.removeprefix("Digest ").split(",") if "=" in part)
+        fields = {name: value.strip('"') for name, value in fields.items()}
+        if given.startswith("Digest ") and fields["response"] == digest("pilot", "hush/@1", fields):
+            return reply(handler, 200, jpeg(3))
+        return reply(handler, 401, b"no", WWW_Authenticate='Digest realm="cam", nonce="abc", qop="auth"')
+
+    def digest(user, password, fields):
+        def md5(text):
+            return hashlib.md5(text.encode()).hexdigest()
+
+        a1, a2 = md5(f"{user}:cam:{password}"), md5(f"GET:{fields['uri']}")
+        return md5(f"{a1}:abc:{fields['nc']}:{fields['cnonce']}:auth:{a2}")
+
+    server = serve(HttpServer(guarded))
+    camera = open_camera(server.url(user="pilot:hush%2F%401"), host_us)
+    assert picture_code.read(camera.newest().image_rgb) == 3
+    camera.close()
+
+
+def test_basic_authentication(serve):
+    wanted = "Basic " + base64.b64encode(b"pilot:hush").decode()
+
+    def guarded(handler):
+        right = handler.headers.get("Authorization") == wanted
+        return reply(handler, 200, jpeg(3)) if right else reply(handler, 401, b"no", WWW_Authenticate="Basic")
+
+    server = serve(HttpServer(guarded))
+    camera = open_camera(server.url(user="pilot:hush"), host_us)
+    assert picture_code.read(camera.newest().image_rgb) == 3
+    camera.close()
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "headers", "said"),
+    [
+        (503, b"still starting\n", {}, "it answered 503 still starting"),
+        (200, b"<html>", {"Content_Type": "text/html"}, "what it sent is not a picture"),
+        (200, b"", {}, "what it sent is not a picture"),
+        (200, jpeg(1), {"X_Frame_Id": "seven"}, "X-Frame headers are not whole numbers"),
+        (200, b"", {"Content_Type": "multipart/x-mixed-replace"}, "names no boundary"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence_without_the_password(serve, status, body, headers, said):
+    server = serve(HttpServer(lambda handler: reply(handler, status, body, **headers)))
+    with pytest.raises(CameraError, match=said) as caught:
+        open_camera(server.url("/x.jpg?channel=1&password=hush2", user="pilot:hush1"), host_us).newest()
+    assert "hush" not in str(caught.value)
+    assert "pilot" not in str(caught.value)
+    assert "channel=1" in str(caught.value)
+
+
+def test_nobody_there_is_said_without_the_password():
+    for url in ("http://pilot:hush@127.0.0.1:1/x", "rtsp://pilot:hush@127.0.0.1:1/x?token=hush"):
+        with pytest.raises(CameraError, match=r"\*\*\*@127\.0\.0\.1:1/x.* gives no frame") as caught:
+            open_camera(url, host_us)
+        assert "hush" not in str(caught.value)
+    with pytest.raises(UsageError, match="special characters of a password") as wrong:
+        open_camera("http://pilot:hu/sh@host/x", host_us)
+    assert str(wrong.value).startswith("camera 'http://***@host/x' is no http address")
+
+
+PARTS = st.lists(st.binary(min_size=1, max_size=200).filter(lambda b: b"--B" not in b), min_size=1, max_size=5)
+
+
+@given(PARTS, st.booleans(), st.integers(1, 60), st.sampled_from(["B", "--B", '"B"']))
+def test_however_the_bytes_are_cut_the_parts_are_the_same(bodies, lengths, cut, named):
+    stream = b"a preamble"
+    for body in bodies:
+        length = f"Content-Length: {len(body)}\r\n" if lengths else ""
+        stream += f"\r\n--B\r\nContent-Type: image/jpeg\r\n{length}\r\n".encode() + body
+    stream += b"\r\n--B\r\n"
+    parts = Multipart(f"multipart/x-mixed-replace;boundary={named}")
+    got = []
+    for second, at in enumerate(range(0, len(stream), cut)):
+        got += [(second, *part) for part in parts.feed(stream[at : at + cut], float(second))]
+    assert [body for _, _, body in got] == bodies
+    assert all(began <= second for second, began, _ in got)
+
+
+@given(st.binary(max_size=2000), st.integers(1, 100))
+def test_nonsense_is_no_part_and_no_exception(data, cut):
+    parts = Multipart("multipart/x-mixed-replace; boundary=B")
+    for at in range(0, len(data), cut):
+        for began_s, body in parts.feed(data[at : at + cut], 1.0):
+            assert began_s == 1.0
+            assert body in data

@@ -1,0 +1,181 @@
+"""The wire on real sockets: whole frames, both ways, over UDP and TCP, and as a command."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from foundation.mavlink import Packer, Parser, dialect
+from hil.impairment.channel import Impairment
+from hil.impairment.wire import Frames, ImpairedWire
+from hil.link.transport import Transport, connect
+from tests.hil.link import listening
+from tests.support.command_line import DRONECATS
+from tests.support.ports import free_port
+
+PERFECT = Impairment()
+
+
+def pings(count: int) -> list[bytes]:
+    packer = Packer(245, 191)
+    return [packer.pack(dialect.MAVLink_ping_message(1000 + n, n, 0, 0)) for n in range(count)]
+
+
+def hear(end: Transport, count: int, seconds: float = 5.0) -> list[int]:
+    """Return the sequence numbers of the pings that arrive, in order, until there are `count`."""
+    parser, until = Parser(), time.monotonic() + seconds
+    heard: list[int] = []
+    while len(heard) < count and time.monotonic() < until:
+        heard += [m.seq for m in parser.feed(end.receive(0.05))]
+    return heard
+
+
+def udp_wire(up: Impairment, down: Impairment = PERFECT, seed: int = 0) -> tuple[ImpairedWire, Transport, Transport]:
+    """Return a wire with an end of ours on either side."""
+    autopilot = listening.udp()
+    listener = listening.udp()
+    wire = ImpairedWire(listener, connect(f"udpout://127.0.0.1:{autopilot.port}"), up, down, seed)
+    return wire, connect(f"udpout://127.0.0.1:{listener.port}"), autopilot
+
+
+@given(st.lists(st.one_of(st.sampled_from(pings(3)), st.binary(max_size=30))), st.lists(st.integers(1, 40)))
+def test_cutting_into_frames_neither_loses_nor_invents_bytes(parts: list[bytes], sizes: list[int]) -> None:
+    data, frames, out = b"".join(parts), Frames(), b""
+    at = 0
+    for size in sizes:
+        out += b"".join(frames.feed(data[at : at + size]))
+        at += size
+    out += b"".join(frames.feed(data[at:]))
+    assert data.startswith(out)
+    assert len(data) - len(out) < 300  # the beginning of a frame whose end has not come
+
+
+def test_frames_are_cut_where_they_begin_whoever_speaks() -> None:
+    ours = pings(2)
+    old = b"\xfe\x03\x00\x01\x01\x00abcXY"
+    signed = bytes([0xFD, 2, 1, 0, 0, 1, 1, 4, 0, 0]) + b"ab" + b"XY" + bytes(13)
+    data = ours[0] + b"noise" + old + signed + ours[1]
+    assert Frames().feed(data) == [ours[0], b"noise", old, signed, ours[1]]
+    bitten = Frames()
+    assert [u for i in range(len(data)) for u in bitten.feed(data[i : i + 1]) if len(u) > 1] == [
+        ours[0], old, signed, ours[1],
+    ]  # fmt: skip
+
+
+def test_a_perfect_wire_changes_nothing() -> None:
+    wire, agent, autopilot = udp_wire(PERFECT)
+    with wire:
+        for frame in pings(50):
+            agent.send(frame)
+        assert hear(autopilot, 50) == list(range(50))
+        for frame in pings(50):
+            autopilot.send(frame)
+        assert hear(agent, 50) == list(range(50))
+
+
+def test_loss_belongs_to_the_seed() -> None:
+    heard = []
+    for seed in (1, 1, 2):
+        wire, agent, autopilot = udp_wire(Impairment(loss=0.3), seed=seed)
+        with wire:
+            for frame in pings(100):
+                agent.send(frame)
+            heard.append(hear(autopilot, 100, seconds=0.5))
+            assert len(heard[-1]) == 100 - wire.up.counts.lost
+    assert heard[0] == heard[1] != heard[2]
+    assert 50 <= len(heard[0]) <= 90
+
+
+def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
+    wire, agent, autopilot = udp_wire(Impairment(delay_s=0.3))
+    with wire:
+        sent_s = time.monotonic()
+        agent.send(pings(1)[0])
+        assert hear(autopilot, 1) == [0]
+        assert 0.3 <= time.monotonic() - sent_s < 0.6
+        sent_s = time.monotonic()
+        autopilot.send(pings(1)[0])
+        assert hear(agent, 1) == [0]
+        assert time.monotonic() - sent_s < 0.25
+
+
+def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:
+    far, near = listening.tcp(), listening.tcp()
+    with ImpairedWire(near, connect(f"tcp://127.0.0.1:{far.port}"), PERFECT, PERFECT):
+        for _ in range(2):
+            agent = connect(f"tcp://127.0.0.1:{near.port}")
+            for frame in pings(20):
+                agent.send(frame)
+            assert hear(far, 20) == list(range(20))
+            far.send(pings(1)[0])
+            assert hear(agent, 1) == [0]
+            agent.close()
+    far.close()
+
+
+def test_an_end_that_breaks_is_told() -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+    wire = ImpairedWire(
+        connect("udpin://127.0.0.1:0"), connect(f"tcp://127.0.0.1:{listener.getsockname()[1]}"), PERFECT, PERFECT
+    )
+    with wire:
+        listener.accept()[0].close()
+        until = time.monotonic() + 5.0
+        while wire.fault is None and time.monotonic() < until:
+            time.sleep(0.01)
+        with pytest.raises(Exception, match="closed by the other side"):
+            wire.check()
+    listener.close()
+
+
+def command(*arguments: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [*DRONECATS, "impair", *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def test_the_command_counts_and_ends_with_ctrl_c() -> None:
+    autopilot = listening.udp()
+    port = free_port()
+    process = command(
+        "--listen", f"udpin://127.0.0.1:{port}", "--to", f"udpout://127.0.0.1:{autopilot.port}",
+        "--loss", "0.5,0", "--seed", "1",
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert "carrying between" in process.stdout.readline()
+    agent = connect(f"udpout://127.0.0.1:{port}")
+    for frame in pings(40):
+        agent.send(frame)
+    heard = hear(autopilot, 40, seconds=1.0)
+    os.kill(process.pid, signal.SIGINT)
+    told, errors = process.communicate(timeout=20)
+    assert process.returncode == 0, errors
+    counted = re.search(r"to the autopilot: taken 40, arrived (\d+), lost (\d+)", told)
+    assert counted is not None, told
+    assert (int(counted[1]), int(counted[2])) == (len(heard), 40 - len(heard))
+    assert "from it: taken 0, arrived 0" in told
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (["--loss", "2"], "loss is a share from 0 to 1"),
+        (["--delay", "1,2,3"], "--delay takes A both ways"),
+        (["--cut", "5"], "--cut takes FROM:TO"),
+        (["--report", "0"], "--report wants"),
+        (["--baud", "nan"], "--baud takes"),
+    ],
+)
+def test_wrong_words_are_refused_in_one_sentence(wrong: list[str], said: str) -> None:
+    process = command("--listen", "udpin://127.0.0.1:0", "--to", "udpout://127.0.0.1:9", *wrong)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert said in errors
+    assert len(errors.strip().splitlines()) == 1

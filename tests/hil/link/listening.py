@@ -1,0 +1,17 @@
+"""Ends that listen on a port of the system's choice."""
+
+from hil.link.transport import TcpListener, UdpTransport, connect
+
+
+def udp() -> UdpTransport:
+    """Return a UDP end that whoever speaks to its port is answered from."""
+    end = connect("udpin://127.0.0.1:0")
+    assert isinstance(end, UdpTransport)
+    return end
+
+
+def tcp() -> TcpListener:
+    """Return a TCP server for one client at a time."""
+    end = connect("tcpin://127.0.0.1:0")
+    assert isinstance(end, TcpListener)
+    return end

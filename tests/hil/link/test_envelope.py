@@ -1,0 +1,155 @@
+"""The envelope holds for every vehicle that follows its setpoints with a lag, wherever it is sent."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from foundation.errors import LinkError
+from hil.link.envelope import Limits, admit, crosses, inside, placed, unwatched
+from hil.link.offboard import PositionSetpoint, VelocitySetpoint
+from hil.link.telemetry import VehicleState
+
+HOME = (10.0, -20.0, 1.0)
+SQUARE = ((3.0, -2.0), (3.0, 2.0), (7.0, 2.0), (7.0, -2.0))
+NOOK = ((4.0, -4.0), (8.0, -4.0), (8.0, 4.0), (4.0, 4.0), (4.0, 2.0), (6.0, 2.0), (6.0, -2.0), (4.0, -2.0))  # concave
+LAG_S, STEP_S = 0.5, 0.05
+speeds = st.floats(-3.0, 3.0)
+
+
+def state(at, yaw=0.0, **others):
+    place = tuple(a + h for a, h in zip(at, HOME, strict=True))
+    return VehicleState(position_ned=place, velocity_ned=(0, 0, 0), euler=(0, 0, yaw), **others)
+
+
+def fly(target, limits, seconds=60.0, yaw=0.0, at=(0.0, 0.0, -2.5)):
+    """Return the path (relative to home) of a point whose velocity follows with a first-order lag."""
+    velocity, path = [0.0, 0.0, 0.0], [at]
+    for _ in range(round(seconds / STEP_S)):
+        flown = admit(target, state(path[-1], yaw), HOME, limits, 0).setpoint
+        if isinstance(flown, PositionSetpoint):
+            wanted = [p - h - a for p, h, a in zip(flown.position_ned, HOME, path[-1], strict=True)]
+        else:
+            f, r, d = flown.velocity_body
+            wanted = [math.cos(yaw) * f - math.sin(yaw) * r, math.sin(yaw) * f + math.cos(yaw) * r, d]
+        velocity = [v + (w - v) * STEP_S / LAG_S for v, w in zip(velocity, wanted, strict=True)]
+        path.append(tuple(p + v * STEP_S for p, v in zip(path[-1], velocity, strict=True)))
+    return path
+
+
+@given(speeds, speeds, speeds, st.floats(-3.1, 3.1))
+def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
+    limits = Limits(ceiling_m=6.0, floor_m=0.7, radius_m=8.0)
+    path = fly(VelocitySetpoint((forward, right, down), 0.0), limits, 30.0, yaw)
+    assert all(math.hypot(n, e) <= 8.0 for n, e, _ in path)
+    assert all(0.7 <= -d <= 6.0 for _, _, d in path)
+
+
+@pytest.mark.parametrize("polygon", [SQUARE, NOOK])
+@given(speeds, speeds)
+def test_no_velocity_enters_an_exclusion(polygon, forward, right):
+    path = fly(VelocitySetpoint((forward, right, 0.0), 0.0), Limits(exclusions=(polygon,)), 20.0)
+    assert not any(inside((n, e), polygon) for n, e, _ in path)
+
+
+@given(st.floats(-30, 30), st.floats(-30, 30), st.floats(-30, 30))
+def test_no_place_leads_outside(north, east, down):
+    limits = Limits(ceiling_m=6.0, radius_m=9.0, exclusions=(SQUARE,))
+    place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
+    path = fly(PositionSetpoint(place, 0.0), limits, 30.0)
+    assert all(math.hypot(n, e) <= 9.0 for n, e, _ in path)
+    assert all(-d <= 6.0 for _, _, d in path)
+    assert not any(inside((n, e), SQUARE) for n, e, _ in path)
+
+
+def test_what_is_inside_passes_untouched():
+    for target in (VelocitySetpoint((1.2, 0.0, -0.3), 1.0), PositionSetpoint((11.0, -20.0, -1.5), 0.4)):
+        admitted = admit(target, state((0.0, 0.0, -2.5)), HOME, Limits(), 0)
+        assert admitted.setpoint is target
+        assert admitted.limited == ()
+
+
+def test_a_vehicle_beyond_a_limit_is_brought_back():
+    path = fly(VelocitySetpoint((0.0, 0.0, 0.0), 0.0), Limits(radius_m=8.0), at=(10.0, 0.0, -2.5))
+    assert path[-1][0] <= 8.0
+
+
+def test_speeds_and_turns_are_clamped_and_named():
+    limits = Limits(speed=1.0, climb=0.5, yaw_rate=0.5)
+    admitted = admit(VelocitySetpoint((3.0, 4.0, -2.0), -2.0), state((0, 0, -5.0)), HOME, limits, 0)
+    assert isinstance(admitted.setpoint, VelocitySetpoint)
+    assert math.hypot(*admitted.setpoint.velocity_body[:2]) == pytest.approx(1.0)
+    assert admitted.setpoint.velocity_body[1] / admitted.setpoint.velocity_body[0] == pytest.approx(4 / 3)
+    assert admitted.setpoint.velocity_body[2] == -0.5
+    assert admitted.setpoint.yaw_rate == -0.5
+    assert admitted.limited == ("speed", "climb", "yaw rate")
+
+
+def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
+    target = VelocitySetpoint((1.0, 0.0, 0.0), 0.0)
+    stale = state((0, 0, -2.5), position_us=1_000_000, heartbeat_us=5_000_000)
+    assert admit(target, stale, HOME, Limits(), 2_000_000).limited == ("stale position",)
+    lost = state((0, 0, -2.5), position_us=9_000_000, heartbeat_us=5_000_000)
+    admitted = admit(target, lost, HOME, Limits(), 9_000_000)
+    assert admitted.limited == ("lost heartbeat",)
+    assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
+
+
+def test_exclusions_on_the_globe_are_placed_from_home():
+    limits = Limits(exclusions_geodetic=(((47.0, 8.0), (47.0, 8.001), (47.001, 8.0)),))
+    with pytest.raises(LinkError, match="no origin"):
+        placed(limits, VehicleState())
+    told = VehicleState(origin=(47.0, 8.0, 400.0), home_ned=(10.0, 0.0, 0.0))
+    corners = placed(limits, told).exclusions[0]
+    assert corners[0] == pytest.approx((-10.0, 0.0), abs=0.01)
+    assert corners[1] == pytest.approx((-10.0, 76.0), abs=0.3)
+    assert corners[2] == pytest.approx((101.2, 0.0), abs=0.3)
+
+
+def test_inside_and_crossing():
+    assert inside((5.0, 0.0), SQUARE)
+    assert not inside((5.0, 3.0), SQUARE)
+    assert not inside((5.0, 0.0), NOOK)  # in the nook, not in the wall
+    assert crosses((0.0, 0.0), (10.0, 0.0), SQUARE)
+    assert not crosses((0.0, 5.0), (10.0, 5.0), SQUARE)
+
+
+@pytest.mark.parametrize("corner", [(4.0, 0.0), (6.0, 0.0)])
+def test_a_way_through_a_corner_crosses(corner):
+    diamond = ((4.0, 0.0), (5.0, 1.0), (6.0, 0.0), (5.0, -1.0))
+    assert crosses((0.0, 0.0), (10.0, 0.0), diamond)
+    assert crosses((corner[0], -3.0), (corner[0], 3.0), diamond)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_target_that_is_no_number_stands_still(bad):
+    for target in (
+        VelocitySetpoint((bad, 0.0, 0.0), 0.0),
+        VelocitySetpoint((0.0, 0.0, 0.0), bad),
+        PositionSetpoint((0.0, bad, -2.0), 0.0),
+        PositionSetpoint((0.0, 0.0, -2.0), bad),
+    ):
+        admitted = admit(target, state((0.0, 0.0, -2.5)), HOME, Limits(), 0)
+        assert admitted.limited == ("not a number",)
+        assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
+
+
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-20, -2))
+def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
+    limits = Limits(speed=1.5, climb=1.2, ceiling_m=30.0)
+    place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
+    path = fly(PositionSetpoint(place, 0.0), limits, 20.0)  # to a place as PX4 does, a metre per second and metre
+    for a, b in itertools.pairwise(path):
+        assert math.dist(a[:2], b[:2]) / STEP_S <= 1.5 * 1.02
+        assert abs(b[2] - a[2]) / STEP_S <= 1.2 * 1.02
+
+
+@pytest.mark.parametrize(
+    ("least", "told", "said"),
+    [(0.3, None, "battery_min = 0.3 cannot be watched"), (0.3, 0.2, None), (None, None, None)],
+)
+def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, told, said):
+    what = unwatched(state((0, 0, -2), battery_remaining=told), Limits(battery_min=least))
+    assert what is None if said is None else (what or "").startswith(said)

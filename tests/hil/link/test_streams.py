@@ -1,0 +1,85 @@
+"""What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
+
+from foundation.mavlink import dialect
+from hil.link.link import Link
+from hil.link.streams import FAST, OFFERED, WATCHED, Streams
+from tests.hil.link.scripted_vehicle import ScriptedVehicle
+
+POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+ODOMETRY = dialect.MAVLINK_MSG_ID_ODOMETRY
+
+
+def receive(streams, share, begin_us, seconds=3.0, foreign=0):
+    """Let everything that is wanted arrive at `share` of its rate, and say what is asked for afterwards."""
+    streams.check(begin_us)
+    for message_id, interval_us in streams.wanted.items():
+        for _ in range(round(share * seconds * 1e6 / interval_us)):
+            streams.saw(message_id, 40)
+    for _ in range(foreign):
+        streams.saw(ODOMETRY, 240)
+    return streams.check(begin_us + round(seconds * 1e6))
+
+
+def test_nothing_is_asked_for_while_all_is_well():
+    assert receive(Streams(), 1.0, 1_000_000) == []
+
+
+def test_what_does_not_come_is_asked_for_again():
+    streams = Streams()
+    streams.check(0)
+    for message_id, interval_us in WATCHED.items():
+        if message_id != POSITION:
+            for _ in range(3_000_000 // interval_us):
+                streams.saw(message_id, 40)
+    assert [(r.message_id, r.interval_us) for r in streams.check(3_000_000)] == [(POSITION, 50_000)]
+
+
+def test_a_full_wire_is_relieved_of_what_nobody_reads_and_then_slowed_down_to_five_hertz():
+    streams = Streams()
+    first = receive(streams, 0.4, 0, foreign=100)
+    assert [(r.message_id, r.interval_us) for r in first] == [(ODOMETRY, -1)]
+    assert streams.silenced == {ODOMETRY}
+    for begin_us, interval_us in ((10_000_000, 100_000), (20_000_000, 200_000)):
+        assert {r.interval_us for r in receive(streams, 0.4, begin_us)} == {interval_us}
+    assert {(r.message_id, r.interval_us) for r in receive(streams, 0.4, 30_000_000)} == {(i, 200_000) for i in FAST}
+
+
+def test_single_messages_are_asked_for_until_they_have_come():
+    streams = Streams()
+    assert dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION in streams.once()
+    streams.saw(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 78)
+    assert dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION not in streams.once()
+
+
+def test_a_clock_that_begins_anew_begins_a_new_count():
+    streams = Streams()
+    streams.check(100_000_000)
+    assert streams.check(1_000_000) == []
+
+
+def test_what_is_crowded_out_for_good_relieves_the_wire():
+    streams = Streams()
+    for begin_us in (0, 3_000_000):
+        streams.check(begin_us)
+        for message_id, interval_us in WATCHED.items():
+            if message_id != dialect.MAVLINK_MSG_ID_SYS_STATUS:
+                for _ in range(3_000_000 // interval_us):
+                    streams.saw(message_id, 40)
+        for _ in range(100):
+            streams.saw(ODOMETRY, 240)
+    asked = streams.check(6_000_000)
+    assert {(r.message_id, r.interval_us) for r in asked} == {
+        (dialect.MAVLINK_MSG_ID_SYS_STATUS, 500_000),
+        (ODOMETRY, -1),
+    }
+
+
+def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
+    vehicle = ScriptedVehicle()
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    link.streams.silenced.add(ODOMETRY)
+    vehicle.commands.clear()
+    link.close()
+    given_back = {int(named) for command, named, interval, _ in vehicle.commands if (command, interval) == (511, 0)}
+    assert given_back == {*link.streams.wanted, *OFFERED, ODOMETRY}

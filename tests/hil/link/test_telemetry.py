@@ -1,0 +1,102 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.px4 import MODES, mode_name
+from hil.link.telemetry import VehicleClock, VehicleState, update
+
+
+def test_clock_survives_the_wrap_of_49_days():
+    clock = VehicleClock()
+    clock.see((1 << 32) - 50)
+    before = clock.time_us
+    clock.see(30)
+    assert clock.time_us == before + 80_000
+
+
+def test_clock_ignores_late_packets_and_notices_a_reboot():
+    clock = VehicleClock()
+    clock.see(100_000)
+    clock.see(99_900)
+    assert clock.time_us == 100_000_000
+    clock.see(700)
+    clock.see(720)
+    assert clock.time_us == 720_000
+    assert clock.reboots == 1
+
+
+@pytest.mark.parametrize("damaged_ms", [4_000_000_000, 2_000_000_000, 300_000, 5])
+def test_one_damaged_stamp_neither_stops_nor_throws_the_clock(damaged_ms):
+    clock = VehicleClock()
+    clock.see(100_000)
+    clock.see(damaged_ms)
+    for stamp in (100_020, 100_040):
+        clock.see(stamp)
+        assert clock.time_us == stamp * 1000
+    assert clock.reboots == 0
+
+
+def test_a_late_packet_from_before_the_wrap_is_late():
+    clock = VehicleClock()
+    for stamp in ((1 << 32) - 50, 30, (1 << 32) - 10, 50):
+        clock.see(stamp)
+    assert clock.time_us == ((1 << 32) + 50) * 1000
+
+
+def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
+    clock = VehicleClock()
+    for stamp in (100_000, 500_000, 500_020):
+        clock.see(stamp)
+    assert clock.time_us == 500_020_000
+
+
+def test_what_is_no_number_has_not_been_told():
+    state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), mode_name, 1000)
+    nan = float("nan")
+    for bad in (
+        dialect.MAVLink_local_position_ned_message(2, 1, nan, 3, 0, 0, 0),
+        dialect.MAVLink_local_position_ned_message(2, 1, 2, 3, 0, 0, float("inf")),
+        dialect.MAVLink_attitude_message(2, 0, 0, nan, 0, 0, 0),
+        dialect.MAVLink_home_position_message(0, 0, 0, nan, 0, 0, [1, 0, 0, 0], 0, 0, 0),
+    ):
+        assert update(state, bad, mode_name, 2000) == state
+
+
+@given(st.lists(st.integers(0, (1 << 32) - 1), max_size=30))
+def test_clock_never_runs_backwards_without_a_reboot(stamps):
+    clock = VehicleClock()
+    for stamp in stamps:
+        before, reboots = clock.time_us, clock.reboots
+        clock.see(stamp)
+        assert clock.time_us >= before or clock.reboots > reboots
+
+
+def test_mode_names_are_a_bijection():
+    assert {mode_name(mode.custom_mode) for mode in MODES.values()} == set(MODES)
+    assert MODES["HOLD"].custom_mode == 50593792
+    assert MODES["OFFBOARD"].custom_mode == 393216
+    assert mode_name(0x07000000 | 9 << 16) == "9/7"
+
+
+def test_state_follows_the_messages():
+    state = VehicleState()
+    beat = dialect.MAVLink_heartbeat_message(2, 12, 129, MODES["OFFBOARD"].custom_mode, 4, 3)
+    state = update(state, beat, mode_name)
+    assert state.armed
+    assert state.mode == "OFFBOARD"
+    state = update(state, dialect.MAVLink_statustext_message(6, b"all is well"), mode_name)
+    assert state.status_text == ""
+    state = update(state, dialect.MAVLink_statustext_message(2, b"Arming denied: no GPS"), mode_name)
+    assert state.status_text == "Arming denied: no GPS"
+
+
+@given(st.binary(max_size=300), st.integers(1, 20))
+def test_garbage_between_messages_is_skipped(garbage, count):
+    packer, parser = Packer(1, 1), Parser()
+    beat = dialect.MAVLink_heartbeat_message(2, 12, 129, 0, 4, 3)
+    parser.feed(garbage)
+    got = 0
+    for _ in range(count + 25):  # a false start may swallow at most one frame of 280 bytes
+        got += len([m for m in parser.feed(packer.pack(beat)) if m.get_type() == "HEARTBEAT"])
+    assert got >= count

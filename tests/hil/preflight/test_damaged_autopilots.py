@@ -1,0 +1,133 @@
+"""A vehicle on which something is broken fails in the row of what is broken, and nothing is done to it."""
+
+import pytest
+
+from foundation.errors import UsageError
+from foundation.mavlink import dialect
+from hil.preflight.check import check, mend
+from tests.hil.preflight.damaged_autopilot import HEALTHY, PREARM, STICKS
+
+FINE = {"COM_OBL_RC_ACT = 0"}  # what every autopilot of these tests fails in: PX4's own default
+
+
+def looked_at(link, folder):
+    return check(link, seconds=1.0, folder=folder)
+
+
+def failed(found):
+    return {row.name for row in found.rows if row.passed is False}
+
+
+def row(found, name):
+    return next(row for row in found.rows if row.name == name)
+
+
+def test_a_whole_one_fails_in_nothing_but_its_default_failsafe(meet, tmp_path):
+    autopilot, link = meet()
+    found = looked_at(link, tmp_path)
+    assert failed(found) == FINE
+    assert autopilot.modes_asked[0] == "OFFBOARD"
+    assert autopilot.mode == "HOLD"
+    assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in autopilot.commands
+    assert "PARAM_SET" not in autopilot.heard
+    assert link.listeners == []
+
+
+@pytest.mark.slow
+def test_no_gps(meet, tmp_path):
+    _, link = meet(fix=1, health=HEALTHY & ~0x20 & ~PREARM, refuses=("OFFBOARD",), texts=("Preflight Fail: no GPS",))
+    found = looked_at(link, tmp_path)
+    assert failed(found) == FINE | {"sensors", "pre-arm check", "estimator", "GPS", "offboard rehearsal"}
+    assert "Preflight Fail: no GPS" in row(found, "pre-arm check").why
+    assert "no place" in row(found, "estimator").why
+    assert "temporarily rejected" in row(found, "offboard rehearsal").why
+
+
+@pytest.mark.slow
+def test_no_home(meet, tmp_path):
+    _, link = meet(home=False)
+    assert failed(looked_at(link, tmp_path)) == FINE | {"home"}
+
+
+@pytest.mark.slow
+def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
+    autopilot, link = meet()
+    autopilot.refuses = ()
+    take = autopilot._take
+
+    def taken(message):
+        take(message)
+        autopilot.mode = "HOLD"
+
+    autopilot._take = taken
+    found = looked_at(link, tmp_path)
+    assert "OFFBOARD was accepted, but HOLD is shown" in row(found, "offboard rehearsal").why
+
+
+@pytest.mark.slow
+def test_a_stream_that_does_not_come_through_is_asked_for_as_single_messages(meet, tmp_path):
+    _, link = meet(withholds=("SYS_STATUS",))
+    assert failed(looked_at(link, tmp_path)) == FINE
+
+
+def test_setpoints_that_do_not_arrive(meet, tmp_path):
+    autopilot, link = meet(deaf_to=("SET_POSITION_TARGET_LOCAL_NED",))
+    found = looked_at(link, tmp_path)
+    assert failed(found) == FINE | {"offboard rehearsal"}
+    assert "would not arm in it" in row(found, "offboard rehearsal").why
+    assert autopilot.mode == "HOLD"
+
+
+@pytest.mark.slow
+def test_no_way_back_from_offboard(meet, tmp_path):
+    _, link = meet(refuses=("HOLD",))
+    assert "no way back" in row(looked_at(link, tmp_path), "offboard rehearsal").why
+
+
+@pytest.mark.slow
+def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
+    autopilot, link = meet(armed=True)
+    found = looked_at(link, tmp_path)
+    assert failed(found) == FINE | {"disarmed", "offboard rehearsal"}
+    assert autopilot.modes_asked == []
+    assert "SET_POSITION_TARGET_LOCAL_NED" not in autopilot.heard
+    with pytest.raises(UsageError, match="armed"):
+        mend(link, found, found.changes)
+    assert "PARAM_SET" not in autopilot.heard
+
+
+@pytest.mark.slow
+def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, tmp_path):
+    _, link = meet(parameters={}, tells_unknown=False)
+    found = looked_at(link, tmp_path)
+    assert failed(found) == {"COM_OBL_RC_ACT", "COM_OF_LOSS_T"}
+    assert found.changes == []
+
+
+@pytest.mark.slow
+def test_an_old_firmware_and_one_that_is_not_told(meet, tmp_path):
+    _, link = meet(version=1 << 24 | 12 << 16 | 3 << 8 | 255)
+    found = looked_at(link, tmp_path)
+    assert failed(found) == FINE | {"firmware", "COM_RCL_EXCEPT = 0"}
+    assert "1.12.3" in row(found, "firmware").why
+
+
+@pytest.mark.slow
+def test_with_sticks_the_pilot_is_asked_for_switches(meet, tmp_path):
+    _, link = meet(health=HEALTHY | STICKS)
+    found = looked_at(link, tmp_path)
+    assert failed(found) == FINE | {"COM_RC_OVERRIDE = 1"}
+    assert row(found, "sticks").passed
+    assert {"mode switch", "kill switch"} <= {row.name for row in found.rows}
+
+
+@pytest.mark.slow
+def test_what_is_mended_is_read_back_and_nothing_else_is_touched(meet, tmp_path):
+    autopilot, link = meet()
+    before = dict(autopilot.parameters)
+    found = looked_at(link, tmp_path)
+    mended = mend(link, found, found.changes)
+    assert failed(mended) == set()
+    assert mended.changes == []
+    assert autopilot.parameters == {**before, "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5}
+    assert autopilot.heard.count("PARAM_SET") == 2

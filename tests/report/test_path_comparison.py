@@ -1,0 +1,159 @@
+"""Paths laid over one another: distances of flights whose distance is known, and of flights of our own."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.report.path_comparison import compare, figures, logs_of
+from dronecats.rundir.reading import episode_folder
+from foundation.errors import UsageError
+
+
+def flight(
+    folder: Path, place, *, seconds=120.0, yaw_deg=0.0, start=(0.0, 0.0, 0.0), drones=1, replies=("x",), decided=float
+):
+    """Write the logs of a flight that is `place(t)` ahead, right, down of its start; return its folder."""
+    folder.mkdir(parents=True)
+    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    rows = [{"kind": "begin", "t": 0.0, "t0_us": 0}]
+    for k in range(int(seconds * 2) + 1):
+        ahead, right, down = place(k / 2)
+        position = [start[0] + c * ahead - s * right, start[1] + s * ahead + c * right, start[2] + down]
+        rows += [
+            {"kind": "pose", "t": k / 2, "drone": drone, "position_ned": position, "yaw_deg": yaw_deg,
+             "target_ned": None, "distance_m": None, "visible": None}
+            for drone in range(drones)
+        ]  # fmt: skip
+    (folder / "truth.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    decisions = [
+        {
+            "step": n,
+            "drone": 0,
+            "frame_id": n,
+            "t_frame": decided(n),
+            "t_decided": decided(n),
+            "reply": said,
+            "action": None,
+        }
+        for n, said in enumerate(replies)
+    ]
+    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
+    return folder
+
+
+def straight(t: float) -> tuple[float, float, float]:
+    return (1.0 * t, 0.0, 0.0)
+
+
+def compared(a: Path, b: Path, seconds: float = 60.0, *, by_step: bool = False, **options):
+    return compare(logs_of(a), logs_of(b), seconds, by_step=by_step, **options)
+
+
+def test_the_same_path_from_another_place_and_heading_is_the_same(tmp_path: Path) -> None:
+    a = flight(tmp_path / "a", lambda t: (t, math.sin(t / 9), -0.1 * t))
+    b = flight(tmp_path / "b", lambda t: (t, math.sin(t / 9), -0.1 * t), yaw_deg=117.0, start=(400.0, -90.0, -12.0))
+    (only,) = compared(a, b)
+    assert only.first.max_m < 1e-6
+    assert compared(a, b, keep_north=True)[0].first.max_m > 50.0
+
+
+def test_a_path_that_veers_off_is_as_far_away_as_it_is(tmp_path: Path) -> None:
+    a = flight(tmp_path / "a", straight)
+    b = flight(tmp_path / "b", lambda t: (t, 0.01 * t, 0.0))
+    (only,) = compared(a, b)
+    assert only.first.max_m == pytest.approx(0.6, abs=1e-3)
+    assert only.first.mean_m == pytest.approx(0.3, abs=1e-3)
+    assert only.first.rms_m == pytest.approx(0.6 / math.sqrt(3.0), abs=2e-3)
+    assert [span.max_m for span in only.spans] == pytest.approx([0.6, 1.2], abs=1e-3)
+    assert only.final_m == pytest.approx(1.2, abs=1e-3)
+
+
+def test_one_that_comes_later_is_apart_but_not_beside(tmp_path: Path) -> None:
+    a = flight(tmp_path / "a", straight)
+    b = flight(tmp_path / "b", lambda t: straight(max(0.0, t - 0.5)))
+    (only,) = compared(a, b)
+    assert only.first.max_m == pytest.approx(0.5, abs=1e-3)
+    assert only.beside_m < 0.06
+
+
+def test_slower_replies_are_no_other_path_step_by_step(tmp_path: Path) -> None:
+    """Both fly a metre in the first second of each step, and then hold until the next reply: 1 s later, and 1.7 s."""
+
+    def stepped(length_s: float):
+        return lambda t: (t // length_s + min(1.0, t % length_s), 0.0, 0.0)
+
+    a, b = (
+        flight(tmp_path / name, stepped(length_s), replies=["go"] * 40, decided=lambda n, s=length_s: n * s)
+        for name, length_s in (("a", 2.0), ("b", 2.5))
+    )
+    assert compared(a, b)[0].first.max_m > 5.0
+    (only,) = compared(a, b, by_step=True)
+    assert only.first.max_m < 0.01
+    assert only.first.to_s == pytest.approx(60.0)
+    assert main(["compare", str(a), str(b)]) == 0
+    assert main(["compare", str(a), str(b), "--align", "time"]) == 1
+
+
+def test_every_drone_of_a_fleet_is_compared(tmp_path: Path) -> None:
+    a, b = (flight(tmp_path / name, straight, drones=3) for name in "ab")
+    assert [c.drone for c in compared(a, b)] == [0, 1, 2]
+
+
+def test_agreeing_takes_the_whole_time_that_was_asked_for(tmp_path: Path) -> None:
+    a, short = flight(tmp_path / "a", straight), flight(tmp_path / "b", straight, seconds=30.0)
+    result = figures(compared(a, short), within_m=1.0, seconds=60.0)
+    assert not result["agree"]
+    assert result["compared_s"] == pytest.approx(30.0)
+    assert figures(compared(a, short, 30.0), within_m=1.0, seconds=30.0)["agree"]
+
+
+def test_the_command_agrees_differs_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a = flight(tmp_path / "a" / "episode", straight, replies=("go", "go", "think"))
+    b = flight(tmp_path / "b" / "episode", lambda t: (t, 0.02 * t, 0.0), replies=("go", "rotate", "think"))
+    picture = tmp_path / "paths.png"
+    assert main(["compare", str(a.parent), str(b), "--plot", str(picture)]) == 1
+    assert "DIFFER: 1.20 m apart" in capsys.readouterr().out
+    assert picture.stat().st_size > 20_000
+    assert main(["compare", str(a), str(b), "--within", "1.3", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["agree"], result["same_replies"], result["steps"]) == (True, 2, 3)
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a = flight(tmp_path / "a" / "one", straight)
+    flight(tmp_path / "a" / "two", straight)
+    empty = flight(tmp_path / "c", straight, seconds=0.0)
+    with pytest.raises(UsageError, match="holds 2 episodes"):
+        episode_folder(tmp_path / "a")
+    with pytest.raises(UsageError, match="1 poses"):
+        compared(a, empty)
+    assert main(["compare", str(a), str(tmp_path)]) == 2
+    assert main(["compare", str(a), str(a), "--within", "nan"]) == 2
+    assert main(["compare", str(a), str(a), "--plot", str(tmp_path / "no" / "folder.png")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_same_decisions_on_another_vehicle_of_ours_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another seed errs otherwise in every sensor: the decisions, said again, lead it along the same path."""
+
+    def fly(pilot: str, seed: str, out: Path) -> dict[str, Any]:
+        flown = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--json"]
+        assert main([*flown, "--pilot", pilot, "--seed", seed, "--out", str(out)]) == 0
+        said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+        return said
+
+    first = fly("vision", "3", tmp_path / "a")
+    decisions = Path(first["run_dir"]) / "decisions.jsonl"
+    fly(f"recorded:{decisions}", "4", tmp_path / "b")
+    seconds = str(math.floor(first["sim_seconds"]) - 2)
+    assert main(["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--seconds", seconds, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["same_replies"] == result["steps"] >= 5
+    assert 0.001 < result["drones"][0]["first"]["max_m"] < 1.0

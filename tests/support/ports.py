@@ -1,0 +1,10 @@
+"""Ports that nobody holds just now, for programs that must be told one."""
+
+import socket
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    """Return a port of the loopback interface that the system has just given and got back: UDP, unless told."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,28 @@
+"""A simulated vehicle in a process of its own, as links and clients of the tests meet it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
+from dronecats.stages import parts
+
+EPISODE = "residential-approaching-01"
+
+
+def start_vehicle(supervisor: Supervisor, speed: float = 1.0) -> dict[str, Any]:
+    """Start an x500 where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name."""
+    config = SimulatorConfig(episode=EPISODE, speed=speed)
+    return supervisor.start(parts.SIMULATOR, config).ready()
+
+
+@contextmanager
+def simulated_vehicle(folder: Path, speed: float = 1.0) -> Iterator[dict[str, Any]]:
+    """Give the ports of such a vehicle; when the block is left it is gone. Its log goes to `folder`."""
+    supervisor = Supervisor(folder)
+    try:
+        yield start_vehicle(supervisor, speed)
+    finally:
+        supervisor.close()

@@ -1,0 +1,216 @@
+"""The unmodified MAVSDK-Python examples fly `dronecats sitl`; what they did is written to docs/compatibility.md.
+
+    make compatibility EXAMPLES=.../MAVSDK-Python/examples MAVSDK3=.../bin/python
+
+Each example has a simulator of its own, at the speed of the wall clock, which the examples sleep by. They all listen on
+UDP port 14540: where the system lets a process have its own network, each pair gets one and some run at once.
+"""
+
+import json
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.command_line import last_object
+from tests.system.compatibility.example_table import EXAMPLES, Example
+
+pytestmark = [pytest.mark.compatibility, pytest.mark.slow, pytest.mark.timeout(1800)]
+
+HERE = Path(__file__).parent
+TABLE = HERE.parents[2] / "docs" / "compatibility.md"
+START_S = 300.0  # beside the script's own limit: simulator, flight before it, ending
+WRONG = re.compile(r"Traceback \(most recent call last\)|failed with error|\|Error +\]|exception was never retrieved")
+OWN_NETWORK = ("unshare", "--map-root-user", "--net")
+REASON = (
+    "flies other people's scripts: give --examples MAVSDK-Python/examples and --mavsdk3 PYTHON (of an environment with "
+    '"mavsdk<4", anyio and tqdm)'
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one example did."""
+
+    example: Example
+    fault: str  # "" when it worked
+    seconds: float  # wall, of the script
+    reach: tuple[float, float] | None  # m above and m away from the start, of the flight log; None without a log
+    lines: tuple[str, ...]
+
+
+def own_network() -> tuple[str, ...]:
+    """Return the command that gives a process its own network, () where there is none."""
+    if not shutil.which("unshare") or not shutil.which("ip"):
+        return ()
+    tried = subprocess.run([*OWN_NETWORK, "ip", "link", "set", "lo", "up"], capture_output=True, check=False)
+    return OWN_NETWORK if tried.returncode == 0 else ()
+
+
+def reach(state: Path) -> tuple[float, float] | None:
+    """Return how high above and how far from its start the vehicle of these logs has been, in m; None without a log."""
+    from pyulog import ULog
+
+    reached = []
+    for path in state.rglob("*.ulg"):
+        for topic in ULog(str(path), ["vehicle_local_position"]).data_list:
+            north, east, down = (topic.data[axis] - topic.data[axis][0] for axis in "xyz")
+            reached.append((float(-down.min()), float(np.hypot(north, east).max())))
+    return max(reached, default=None)
+
+
+def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tuple[str, ...]) -> Outcome:
+    """Run one example to its end and return what it did."""
+    where = scratch / example.name
+    state = where / "state"
+    state.mkdir(parents=True)
+    for name in example.files:
+        (where / Path(name).name).symlink_to(folder / name)
+    for name, text in example.written.items():
+        (where / name).write_text(text)
+    task = {
+        "python": str(python),
+        "folder": str(folder),
+        "example": asdict(example),
+        "where": str(where),
+        "state": str(state),
+        "isolated": bool(network),
+    }
+    command = [*network, sys.executable, str(HERE / "example_stage.py"), json.dumps(task)]
+    with (where / "stage.txt").open("wb") as errors:
+        stage = subprocess.run(
+            command, stdout=subprocess.PIPE, stderr=errors, timeout=2 * example.limit_s + START_S, check=False
+        )
+    if stage.returncode:
+        pytest.fail(f"{example.name}: the stage fell: {(where / 'stage.txt').read_text()[-2000:]}")
+    answer = last_object(stage.stdout.decode())
+    (where / "lines.txt").write_text("\n".join(answer["lines"]))
+    reached = reach(state)
+    fault = _fault(example, answer, reached[0] if reached else 0.0)
+    if not fault and example.downloads:
+        flown = {path.read_bytes() for path in state.rglob("*.ulg")}
+        downloaded = {path.read_bytes() for path in where.glob(example.downloads)}
+        fault = "" if downloaded == flown else "what it downloaded is not what the vehicle wrote"
+    return Outcome(example, fault, answer["seconds"], reached, tuple(answer["lines"]))
+
+
+def _fault(example: Example, answer: dict[str, Any], height: float) -> str:
+    text = "\n".join(answer["lines"])
+    if example.refused:
+        met = example.refused in text and all(re.search(pattern, text) for pattern in example.shows)
+        return "" if met else f"was not refused with {example.refused}"
+    if answer["outcome"] != "ok":
+        return str(answer["outcome"])
+    wrong = next((line for line in answer["lines"] if WRONG.search(line)), None)
+    if wrong:
+        return f"printed: {wrong.strip()} … {answer['lines'][-1].strip()}"
+    if height < example.climbs_m:
+        return f"climbed {height:.1f} m, not {example.climbs_m:.1f} m"
+    if height > example.stays_below_m:
+        return f"climbed {height:.1f} m, more than {example.stays_below_m:.1f} m"
+    if answer["hits"]:
+        return f"ran into something: {answer['hits'][0]}"
+    return ""
+
+
+@pytest.fixture(scope="module")
+def outcomes(request, tmp_path_factory):
+    """Every example's outcome, by script; the flights go on while the first are judged."""
+    folder, python = request.config.getoption("--examples", None), request.config.getoption("--mavsdk3", None)
+    if folder is None or python is None:
+        pytest.skip(REASON)
+    assert (folder / "takeoff_and_land.py").is_file(), f"no MAVSDK-Python examples in {folder}"
+    assert python.is_file(), f"no such python: {python}"
+    network = own_network()
+    wanted = {item.callspec.params["script"] for item in request.session.items if hasattr(item, "callspec")}
+    scratch = tmp_path_factory.mktemp("compatibility")
+    pool = ThreadPoolExecutor(request.config.getoption("--at-once") if network else 1)
+    longest_first = sorted(EXAMPLES, key=lambda example: -example.limit_s)
+    futures: dict[str, Future[Outcome]] = {
+        example.script: pool.submit(fly, example, folder.absolute(), python.absolute(), scratch, network)
+        for example in longest_first
+        if example.script in wanted
+    }
+    yield futures
+    pool.shutdown(cancel_futures=True)
+    if len(futures) == len(EXAMPLES) and all(future.done() and not future.exception() for future in futures.values()):
+        TABLE.write_text(page([futures[example.script].result() for example in EXAMPLES], python))
+
+
+@pytest.mark.parametrize("script", [example.script for example in EXAMPLES])
+def test_an_example_does_what_it_shows(outcomes, script):
+    outcome = outcomes[script].result()
+    assert not outcome.fault, "\n".join([outcome.fault, *outcome.lines[-15:]])
+
+
+def page(outcomes: list[Outcome], python: Path) -> str:
+    """Return docs/compatibility.md."""
+    older = _version("mavsdk", python)
+    rows = []
+    for outcome in outcomes:
+        example, notes = outcome.example, []
+        if example.climbs_m and outcome.reach:
+            notes.append(f"climbed {outcome.reach[0]:.1f} m, flew {outcome.reach[1]:.0f} m away")
+        if example.endless:
+            notes.append("endless, interrupted")
+        if example.note:
+            notes.append(example.note)
+        state = "refused, rightly" if example.refused else "works"
+        if outcome.fault:
+            state = f"**fails**: {outcome.fault}".replace("|", "/")
+        rows.append(f"| {example.script} | {example.plugins} | {example.expectation} | {state} | "
+                    f"{outcome.seconds:.0f} | {'; '.join(notes)} |")  # fmt: skip
+    good = sum(not outcome.fault for outcome in outcomes)
+    return f"""# Other people's clients
+
+The examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python), unmodified, against `dronecats sitl` over an
+open field, as in PX4's own empty world, at the speed of the wall clock, a fresh simulator each:
+**{good} of {len(outcomes)}** do what they show. An example works when it prints every line it is known for, prints no
+error and no traceback, ends with status 0 (an endless one is interrupted once it has shown everything), and, where it
+flies, the vehicle's own log has the climb and the truth has no collision. *core* and *yes* say how much a PX4-like
+autopilot is expected to serve it; the seconds are the script's own.
+
+| example | plugins | expected | outcome | seconds | note |
+| --- | --- | --- | --- | --- | --- |
+{chr(10).join(rows)}
+
+Client of the examples: mavsdk {older}, the gRPC client. Python {platform.python_version()}, {platform.system()}
+{platform.machine()}.
+
+More clients fly in the test suite on every run: mavsdk {_version("mavsdk")}, whose API is another one, and pymavlink
+{_version("pymavlink")} alone (`tests/system/test_clients.py`); and an agent and a ground station at the same time
+(`tests/system/compatibility/test_two_clients.py`).
+
+## What a client of PX4 will miss
+
+Some of PX4's parameters can be set and read and change nothing, since what they choose is not modelled:
+
+- `GF_SOURCE`: the geofence watches the estimated position, never the receiver's own (PX4's default).
+- `GF_PREDICT`: a breach is seen when the vehicle is outside, not when it could no longer stop inside (PX4's default).
+- `COM_FLTT_LOW_ACT`: there is no estimate of the flight time that the battery is still good for; `COM_FLT_TIME_MAX` and
+  the battery levels act.
+
+`MISSION_WRITE_PARTIAL_LIST` is refused at once with UNSUPPORTED; PX4 does not answer it. Message intervals belong to a
+link and are those of its start script again after a reboot; parameters, missions, geofence and rally points outlive it,
+and the process too where `sitl --state` names a folder.
+
+This page is written by the test that flies them:
+
+```
+python -m venv older && older/bin/pip install "mavsdk<4" anyio tqdm
+make compatibility EXAMPLES=MAVSDK-Python/examples MAVSDK3=older/bin/python
+```
+"""
+
+
+def _version(package: str, interpreter: Path | str = sys.executable) -> str:
+    ask = f"from importlib.metadata import version; print(version({package!r}))"
+    return subprocess.run([interpreter, "-c", ask], capture_output=True, text=True, check=True).stdout.strip()

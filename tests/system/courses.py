@@ -1,0 +1,85 @@
+"""What a flight did to its pilot's words, by the truth log alone: courses against pixels, turns against angles."""
+
+import itertools
+import json
+import math
+import random
+from dataclasses import dataclass
+
+from foundation.camera import CameraModel
+from foundation.frames import wrap_pi
+from tests.support.json_lines import rows
+
+HALF_WIDTH = math.tan(math.radians(CameraModel().hfov_deg / 2))
+
+
+@dataclass(frozen=True)
+class Gone:
+    """A go, from the picture that it was decided on to the next."""
+
+    step: int
+    length_m: float  # over ground
+    off_deg: float  # course over ground less the direction of the pixel
+    across_m: float  # so far beside the pixel's ray it ended
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A rotate, from picture to picture."""
+
+    step: int
+    off_deg: float  # the angle between the pictures less the one asked for
+    drift_m: float
+
+
+def replies(seed, count):
+    """Return replies of a pilot that does everything at random, in any order, far from level only by what it sees."""
+    draw = random.Random(seed)
+    made = []
+    for _ in range(count):
+        kind = draw.choices(("go", "rotate", "think", "finished", "nonsense"), (55, 30, 6, 6, 3))[0]
+        if kind == "go":
+            across = draw.uniform(0, 1000) if draw.random() < 0.7 else draw.uniform(430, 570)  # no turn first
+            point, depth_m = [across, draw.uniform(470, 530)], draw.choice([2.1, 3.0, 4.0, 6.0, 20.0])
+            made.append(json.dumps({"action": "go", "point": point, "depth_m": depth_m}))
+        elif kind == "rotate":
+            made.append(json.dumps({"action": "rotate", "angle_deg": draw.uniform(-90, 90)}))
+        else:
+            made.append(json.dumps({"action": kind}))
+    return made
+
+
+def record(path, seed, count=400):
+    """Write replies as the decisions of a flight, which `--pilot recorded:FILE` says again; return the file."""
+    rows = (json.dumps({"step": step, "reply": reply}) for step, reply in enumerate(replies(seed, count)))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def measured(folder):
+    """Return the gos of at least a metre and the rotates of an episode folder's first drone."""
+    decisions = rows(folder / "decisions.jsonl")
+    truth = rows(folder / "truth.jsonl")
+    frames = {row["frame_id"]: row for row in truth if row["kind"] == "frame"}
+    gone, turned = [], []
+    for before, after in itertools.pairwise(decisions):
+        here, there, action = frames[before["frame_id"]], frames[after["frame_id"]], before["action"]
+        north, east = (there["position_ned"][i] - here["position_ned"][i] for i in (0, 1))
+        if action and action["action"] == "go":
+            ray = math.radians(here["yaw_deg"]) + math.atan((action["point"][0] / 500 - 1) * HALF_WIDTH)
+            off, length_m = wrap_pi(math.atan2(east, north) - ray), math.hypot(north, east)
+            if length_m >= 1.0:
+                gone.append(Gone(before["step"], length_m, math.degrees(off), abs(length_m * math.sin(off))))
+        elif action and action["action"] == "rotate":
+            off = wrap_pi(math.radians(there["yaw_deg"] - here["yaw_deg"] - action["angle_deg"]))
+            turned.append(Turned(before["step"], math.degrees(off), math.hypot(north, east)))
+    return gone, turned
+
+
+def start_errors(folder):
+    """Return how far from its record the first drone's first frame was: (m horizontally, m vertically, °)."""
+    start = json.loads((folder / "episode.json").read_text())["starts"][0]
+    first = next(row for row in rows(folder / "truth.jsonl", "pose") if row["drone"] == 0)
+    north, east, down = (a - b for a, b in zip(first["position_ned"], start["position_ned"], strict=True))
+    yaw = wrap_pi(math.radians(first["yaw_deg"] - start["yaw_deg"]))
+    return math.hypot(north, east), abs(down), abs(math.degrees(yaw))

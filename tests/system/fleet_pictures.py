@@ -1,0 +1,88 @@
+"""Whether the pictures that a fleet's pilot saw show the drones where the truth has them: by a pinhole of its own."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from pymavlink import mavutil
+
+from dronecats.sitl.scenario import load_world, origin
+from episodes.assets.multirotor import X500
+from episodes.render import Renderer, camera_pose
+from foundation.camera import CameraModel
+from foundation.frames import geodetic_to_ned
+from tests import pictures
+
+CAMERA = CameraModel()
+SIZE = (640, 360)  # px, of the pictures that are kept
+POINTS = np.array([*X500.touching, *X500.hubs, CAMERA.offset_frd])  # that enclose a drone
+DIFFERS = 40  # of 255: more than JPEG makes of an edge
+NEAR_M = 3.0  # between drones so near to each other nothing stands
+
+
+def true_poses(folder: Path, world):
+    """Return drone → time in µs → (place NED, attitude, matrix body → NED), as the truth bus had it, from the tlog."""
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"), dialect="development")
+    poses: dict[int, Any] = {}
+    while message := log.recv_match(type="HIL_STATE_QUATERNION"):
+        w, x, y, z = message.attitude_quaternion
+        turned = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        place = geodetic_to_ned(*origin(world), message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
+        of_drone = poses.setdefault(message.get_srcSystem() - 1, {})
+        of_drone[message.time_usec] = (place, (w, x, y, z), turned)
+    return poses
+
+
+def box_around(place, turned, eye, axes):
+    """Return (left, top, right, bottom) px of a drone in a picture and its nearest depth (m); None beside the lens."""
+    local = (np.array(place) + POINTS @ turned.T - eye) @ axes
+    if (local[:, 0] < 0.2).any():
+        return None
+    pixels = np.array(SIZE) / 2 + SIZE[0] / 2 * local[:, 1:] / local[:, :1]
+    (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+    return (left, top, right, bottom), float(local[:, 0].min())
+
+
+def check(folder: Path, truth) -> tuple[int, int]:
+    """Hold every picture of a flight against the same place drawn without drones; return (drones seen, empty pictures).
+
+    Raises AssertionError when a near drone is not in the box that the truth gives it, or anything differs elsewhere.
+    """
+    world = load_world(str(folder / "episode.json"))
+    poses, bare = true_poses(folder, world), Renderer(world.scene, CAMERA)
+    t0_us = next(line["t0_us"] for line in truth if line["kind"] == "begin")
+    frames = {line["frame_id"]: line for line in truth if line["kind"] == "frame"}
+    seen = empty = 0
+    for file in sorted((folder / "frames").iterdir()):
+        frame = frames[int(file.stem.split("_")[0])]
+        time_us, mine = t0_us + round(frame["t"] * 1e6), frame["drone"]
+        place, attitude, axes = poses[mine][time_us]
+        view = bare.render(camera_pose(place, attitude, CAMERA), world.moved(frame["t"]))
+        without = cv2.resize(view.rgb, SIZE, interpolation=cv2.INTER_AREA)
+        differs = np.abs(pictures.read(file)[..., ::-1].astype(int) - without).max(axis=2) > DIFFERS
+        allowed = np.zeros_like(differs)
+        for other in poses.keys() - {mine}:
+            at = min(poses[other], key=lambda time: abs(time - time_us))
+            found = box_around(
+                poses[other][at][0], poses[other][at][2], np.array(place) + axes @ CAMERA.offset_frd, axes
+            )
+            if found is None:
+                continue
+            (left, top, right, bottom), depth = found
+            rows = slice(max(int(top) - 3, 0), max(int(bottom) + 4, 0))
+            columns = slice(max(int(left) - 3, 0), max(int(right) + 4, 0))
+            allowed[rows, columns] = True
+            if depth < NEAR_M and left > 0 and top > 0 and right < SIZE[0] and bottom < SIZE[1]:
+                assert differs[rows, columns].mean() > 0.05, f"drone {other} is not in {file.name}"
+                seen += 1
+        assert (differs & ~allowed).mean() < 0.001, f"{file.name} shows what is not there"
+        empty += not allowed.any()
+    bare.close()
+    return seen, empty

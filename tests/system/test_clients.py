@@ -1,0 +1,81 @@
+"""Other people's clients fly the simulator: MAVSDK 4, and pymavlink alone."""
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from pymavlink import mavutil
+
+from tests.support.command_line import last_object
+from tests.support.simulated_vehicle import simulated_vehicle
+
+SPEED = 2.0
+
+
+@pytest.fixture
+def simulator(tmp_path):
+    with simulated_vehicle(tmp_path, SPEED) as ports:
+        yield ports
+
+
+@pytest.fixture
+def agent_url(simulator):
+    return f"127.0.0.1:{simulator['agent'][0]}"
+
+
+def test_a_mavsdk_script_takes_off_flies_offboard_and_lands(agent_url):
+    script = Path(__file__).with_name("mavsdk_flight.py")
+    run = subprocess.run(
+        [sys.executable, script, f"udpout://{agent_url}"], capture_output=True, text=True, timeout=150, check=False
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    flown = last_object(run.stdout)
+    assert flown["height"] == pytest.approx(3.0, abs=0.5)
+    assert flown["speed"] == pytest.approx(2.0, abs=0.15)
+
+
+class Client:
+    """What a pymavlink user writes."""
+
+    def __init__(self, url):
+        self.link = mavutil.mavlink_connection(f"udpout:{url}", source_system=255)
+        self.stopped = threading.Event()
+        threading.Thread(target=self._beat, daemon=True).start()
+        self.link.wait_heartbeat(timeout=20)
+
+    def _beat(self):
+        while not self.stopped.wait(0.5):
+            self.link.mav.heartbeat_send(6, 8, 0, 0, 4)
+
+    def until(self, kind, wanted, timeout=60):
+        for _ in range(timeout * 200):
+            message = self.link.recv_match(type=kind, blocking=True, timeout=5)
+            assert message is not None, f"no {kind}"
+            if wanted(message):
+                return message
+        raise AssertionError(f"{kind} never became what it should")
+
+    def command(self, number, *parameters):
+        filled = (*parameters, *(0,) * (7 - len(parameters)))
+        self.link.mav.command_long_send(self.link.target_system, 1, number, 0, *filled)
+        return self.until("COMMAND_ACK", lambda ack: ack.command == number).result
+
+
+def test_a_pymavlink_client_arms_takes_off_and_lands(agent_url):
+    client = Client(agent_url)
+    try:
+        client.until("SYS_STATUS", lambda m: m.onboard_control_sensors_health & 0x10000000)
+        assert client.command(400, 1) == 0
+        client.until("HEARTBEAT", lambda m: m.base_mode & 128)
+        nan = float("nan")
+        assert client.command(22, nan, nan, nan, nan, nan, nan, nan) == 0
+        client.until("GLOBAL_POSITION_INT", lambda m: m.relative_alt > 2000)
+        assert client.command(400, 0) != 0  # no disarming in the air
+        assert client.command(21) == 0
+        client.until("HEARTBEAT", lambda m: not m.base_mode & 128)
+        assert client.command(59999) == 3  # unknown: unsupported
+    finally:
+        client.stopped.set()
+        client.link.close()

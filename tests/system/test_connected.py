@@ -1,0 +1,228 @@
+"""`fly --connect` on a vehicle that somebody else started: who arms, who has the last word, what a dry run does."""
+
+import json
+import socket
+import subprocess
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import CameraConfig
+from dronecats.stages import parts
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.px4 import MODES
+from tests.support.command_line import DRONECATS, last_object
+from tests.support.simulated_vehicle import EPISODE, start_vehicle
+
+SPEED = 2.0
+
+
+@pytest.fixture
+def field(tmp_path):
+    """A simulated vehicle and its camera, both of which know nothing of who flies.
+
+    One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off.
+    """
+    supervisor = Supervisor(tmp_path)
+    ports = start_vehicle(supervisor, SPEED)
+    truth = f"udpout://127.0.0.1:{ports['truth']}"
+    camera = supervisor.start(parts.CAMERA, CameraConfig(episode=EPISODE, truth=truth))
+    yield ports["agent"][0], camera.ready()["url"]
+    supervisor.close()
+
+
+class Tap(threading.Thread):
+    """A wire between an agent and a vehicle that notes, in order, what passes."""
+
+    def __init__(self, vehicle_port):
+        super().__init__(daemon=True)
+        self.near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.near.bind(("127.0.0.1", 0))
+        self.far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.far.connect(("127.0.0.1", vehicle_port))
+        for end in (self.near, self.far):
+            end.settimeout(0.1)
+        self.passed, self.lock, self.open = [], threading.Lock(), True
+        self.agent, self.packer = None, Packer(255, 190)
+        self.start()
+        threading.Thread(target=self.back, daemon=True).start()
+
+    @property
+    def url(self):
+        return f"udpout://127.0.0.1:{self.near.getsockname()[1]}"
+
+    def note(self, parser, data, side):
+        with self.lock:
+            self.passed += [(side, message) for message in parser.feed(data)]
+
+    def run(self):
+        parser = Parser()
+        while self.open:
+            try:
+                data, self.agent = self.near.recvfrom(65536)
+            except TimeoutError:
+                continue
+            self.note(parser, data, "agent")
+            self.far.send(data)
+
+    def back(self):
+        parser = Parser()
+        while self.open:
+            try:
+                data = self.far.recv(65536)
+            except (TimeoutError, ConnectionRefusedError):
+                continue
+            self.note(parser, data, "vehicle")
+            if self.agent:
+                self.near.sendto(data, self.agent)
+
+    def order(self, mode):
+        """Another client switches the mode, as a ground station does."""
+        command = dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, MODES[mode].main, MODES[mode].sub, 0, 0, 0, 0)
+        self.far.send(self.packer.pack(command))
+
+    def of(self, side, kind):
+        with self.lock:
+            return [m for s, m in self.passed if s == side and m.get_type() == kind]
+
+    def until(self, wanted, seconds=60.0, flight=None):
+        """Wait for something on the wire, while the flight that is to bring it about is alive."""
+        ends = time.monotonic() + seconds
+        while not wanted():
+            assert time.monotonic() < ends, "it never came"
+            assert flight is None or flight.poll() is None, flight.communicate()[1]
+            time.sleep(0.02)
+
+
+@pytest.fixture
+def tap(field):
+    tap = Tap(field[0])
+    yield tap
+    tap.open = False
+    tap.join()
+
+
+def fly(tap, camera, tmp_path, *more):
+    (tmp_path / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine draws slowly, and time runs fast here
+    command = [
+        *DRONECATS, "fly", "--connect", tap.url, "--camera", camera,
+        "--instruction", "Go to the cyan SUV.", "--out", str(tmp_path / "run"), "--json",
+        "--envelope", str(tmp_path / "envelope.toml"), *more,
+    ]  # fmt: skip
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+    )
+
+
+def setpoints(tap):
+    return tap.of("agent", "SET_POSITION_TARGET_LOCAL_NED")
+
+
+def orders(tap):
+    return {m.command for m in tap.of("agent", "COMMAND_LONG")} - {511, 512}
+
+
+def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
+    flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
+    out, err = flight.communicate("ARM\n", timeout=240)
+    assert flight.returncode == 0, err
+    told = last_object(out)
+    assert told["success"] is None  # nobody measured
+    assert told["steps"] > 1
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert run["firmware"].startswith("PX4 ")
+    flight = run["flight"]
+    assert flight["envelope"]["ceiling_m"] == 30.0
+    assert flight["connected"]["authority"] == {"arm": True, "then": "land", "dry": False}
+    modes = [m.param2 * 100 + m.param3 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176]
+    assert modes[-2:] == [403, 406]  # held before it landed
+
+
+def test_without_the_word_nothing_is_sent_at_all(field, tap, tmp_path):
+    flight = fly(tap, field[1], tmp_path, "--arm")
+    _, err = flight.communicate("yes\n", timeout=60)
+    assert flight.returncode == 2
+    assert "ARM was not typed" in err
+    assert tap.passed == []
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
+    flight = fly(tap, field[1], tmp_path)
+    tap.until(lambda: tap.of("vehicle", "SYS_STATUS"), flight=flight)
+    tap.until(lambda: tap.of("vehicle", "SYS_STATUS")[-1].onboard_control_sensors_health & 0x10000000, flight=flight)
+    person = Packer(255, 190)
+    arm = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    nan = float("nan")
+    tap.far.send(person.pack(arm))
+    tap.until(lambda: any(m.base_mode & 128 for m in tap.of("vehicle", "HEARTBEAT")))
+    tap.far.send(person.pack(dialect.MAVLink_command_long_message(1, 1, 22, 0, *(nan,) * 7)))
+    offboard = MODES["OFFBOARD"].custom_mode
+    tap.until(lambda: tap.of("vehicle", "HEARTBEAT")[-1].custom_mode == offboard, flight=flight)
+    tap.until(lambda: any(m.coordinate_frame == 8 and m.vx > 0.5 for m in setpoints(tap)), flight=flight)
+    tap.order("HOLD")
+    out, err = flight.communicate(timeout=120)
+    assert flight.returncode == 3
+    assert "switched to HOLD by another hand" in err
+    assert last_object(out)["outcome"] in ("unknown", "error")
+    with tap.lock:
+        passed = list(tap.passed)
+    shown = next(
+        i for i, (side, m) in enumerate(passed)
+        if side == "vehicle" and m.get_type() in ("HEARTBEAT", "CURRENT_MODE") and i > 0
+        and m.custom_mode == MODES["HOLD"].custom_mode
+        and any(n.get_type() in ("HEARTBEAT", "CURRENT_MODE") and n.custom_mode == offboard
+                for s, n in passed[:i] if s == "vehicle")
+    )  # fmt: skip
+    # one may have been on the wire already when the vehicle told
+    after = [m for s, m in passed[shown:] if s == "agent" and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    assert len(after) <= 1
+    assert orders(tap) == {176}  # offboard, and no order ever after
+    assert [m.param2 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176] == [6.0]
+    tap.order("LAND")
+    tap.until(lambda: not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128)
+
+
+class DeafModel(BaseHTTPRequestHandler):
+    """Lists its models, and never answers a question."""
+
+    def do_GET(self):
+        self.send_response(200)
+        self.end_headers()
+
+    def do_POST(self):
+        time.sleep(60.0)
+
+    def log_message(self, *args):
+        pass
+
+
+def test_a_model_that_hangs_leaves_the_vehicle_standing_and_then_landing(field, tap, tmp_path):
+    server = ThreadingHTTPServer(("127.0.0.1", 0), DeafModel)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    model = ("--model", "local/deaf", "--base-url", f"http://127.0.0.1:{server.server_port}/v1", "--patience", "6")
+    flight = fly(tap, field[1], tmp_path, "--arm", *model)
+    _, err = flight.communicate("ARM\n", timeout=240)
+    server.shutdown()
+    assert flight.returncode == 3
+    assert "has not answered for 6 s" in err
+    assert all(m.coordinate_frame == 1 for m in setpoints(tap))  # places to hold; a velocity never
+    modes = [m.param2 * 100 + m.param3 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176]
+    assert modes[-2:] == [403, 406]
+    assert not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128
+
+
+def test_a_dry_run_draws_and_moves_nothing(field, tap, tmp_path):
+    flight = fly(tap, field[1], tmp_path, "--dry-run", "--seconds", "8")
+    _, err = flight.communicate(timeout=120)
+    assert flight.returncode == 0, err
+    assert setpoints(tap) == []
+    assert orders(tap) == set()
+    run = tmp_path / "run" / "connected"
+    steps = len((run / "decisions.jsonl").read_text().splitlines())
+    assert steps >= 2
+    assert len(list((run / "intent").glob("*.jpg"))) == steps

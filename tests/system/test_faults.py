@@ -1,0 +1,74 @@
+"""What a model can do to a flight, and what must never come of it."""
+
+from pathlib import Path
+
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.pilots.server import PilotServer
+from tests.support.command_line import last_object
+from tests.support.json_lines import rows
+
+KEY = "sk-SECRET-1234567890"
+
+
+@pytest.fixture
+def fly(tmp_path, capsys):
+    """Fly with a pilot function behind the model interface; return (status, result, everything said and written)."""
+
+    def run(pilot, *arguments):
+        with PilotServer(pilot, "m") as server:
+            endpoint = server.base_url.replace("://", "://me:pw777@")
+            command = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--model", "openai/m"]
+            status = main([*command, "--base-url", endpoint, "--out", str(tmp_path / "run"), "--json", *arguments])
+        said = capsys.readouterr()
+        written = [p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()]
+        return status, last_object(said.out), said.out.encode() + said.err.encode() + b"".join(written)
+
+    return run
+
+
+def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(fly, monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    calls = []
+
+    def pilot(prompt, images):
+        calls.append(prompt)
+        if len(calls) > 2:
+            raise RuntimeError(f"overloaded, {KEY}")
+        return '{"action":"rotate","angle_deg":10}'
+
+    monkeypatch.setattr("dronecats.agent.models.endpoint.pause_asked_for", lambda headers: 0.0)
+    status, result, everything = fly(pilot)
+    assert status == 3
+    assert result["outcome"] == "error"
+    assert "500" in result["error"]
+    assert result["steps"] == 2
+    assert KEY.encode() not in everything
+    assert b"pw777" not in everything
+
+
+def test_unreadable_replies_are_the_models_failures_and_fly_on(fly):
+    replies = ["\ud800 no json", "", '{"action":"land"}', '{"action":"go","point":[9],"depth_m":1}']
+
+    def pilot(prompt, images):
+        if not replies:
+            raise RuntimeError
+        return replies.pop(0)
+
+    status, result, _ = fly(pilot)
+    assert status == 3  # it broke off in the end, after the four
+    assert result["steps"] == 4
+    decisions = rows(Path(result["run_dir"]) / "decisions.jsonl")
+    assert [row["action"] for row in decisions] == [None] * 4
+    assert all(row["error"] for row in decisions)
+    assert decisions[0]["reply"] == "\ud800 no json"
+
+
+def test_a_mistake_of_ours_in_flight_still_lands_and_leaves_a_verdict(fly, monkeypatch):
+    monkeypatch.setattr("dronecats.agent.loop.plan", lambda action, camera: 1 / 0)
+    status, result, everything = fly(lambda prompt, images: '{"action":"think"}')
+    assert status == 3
+    assert "unexpected ZeroDivisionError" in result["error"]
+    assert b"landing" in everything
+    assert b"ZeroDivisionError: division by zero" in everything  # the traceback, in the run folder

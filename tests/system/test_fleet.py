@@ -1,0 +1,62 @@
+"""Four drones from one context: one request with four pictures, one array of four actions, one verdict."""
+
+from typing import Any
+
+import pytest
+
+from tests.support.flight import fly_simulated
+from tests.support.json_lines import rows
+from tests.system.fleet_pictures import check
+
+
+def fly(capsys, out, *arguments):
+    result, folder = fly_simulated(capsys, out, "--pilot", "oracle", *arguments)
+    logs = ("decisions.jsonl", "truth.jsonl")
+    return result, *(rows(folder / log) for log in logs)
+
+
+@pytest.mark.parametrize("episode", ["blocks-commanding-01", "residential-commanding-01"])
+def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode):
+    result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "max", "--episode", episode)
+    assert result["success"]
+    steps: dict[int, list[Any]] = {}
+    for decision in decisions:
+        steps.setdefault(decision["step"], []).append(decision)
+    for together in steps.values():
+        assert [d["drone"] for d in together] == [0, 1, 2, 3]
+        assert len({d["reply"] for d in together}) == 1  # one context: the same text, of which each has its part
+        assert len({d["frame_id"] for d in together}) == 4
+    frames = {f["frame_id"]: f for f in truth if f["kind"] == "frame"}
+    assert all(frames[d["frame_id"]]["drone"] == d["drone"] for d in decisions)
+    claims = [d for d in decisions if d["action"]["action"] == "finished"]
+    assert len(claims) == result["declarations"] == 1
+    assert frames[claims[0]["frame_id"]]["distance_m"] == pytest.approx(result["ne_m"], abs=1e-3)
+    poses = [p for p in truth if p["kind"] == "pose"]
+    assert {p["drone"] for p in poses} == {0, 1, 2, 3}
+    waiting = set(range(4)) - {claims[0]["drone"]}
+    for drone in waiting:  # those that only hover stay where they began
+        places = [p["position_ned"] for p in poses if p["drone"] == drone]
+        assert max(abs(a - b) for place in places for a, b in zip(place, places[0], strict=True)) < 0.8
+    seen, empty = check(tmp_path / "run" / episode, truth)
+    assert seen >= 2  # by those that stand behind
+    assert empty >= 2  # of those that stand before
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_no_reply_of_a_fleet_is_older_than_its_pictures(tmp_path, capsys, seconds):
+    arguments = ("--speed", "max", "--episode", "blocks-commanding-02", "--latency", f"fixed:{seconds:g}")
+    _, decisions, truth = fly(capsys, tmp_path / "run", *arguments)
+    taken = {f["frame_id"]: f["t"] for f in truth if f["kind"] == "frame"}
+    for decision in decisions:
+        assert decision["t_frame"] == pytest.approx(taken[decision["frame_id"]], abs=1e-6)
+        assert decision["t_decided"] >= decision["t_frame"] + seconds - 1e-6
+        assert decision["t_decided"] <= decision["t_frame"] + seconds + 0.15
+
+
+@pytest.mark.slow
+def test_a_fleet_flies_in_real_time_although_its_four_frames_take_a_while(tmp_path, capsys):
+    result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")
+    assert result["success"]
+    seen, _ = check(tmp_path / "run" / "blocks-commanding-01", truth)
+    assert seen >= 1  # the first picture's; how far ahead the others are in the second is a matter of the machine
+    assert {d["drone"] for d in decisions} == {0, 1, 2, 3}

@@ -1,0 +1,91 @@
+"""Flight logs come off an autopilot byte for byte, by the command, through MAVSDK."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
+from dronecats.stages import parts
+from foundation.errors import UsageError
+from foundation.mavlink import dialect
+from hil.link.flight_logs import log_store
+from hil.link.link import Link
+from hil.link.transport import connect
+from tests.hil.link import listening
+
+
+@pytest.fixture(scope="module")
+def autopilot(tmp_path_factory: pytest.TempPathFactory):
+    """Give the port of a simulated vehicle that has written two logs, and the folder in which they lie on board."""
+    folder = tmp_path_factory.mktemp("vehicle")
+    supervisor = Supervisor(folder)
+    config = SimulatorConfig(episode="residential-approaching-01", speed=4.0, state_dir=str(folder))
+    port = supervisor.start(parts.SIMULATOR, config).ready()["agent"][0]
+    link = Link(connect(f"udpout://127.0.0.1:{port}"))
+    link.connect()
+    link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")
+    for seconds in (1.0, 3.0):
+        link.arm()
+        link.wait(seconds)
+        link.order("disarming", dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+        link.wait(1.0)
+    link.close()
+    yield port, folder / "vehicle-1" / "log"
+    supervisor.close()
+
+
+def command(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-m", "dronecats.cli.main", "flightlog", *arguments],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def test_the_newest_is_fetched_as_it_lies_on_board(autopilot, tmp_path: Path) -> None:
+    port, on_board = autopilot
+    url = f"udpout://127.0.0.1:{port}"
+    listed = command("list", "--connect", url, "--json")
+    assert listed.returncode == 0, listed.stderr
+    logs = json.loads(listed.stdout)["logs"]
+    assert [log["size_bytes"] for log in logs] == [path.stat().st_size for path in sorted(on_board.glob("*.ulg"))]
+    fetched = command("fetch", "--connect", url, "--out", str(tmp_path / "logs"), "--json")
+    assert fetched.returncode == 0, fetched.stderr
+    file = Path(json.loads(fetched.stdout)["file"])
+    assert file.read_bytes() == (on_board / "log002.ulg").read_bytes()
+    assert [path.name for path in (tmp_path / "logs").iterdir()] == [file.name]
+    again = command("fetch", "--connect", url, "--out", str(tmp_path / "logs"))
+    assert again.returncode == 2
+    assert "is there already" in again.stderr
+
+
+def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: Path) -> None:
+    port, on_board = autopilot
+    with log_store(f"udpout://127.0.0.1:{port}") as store:
+        first = store.entries()[0]
+        shares: list[float] = []
+        file = store.fetch(first, tmp_path, shares.append)
+        assert file.read_bytes() == (on_board / "log001.ulg").read_bytes()
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+    refused = command("fetch", "--connect", f"udpout://127.0.0.1:{port}", "--log", "77")
+    assert refused.returncode == 2
+    assert "there is no log 77 on board; there is 0, 1" in refused.stderr
+
+
+def test_nobody_there_and_no_link_are_told_apart() -> None:
+    with pytest.raises(UsageError, match="is no link"), log_store("mailto:somebody"):
+        pass
+    silent = listening.udp()
+    nobody = subprocess.run(
+        [
+            sys.executable, "-c",
+            "import sys; from hil.link.flight_logs import log_store; log_store(sys.argv[1], 1.0).__enter__()",
+            f"udpout://127.0.0.1:{silent.port}",
+        ],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert "LinkError: no MAVLink heartbeat of an autopilot" in nobody.stderr

@@ -1,0 +1,119 @@
+"""Whole flights through the command line on the lockstep clock."""
+
+import json
+
+import pytest
+
+from dronecats.cli.main import main
+from tests.support.flight import fly_simulated
+from tests.support.json_lines import rows
+
+
+@pytest.fixture(scope="module")
+def fly(tmp_path_factory):
+    """Fly with the given arguments and return (result object, episode folder); each set of arguments flies once."""
+    flown = {}
+
+    def run(capsys, *arguments, again=0):
+        key = (*arguments, again)
+        if key not in flown:
+            out = tmp_path_factory.mktemp("run")
+            flown[key] = fly_simulated(capsys, out, "--speed", "max", *arguments)
+        return flown[key]
+
+    return run
+
+
+FIXED = ("--latency", "fixed:0.5", "--seed", "3")
+
+
+def test_the_vision_pilot_finds_the_cyan_suv_and_leaves_everything_a_run_folder_holds(fly, capsys):
+    result, folder = fly(capsys, "--pilot", "vision", *FIXED)
+    assert result["success"]
+    assert result["ne_m"] <= 5.0
+    assert result["real_time_factor"] > 1.0
+    names = {path.name for path in folder.iterdir()}
+    assert {"episode.json", "decisions.jsonl", "truth.jsonl", "flight.tlog", "frames", "verdict.json"} <= names
+    assert (folder / "flight.png").stat().st_size > 50_000
+    assert len(list((folder / "frames").iterdir())) >= result["steps"]
+    run = json.loads((folder.parent / "run.json").read_text())
+    assert len(run["prompt_sha256"]) == 64
+    assert run["clock"] == "lockstep"
+    assert run["served_rate_hz"] > 0
+    for decision in rows(folder / "decisions.jsonl"):
+        assert decision["t_decided"] == pytest.approx(decision["t_frame"] + 0.5, abs=0.11)
+
+
+def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
+    result, folder = fly(capsys, "--pilot", "vision", *FIXED)
+    assert main(["judge", str(folder.parent), "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)["episodes"][result["episode"]]
+    assert verdict["stored_agrees"] is True
+    assert verdict["ne_m"] == result["ne_m"]
+    assert verdict["contradictions"] == []
+    assert verdict["censored"] is result["censored"] is True
+    assert verdict["false_declarations"] == result["false_declarations"] == result["declarations"] - 1
+    begin = rows(folder / "truth.jsonl")[0]
+    assert (begin["kind"], begin["cap_s"]) == ("begin", 300.0)
+    assert main(["judge", str(folder), "--delta", "0.5", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["episodes"][folder.name]["outcome"] == "censored"
+
+
+def test_one_seed_gives_the_same_bytes_and_another_gives_others(fly, capsys):
+    _, first = fly(capsys, "--pilot", "vision", *FIXED)
+    _, second = fly(capsys, "--pilot", "vision", *FIXED, again=1)
+    _, other = fly(capsys, "--pilot", "vision", "--latency", "fixed:0.5", "--seed", "4")
+    for name in ("truth.jsonl", "decisions.jsonl"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+        assert (first / name).read_bytes() != (other / name).read_bytes()
+
+
+def test_two_flights_with_nothing_asked_for_but_lockstep_are_the_same_bytes(fly, capsys):
+    _, first = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02")
+    _, second = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02", again=1)
+    assert json.loads((first.parent / "run.json").read_text())["flight"]["latency"] == "fixed:0.5"
+    for name in ("truth.jsonl", "decisions.jsonl"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_the_records_own_seed_is_behind_the_noise_of_its_flights(fly, capsys, tmp_path):
+    from episodes import catalogue
+
+    record = json.loads(catalogue.load("residential-approaching-02").to_json())
+    drawn = []
+    for seed in (record["seed"], record["seed"] + 1):
+        path = tmp_path / f"{seed}.json"
+        path.write_text(json.dumps({**record, "id": "reseeded", "seed": seed}))
+        _, folder = fly(capsys, "--pilot", "oracle", "--episode", str(path))
+        drawn.append((folder / "truth.jsonl").read_bytes())
+    assert drawn[0] != drawn[1]
+
+
+def test_the_tlog_is_read_by_pymavlink(fly, capsys):
+    from pymavlink import mavutil
+
+    _, folder = fly(capsys, "--pilot", "vision", *FIXED)
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
+    kinds = set()
+    while (message := log.recv_msg()) is not None:
+        kinds.add(message.get_type())
+    assert {"HIL_STATE_QUATERNION", "HEARTBEAT", "ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= kinds
+
+
+@pytest.mark.parametrize(
+    "episode", ["residential-approaching-02", "residential-searching-01", "residential-search-and-track-01"]
+)
+def test_the_oracle_solves_every_cell(fly, capsys, episode):
+    result, _ = fly(capsys, "--pilot", "oracle", "--episode", episode)
+    assert result["success"]
+
+
+@pytest.mark.slow
+def test_the_blind_pilot_flies_to_the_cap_and_fails(fly, capsys):
+    result, folder = fly(capsys, "--pilot", "blind", "--latency", "fixed:0.5")
+    assert not result["success"]
+    assert result["outcome"] == "failure"
+    assert result["declarations"] == 0
+    assert result["sim_seconds"] >= 300.0
+    poses = rows(folder / "truth.jsonl", "pose")
+    assert len(poses) == pytest.approx(601, abs=2)  # 2 Hz over 300 s

@@ -1,0 +1,150 @@
+"""`dronecats preflight` as a user runs it, on our simulator in real time."""
+
+import http.server
+import json
+import subprocess
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from foundation import wire
+from foundation.mavlink import dialect
+from hil.link.link import Link
+from hil.link.transport import connect
+from hil.preflight import disk
+from hil.preflight.rehearsal import rehearse
+from tests.support.command_line import DRONECATS
+from tests.support.simulated_vehicle import simulated_vehicle
+
+FAILS = {"COM_OBL_RC_ACT = 0", "COM_LOW_BAT_ACT = 0", "GF_MAX_HOR_DIST = 0", "GF_MAX_VER_DIST = 0"}  # PX4's defaults
+
+
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory):
+    """The URL of a simulated vehicle whose autopilot stands ready."""
+    with simulated_vehicle(tmp_path_factory.mktemp("simulator")) as ports:
+        url = f"udpout://127.0.0.1:{ports['agent'][0]}"
+        link = Link(connect(url))
+        link.connect()
+        link.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
+        link.close()
+        yield url
+
+
+def preflight(*arguments, typed="", folder="."):
+    return subprocess.run(
+        [*DRONECATS, "preflight", "--seconds", "2", *arguments],
+        input=typed, capture_output=True, text=True, timeout=120, check=False, cwd=folder,
+    )  # fmt: skip
+
+
+def failed(report):
+    return {row["name"] for row in json.loads(report.stdout)["rows"] if row["passed"] is False}
+
+
+def test_a_new_vehicle_passes_but_for_the_defaults_that_surprise(vehicle, tmp_path):
+    report = preflight("--connect", vehicle, "--json", folder=tmp_path)
+    assert report.returncode == 1, report.stderr
+    assert failed(report) == FAILS
+    rows = {row["name"]: row for row in json.loads(report.stdout)["rows"]}
+    assert "4.20 V in each of 4 cells" in rows["battery"]["why"]
+    assert rows["offboard rehearsal"]["passed"]
+    assert rows["round trip"]["passed"]
+    assert rows["clocks"]["passed"]  # the simulator keeps real time
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("typed", ["", "y\n"])
+def test_nothing_but_a_typed_yes_changes_anything(vehicle, typed, tmp_path):
+    report = preflight("--connect", vehicle, "--fix", "--json", typed=typed, folder=tmp_path)
+    assert report.returncode == 1
+    assert "0 → 5" in report.stderr
+    assert "nothing was changed" in report.stderr
+    assert failed(report) == FAILS
+
+
+def test_a_dead_port_is_the_links_fault_and_a_wrong_url_the_users(tmp_path):
+    assert preflight("--connect", "carrier-pigeon://loft", folder=tmp_path).returncode == 2
+    assert preflight("--connect", "tcp://127.0.0.1:1", folder=tmp_path).returncode == 3
+    assert preflight("--connect", "udpin://127.0.0.1:0", "--seconds", "0", folder=tmp_path).returncode == 2
+
+
+class SetpointsLost:
+    """A wire on which everything passes but offboard setpoints."""
+
+    def __init__(self, url):
+        self._transport = connect(url)
+        self.url, self.receive, self.close, self.lost = url, self._transport.receive, self._transport.close, 0
+
+    def send(self, data):
+        messages, _ = wire.frames(data)
+        if messages[0].get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+            self.lost += 1
+        else:
+            self._transport.send(data)
+
+
+@pytest.mark.slow
+def test_the_rehearsal_notices_setpoints_that_do_not_arrive(vehicle):
+    lossy = SetpointsLost(vehicle)
+    link = Link(lossy)
+    link.connect()
+    row = rehearse(link)
+    link.close()
+    assert lossy.lost > 30
+    assert row.passed is False
+    assert "would not arm" in row.why
+
+
+class Snapshot(http.server.BaseHTTPRequestHandler):
+    """A camera that gives one picture per request."""
+
+    def do_GET(self):
+        picture = cv2.imencode(".jpg", np.zeros((72, 128, 3), np.uint8))[1].tobytes()
+        self.send_response(200)
+        self.send_header("Content-Type", "image/jpeg")
+        self.send_header("Content-Length", str(len(picture)))
+        self.end_headers()
+        self.wfile.write(picture)
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.mark.slow
+def test_a_camera_is_looked_through_and_an_absent_one_fails(vehicle, tmp_path):
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Snapshot)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    url = f"http://127.0.0.1:{server.server_port}/picture.jpg"
+    seen = preflight("--connect", vehicle, "--camera", url, "--json", folder=tmp_path)
+    camera = next(row for row in json.loads(seen.stdout)["rows"] if row["name"] == "camera")
+    server.shutdown()
+    server.server_close()
+    assert camera["passed"], camera
+    assert "128×72" in camera["why"]
+    gone = preflight("--connect", vehicle, "--camera", url.replace("//", "//user:secret@"), "--json", folder=tmp_path)
+    assert failed(gone) == FAILS | {"camera"}
+    assert "secret" not in gone.stdout + gone.stderr
+
+
+def test_the_disk(tmp_path):
+    assert disk.row(tmp_path / "runs" / "later").passed
+    file = tmp_path / "file"
+    file.write_text("")
+    assert disk.row(file / "runs").passed is False
+
+
+@pytest.mark.slow
+def test_yes_sets_the_proposal_and_the_table_is_clean(vehicle, tmp_path):
+    report = preflight("--connect", vehicle, "--fix", typed="yes\n", folder=tmp_path)
+    assert report.returncode == 0, report.stdout + report.stderr
+    assert "set, and read back" in report.stdout
+    assert "pass  COM_OBL_RC_ACT = 5" in report.stdout
+    again = preflight("--connect", vehicle, "--fix", "--json", folder=tmp_path)
+    assert again.returncode == 0
+    assert failed(again) == set()
+    assert json.loads(again.stdout)["changes"] == []
+    assert "type yes" not in again.stderr

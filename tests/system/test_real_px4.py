@@ -1,0 +1,123 @@
+"""A real PX4, when DRONECATS_PX4 names the command that starts one: with -d, and {instance} where its number goes."""
+
+import json
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from pymavlink import mavutil
+
+from dronecats.sitl.px4.simulator import free_instance
+from episodes import catalogue
+from foundation.frames import geodetic_to_ned
+from tests.support.command_line import DRONECATS, last_object
+from tests.system.courses import measured, record
+
+COMMAND = os.environ.get("DRONECATS_PX4")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not COMMAND, reason="DRONECATS_PX4 does not name the command that starts a PX4"),
+]
+
+
+def dronecats(*words):
+    return [*DRONECATS, *words, "--px4", COMMAND]
+
+
+def estimate_errors(tlog, since_us):
+    """Return LOCAL_POSITION_NED less the truth, (n, 3) m, from the episode's beginning on.
+
+    Not from boot: until it has its first fixes PX4's filter wanders by metres, and it does not arm so.
+    """
+    truth: list[tuple[float, float, float, float]] = []
+    told: list[tuple[float, float, float, float]] = []
+    log = mavutil.mavlink_connection(str(tlog), dialect="development")
+    while (message := log.recv_match(type=["HIL_STATE_QUATERNION", "LOCAL_POSITION_NED"])) is not None:
+        if message.get_type() == "LOCAL_POSITION_NED":
+            told.append((message.time_boot_ms / 1e3, message.x, message.y, message.z))
+        else:
+            truth.append((message.time_usec / 1e6, message.lat / 1e7, message.lon / 1e7, message.alt / 1e3))
+    origin = truth[0][1:]
+    places = np.array([geodetic_to_ned(*origin, *place) for _, *place in truth])
+    times, estimate = [t for t, *_ in truth], np.array([row for row in told if row[0] >= since_us / 1e6])
+    return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
+
+
+def test_a_real_px4_flies_a_go_to_its_pixel_and_makes_its_turns(tmp_path):
+    pilot, out = record(tmp_path / "replies.jsonl", 5), tmp_path / "run"
+    episode = json.loads(catalogue.load("residential-approaching-01").to_json())
+    episode["id"], episode["starts"][0]["position_ned"][2] = "high-up", -25.0
+    (tmp_path / "high-up.json").write_text(json.dumps(episode))
+    words = ["--episode", str(tmp_path / "high-up.json"), "--pilot", f"recorded:{pilot}", "--latency", "fixed:1"]
+    fly = dronecats("fly", "--sitl", "--autopilot", "px4", "--speed", "max", "--full", "--out", str(out), *words)
+    flown = subprocess.run(fly, capture_output=True, text=True, timeout=800)
+    assert flown.returncode == 0, flown.stderr + flown.stdout
+    gone, turned = measured(out / "high-up")
+    assert len(gone) >= 15
+    assert sum(abs(go.off_deg) <= 3.0 for go in gone) >= 0.95 * len(gone)
+    assert [turn for turn in turned if abs(turn.off_deg) > 2.0] == []
+
+
+@pytest.mark.parametrize("speed", ["1", "max"])
+def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
+    out = tmp_path / "run"
+    words = ["--pilot", "oracle", "--speed", speed, "--out", str(out), "--json"]
+    flown = subprocess.run(
+        dronecats("fly", "--sitl", "--autopilot", "px4", *words), capture_output=True, text=True, timeout=600
+    )
+    assert flown.returncode == 0, flown.stderr + flown.stdout
+    result = last_object(flown.stdout)
+    assert result["success"]
+    folder = out / result["episode"]
+    begin = json.loads((folder / "truth.jsonl").open().readline())
+    errors = estimate_errors(folder / "flight.tlog", begin["t0_us"])
+    assert len(errors) > 100
+    wandered = errors - errors[: len(errors) // 10].mean(axis=0)
+    assert np.abs(wandered[:, :2]).max() < 1.0
+    assert np.abs(wandered[:, 2]).max() < 1.5
+
+
+def test_the_same_decisions_fly_the_same_square(tmp_path):
+    square = Path(__file__).parents[2] / "benchmarks" / "square.jsonl"
+    words = ["--pilot", f"recorded:{square}", "--speed", "max", "--latency", "fixed:0.5", "--json"]
+    words += ["--episode", "v1-residential-searching-01"]  # where nothing stands in the square's way
+    ours, px4 = tmp_path / "ours", tmp_path / "px4"
+    subprocess.run([*DRONECATS, "fly", "--sitl", *words, "--out", str(ours)], check=True, timeout=300)
+    fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words, "--out", str(px4))
+    subprocess.run(fly, check=True, timeout=600)
+    compared = subprocess.run([*DRONECATS, "compare", str(ours), str(px4), "--json"], capture_output=True, text=True)
+    assert compared.returncode == 0, compared.stdout + compared.stderr
+    assert json.loads(compared.stdout)["agree"]
+
+
+def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
+    state = tmp_path / "state"
+    words = ["--autopilot", "px4", "--instance", str(free_instance(1)), "--speed", "4", "--state", str(state)]
+    simulator = subprocess.Popen(dronecats("sitl", *words), stdout=subprocess.PIPE, text=True)
+
+    def until(text):
+        assert simulator.stdout is not None
+        for line in simulator.stdout:
+            if text in line:
+                return float(line.rpartition("at ")[2].split()[0]) if " s\n" in line else None
+        raise AssertionError(f"'{text}' never came")
+
+    try:
+        first_s = until("is in step")
+        running = psutil.Process(simulator.pid).children(recursive=True)
+        for process in running[1:]:  # the first is the leash
+            process.kill()
+        gone_s = until("has gone")
+        until("is started again")
+        assert first_s <= gone_s < until("is in step")
+        running = psutil.Process(simulator.pid).children(recursive=True)
+        simulator.send_signal(signal.SIGINT)
+        assert simulator.wait(30) == 0
+        assert not [p for p in running if p.is_running()]
+    finally:
+        simulator.kill()
+        simulator.wait()

@@ -1,0 +1,138 @@
+"""Real processes, real sockets, and what happens when one of them is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import threading
+
+import psutil
+import pytest
+
+from dronecats.pilots.server import PilotServer
+from tests.support.command_line import DRONECATS, last_object
+
+
+class Flight:
+    """`dronecats fly --sitl` as a user starts it."""
+
+    def __init__(self, out, *arguments):
+        command = [*DRONECATS, "fly", "--sitl", "--out", str(out), "--json", *arguments]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.out = out
+        self.children = []
+
+    def until(self, text):
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        for line in self.process.stdout:
+            if text in line:
+                self.children = psutil.Process(self.process.pid).children(recursive=True)
+                return
+        raise AssertionError(f"'{text}' never came; {self.process.stderr.read()}")
+
+    def child(self, kind):
+        return next(c for c in self.children if c.cmdline()[-1] == kind)
+
+    def ends(self, timeout=300):
+        out, errors = self.process.communicate(timeout=timeout)
+        assert not [c for c in self.children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
+        return self.process.returncode, out, errors
+
+
+@pytest.fixture
+def fly(tmp_path):
+    flights = []
+
+    def start(*arguments):
+        flights.append(Flight(tmp_path / "run", *arguments))
+        return flights[-1]
+
+    yield start
+    for flight in flights:
+        if flight.process.poll() is None:
+            flight.process.kill()
+            flight.process.wait()
+
+
+def test_a_flight_in_real_time_succeeds(fly):
+    code, out, errors = fly("--speed", "3").ends(800)
+    assert code == 0, errors
+    result = last_object(out)
+    assert result["success"]
+    assert result["real_time_factor"] < 3.2  # paced; how well a busy machine keeps up is the benchmark's to say
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["logger", "camera", "pilot", "simulator"])
+def test_killing_a_part_in_flight_is_status_3_with_a_sentence(fly, kind):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until("   0  t=")
+    os.kill(flight.child(kind).pid, signal.SIGKILL)
+    code, out, errors = flight.ends()
+    assert code == 3
+    assert kind in errors
+    assert len(errors.strip().splitlines()) == 1
+    result = last_object(out)
+    assert result["outcome"] == "error"
+    verdict = json.loads((flight.out / result["episode"] / "verdict.json").read_text())
+    assert verdict["outcome"] == "error"
+
+
+@pytest.mark.slow
+def test_a_logger_that_hangs_in_flight_is_status_3_with_a_sentence(fly):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until("   0  t=")
+    logger = flight.child("logger")
+    os.kill(logger.pid, signal.SIGSTOP)
+    code, out, errors = flight.ends()
+    assert code == 3
+    (sentence,) = errors.strip().splitlines()
+    assert "the logger process hangs" in sentence
+    result = last_object(out)
+    assert sentence.endswith(f"see {result['run_dir']}/logger.log")
+    assert result["outcome"] == "error"
+    assert "landing" in out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["waiting until", "taking off", "flying to the start pose", "   1  t="])
+def test_ctrl_c_lands_closes_everything_and_leaves_a_readable_folder(fly, when):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until(when)
+    flight.process.send_signal(signal.SIGINT)
+    code, out, errors = flight.ends()
+    assert code == 130
+    assert "interrupted" in errors
+    if when not in ("waiting until", "taking off"):  # before, it may be caught on the ground and disarmed
+        assert "landing" in out
+    assert last_object(out)["outcome"] == "error"
+
+
+@pytest.mark.slow
+def test_a_killed_agent_leaves_no_process(fly):
+    flight = fly("--speed", "3", "--pilot", "blind")
+    flight.until("   0  t=")
+    flight.process.kill()
+    _, alive = psutil.wait_procs(flight.children, timeout=10)
+    assert not alive
+
+
+@pytest.mark.slow
+def test_ctrl_c_does_not_wait_for_a_silent_model(fly):
+    asked, never = threading.Event(), threading.Event()
+
+    def silent(prompt, images):
+        asked.set()
+        never.wait()
+        return "{}"
+
+    with PilotServer(silent, "m") as server:
+        flight = fly("--speed", "3", "--model", "local/m", "--base-url", server.base_url)
+        flight.until("flying to the start pose")
+        assert asked.wait(300)
+        flight.process.send_signal(signal.SIGINT)
+        code, out, _ = flight.ends(300)
+        never.set()
+    assert code == 130
+    assert "landing" in out

@@ -1,0 +1,98 @@
+"""`fly --connect --world --truth`: somebody else's simulated vehicle flies our episodes, and is judged.
+
+Here that vehicle is our own simulator on another map, far away and heading elsewhere; of a real PX4 the same was seen.
+"""
+
+import json
+import math
+import subprocess
+
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.rundir.reading import read
+from dronecats.sitl.scenario import load_world
+from tests.support.command_line import DRONECATS, last_object
+from tests.support.simulated_vehicle import simulated_vehicle
+
+HERE = "campus-approaching-01"
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """Return the addresses of a vehicle that simulates itself on another map: its link's and its truth's."""
+    with simulated_vehicle(tmp_path) as ports:
+        yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
+
+
+def fly(out, *arguments, typed="ARM\n"):
+    command = [*DRONECATS, "fly", *arguments, "--out", str(out), "--json"]
+    done = subprocess.run(command, input=typed, capture_output=True, text=True, timeout=300, check=False)
+    return done, last_object(done.stdout) if done.returncode == 0 else None
+
+
+@pytest.mark.slow
+def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, tmp_path):
+    link, truth = elsewhere
+    done, result = fly(
+        tmp_path / "run", "--connect", link, "--truth", truth, "--world", HERE, "--pilot", "oracle", "--arm"
+    )
+    assert done.returncode == 0, done.stderr
+    assert result["outcome"] == "success"
+    assert result["episode"] == HERE
+    folder = tmp_path / "run" / HERE
+    start = load_world(HERE).record.starts[0]
+    logs = read(folder)
+    assert math.dist(logs.poses[0].position_ned, start.position_ned) < 1.0
+    assert logs.poses[0].yaw_deg is not None
+    assert abs((logs.poses[0].yaw_deg - start.yaw_deg + 180.0) % 360.0 - 180.0) < 5.0
+    assert {(decision.drone, decision.frame_id) for decision in logs.decisions} <= set(logs.frames)
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    connected = run["flight"]["connected"]
+    assert (connected["url"], connected["truth"], run["camera"]["width"]) == (link, truth, 1280)
+    assert (folder / "flight.tlog").stat().st_size > 10_000
+    judged = subprocess.run(
+        [*DRONECATS, "judge", str(tmp_path / "run"), "--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert judged.returncode == 0, judged.stderr
+
+
+@pytest.mark.slow
+def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
+    link, truth = elsewhere
+    done, result = fly(
+        tmp_path / "run", "--connect", link, "--truth", truth, "--world", "blocks", "--instruction",
+        "go to the red box", "--pilot", "blind", "--arm", "--seconds", "8",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert result["success"] is None
+    folder = tmp_path / "run" / "free-blocks"
+    assert list((folder / "frames").glob("*.jpg"))
+    assert json.loads((folder / "episode.json").read_text()) == {
+        "id": "free-blocks",
+        "instruction": "go to the red box",
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--world", HERE], "--world and --truth go together"),
+        (["--truth", "udpin://127.0.0.1:0"], "--world and --truth go together"),
+        (["--world", HERE, "--truth", "x", "--camera", "v4l2:0"], "--camera goes without --world"),
+        (["--world", HERE, "--truth", "x"], "is no link"),
+        (
+            ["--world", HERE, "--truth", "udpin://127.0.0.1:0", "--instruction", "go"],
+            "an episode brings its instruction",
+        ),
+        (["--world", "campus", "--truth", "udpin://127.0.0.1:0"], "'campus' is a map: say with --instruction"),
+        (["--world", "campus", "--truth", "x", "--instruction", "go", "--pilot", "oracle"], "a map has none"),
+        (["--world", "no-such-place", "--truth", "x"], "is neither an id nor a record file"),
+        (["--world", HERE, "--truth", "udpin://127.0.0.1:0"], "no truth comes on --truth"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_before_anything_is_made(tmp_path, capsys, arguments, said):
+    assert main(["fly", "--connect", "udpin://127.0.0.1:0", *arguments, "--out", str(tmp_path / "run")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,239 @@
+"""Flying into things: walls stop, cars stay empty, edges tip, hard hits break, and what is far away changes nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from episodes.obstacles import sorted_into_cells
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
+from foundation.obstacles import OPEN, Box, Obstacles
+from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
+from vehicles.airframe import names
+from vehicles.collision import BOX, RESTITUTION
+from vehicles.multirotor import Multirotor
+from vehicles.nearest import in_box, in_triangle
+
+CAMERA = (0.5, 0.0, 0.1)
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+def block(centre: tuple[float, float, float], half: tuple[float, float, float]) -> np.ndarray:
+    """Return the (12, 3, 3) triangles of a box, outward."""
+    corners = CORNERS * half + centre
+    return np.array(
+        [[corners[f[a]], corners[f[b]], corners[f[c]]] for f in FACES for a, b, c in ((0, 1, 2), (0, 2, 3))]
+    )
+
+
+def solid(*blocks: np.ndarray, moving: Box | None = None) -> Obstacles:
+    owner = np.repeat(np.arange(len(blocks), dtype=np.int32), [len(b) for b in blocks])
+    return sorted_into_cells(
+        np.concatenate(blocks), owner, tuple(f"block-{k}" for k in range(len(blocks))), 0.7, moving=moving
+    )
+
+
+WALL = solid(block((6.0, 0.0, -4.0), (1.0, 8.0, 5.0)))  # its face is at 5 m north
+CAR = Box("car", (2.0, 0.9, 0.8), (0.0, 0.0, -0.8))
+
+
+def shove(craft: Multirotor, velocity: tuple[float, float, float], steps: int) -> np.ndarray:
+    """Drive the vehicle with a velocity that nothing can take from it; return its positions (steps, 3)."""
+    attitude, path = craft.state["attitude"].copy(), np.empty((steps, 3))
+    for k in range(steps):
+        craft.state["velocity"], craft.state["attitude"], craft.state["rates"] = velocity, attitude, 0.0
+        craft.advance(1)
+        path[k] = craft.state["position"]
+    return path
+
+
+@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("speed", [0.3, 3.0, 20.0])
+def test_the_lens_never_enters_a_wall(name: str, speed: float) -> None:
+    craft = vehicle(name, obstacles=WALL, camera_frd=CAMERA, position_ned=(3.5, 0.0, -3.0))
+    path = shove(craft, (speed, 0.0, 0.0), round(1500 * 1.5 / max(speed, 0.9)) + 900)
+    nearest = 5.0 - CAMERA[0] - path[:, 0].max()
+    assert nearest > (0.0495 if speed < 10.0 else 0.01)  # the renderer's near plane; at any speed it stays outside
+    assert craft.state["hits"] > 0 or speed < 0.5
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_bump_gives_back_less_than_it_took(name: str) -> None:
+    craft = vehicle(name, obstacles=WALL, camera_frd=CAMERA, position_ned=(4.3, 0.0, -4.0))
+    craft.state["velocity"] = (0.8, 0.0, 0.0)
+    mass, inertia = craft.airframe.mass_kg, craft.params["inertia"]
+    hardest = 0.0
+    for _ in range(700):
+        before = 0.5 * mass * np.sum(craft.state["velocity"] ** 2) + 0.5 * np.sum(inertia * craft.state["rates"] ** 2)
+        height = craft.state["position"][2]
+        craft.advance(1)
+        after = 0.5 * mass * np.sum(craft.state["velocity"] ** 2) + 0.5 * np.sum(inertia * craft.state["rates"] ** 2)
+        hardest = max(hardest, craft.state["hit_speed"])
+        fallen = mass * GRAVITY * (craft.state["position"][2] - height)
+        assert after <= before + fallen + 1e-3 * mass
+    assert craft.state["hits"] >= 1
+    assert hardest == pytest.approx(0.8, abs=0.05)
+    assert -0.8 < craft.state["velocity"][0] < 0.05
+
+
+def test_a_hit_beside_the_middle_turns_the_vehicle() -> None:
+    post = solid(block((5.0, 0.35, -3.0), (0.1, 0.1, 3.0)))
+    craft = vehicle(obstacles=post, position_ned=(4.4, 0.0, -3.0))
+    craft.state["velocity"] = (1.0, 0.0, 0.0)
+    craft.advance(600)
+    assert craft.state["hits"] >= 1
+    assert craft.state["rates"][2] > 0.3  # struck on its right front: it swings to the right
+
+
+def test_a_vehicle_rests_on_a_roof_and_slides_off_a_steep_one() -> None:
+    craft = vehicle(obstacles=solid(block((0.0, 0.0, -1.0), (2.0, 2.0, 1.0))), position_ned=(0.0, 0.0, -2.4))
+    craft.advance(3000)
+    there = craft.state["position"].copy()
+    assert there == pytest.approx((0.0, 0.0, -2.23), abs=0.02)
+    craft.advance(2000)
+    assert craft.state["position"] == pytest.approx(there, abs=2e-3)
+    assert craft.truth["accel_frd"] == pytest.approx((0.0, 0.0, -GRAVITY), abs=0.05)
+    assert craft.state["crashed"] == 0
+    ramp = np.array([[[-3, -3, 0], [3, 3, -6], [3, -3, -6]], [[-3, -3, 0], [-3, 3, 0], [3, 3, -6]]], dtype=float)
+    craft = vehicle(obstacles=solid(ramp), position_ned=(1.0, 0.0, -4.6))
+    craft.advance(700)
+    assert craft.state["position"][0] < 0.7
+
+
+def test_half_on_the_edge_of_a_roof_it_tips_over() -> None:
+    craft = vehicle(obstacles=solid(block((0.0, 0.0, -3.0), (2.0, 2.0, 0.5))), position_ned=(2.05, 0.0, -3.75))
+    tilt = 0.0
+    for _ in range(40):
+        craft.advance(50)
+        tilt = max(tilt, abs(quat_to_euler(tuple(craft.state["attitude"]))[1]))
+    assert tilt > 0.7
+    assert craft.state["height"] < 2.0  # and falls beside the block
+
+
+def test_a_hard_hit_breaks_a_propeller_and_says_what_was_hit() -> None:
+    wall = solid(block((-30.0, 0.0, 0.0), (1.0, 1.0, 1.0)), block((6.0, 0.0, -4.0), (1.0, 8.0, 5.0)))
+    craft = vehicle(obstacles=wall, position_ned=(4.2, 0.0, -3.0))
+    spin(craft, hover_speed(craft))
+    craft.state["velocity"] = (4.0, 0.0, 0.0)
+    craft.advance(300)
+    assert craft.state["crashed"] == 1
+    assert (craft.state["rotor_health"][:4] == 0.0).any()
+    assert wall.names[craft.state["hit_owner"]] == "block-1"
+    assert np.isfinite(craft.state["position"]).all()
+
+
+def test_a_gentle_touch_breaks_nothing_and_the_accelerometer_feels_it() -> None:
+    craft = vehicle(obstacles=WALL, camera_frd=CAMERA, position_ned=(4.3, 0.0, -3.0), suite=PERFECT)
+    spin(craft, hover_speed(craft))
+    craft.state["velocity"] = (0.5, 0.0, 0.0)
+    felt = 0.0
+    for _ in range(500):
+        craft.advance(1)
+        felt = min(felt, craft.truth["accel_frd"][0])
+    assert craft.state["hits"] >= 1
+    assert craft.state["crashed"] == 0
+    assert (craft.state["rotor_health"][:4] == 1.0).all()
+    assert felt < -50.0  # half a metre per second within a millisecond or two
+
+
+def test_a_moving_car_carries_along_what_it_hits() -> None:
+    obstacles = solid(block((40.0, 0.0, 0.0), (1.0, 1.0, 1.0)), moving=CAR)
+    craft = vehicle(obstacles=obstacles, camera_frd=CAMERA)  # stands in the way, on the road
+    pushed = 0.0
+    for k in range(300):
+        craft.meet_box((-6.0 + 3.0 * 0.01 * k, 0.0, 0.0), 0.0, (3.0, 0.0, 0.0), 0.0)
+        craft.advance(10)
+        pushed = max(pushed, craft.state["velocity"][0])
+    assert craft.state["hit_owner"] == BOX
+    assert 2.5 < pushed < 3.0 * (1.0 + RESTITUTION) + 0.3
+    assert craft.state["position"][0] > -6.0 + 9.0 + 2.0 - 0.05  # in front of the bumper, not inside
+
+
+def test_a_car_that_is_not_there_yet_changes_nothing() -> None:
+    craft = vehicle(obstacles=solid(block((40.0, 0.0, 0.0), (1.0, 1.0, 1.0))))
+    with pytest.raises(UsageError, match="moving"):
+        craft.meet_box((0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0), 0.0)
+
+
+def test_far_obstacles_change_no_byte_of_a_flight() -> None:
+    flown = []
+    for obstacles in (OPEN, WALL):
+        craft = vehicle(position_ned=(-5.0, 0.0, -8.0), obstacles=obstacles)
+        spin(craft, hover_speed(craft))
+        craft.state["velocity"] = (0.0, 1.0, 0.0)
+        craft.advance(2000)
+        flown.append(craft.state.tobytes())
+    assert flown[0] == flown[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_looking_seldom_misses_nothing(seed: int) -> None:
+    """The shortcuts (free way, gathered candidates) give the same flight as looking at every step."""
+    rng = np.random.default_rng(seed)
+    stones = [block(tuple(rng.uniform(-4.0, 4.0, 3) - (0, 0, 6)), tuple(rng.uniform(0.1, 0.6, 3))) for _ in range(150)]
+    scene = solid(*stones)
+    lazy, eager = (vehicle(obstacles=scene, camera_frd=CAMERA, position_ned=(-5.0, 0.0, -6.0)) for _ in range(2))
+    for craft in (lazy, eager):
+        craft.state["attitude"] = quat_from_euler(0.3, -0.2, 0.5)
+    for k in range(4000):
+        kick = (3.0 * np.cos(k / 400.0), 3.0 * np.sin(k / 300.0), 2.0 * np.sin(k / 700.0))
+        eager.near["free"] = eager.near["holds"] = 0.0
+        for craft in (lazy, eager):
+            if k % 400 == 0:
+                craft.state["velocity"] = kick
+            craft.state["velocity"][2] -= GRAVITY * 1e-3
+            craft.advance(1)
+    assert lazy.state["hits"] >= 1
+    assert lazy.state["hits"] == eager.state["hits"]
+    assert lazy.state["position"] == pytest.approx(eager.state["position"], abs=1e-6)
+
+
+def test_obstacles_sorted_for_a_smaller_vehicle_are_refused() -> None:
+    with pytest.raises(UsageError, match="reach"):
+        vehicle(obstacles=replace(WALL, reach_m=0.2))
+
+
+def test_nearest_points_against_a_dense_search() -> None:
+    rng = np.random.default_rng(5)
+    u, v = np.meshgrid(np.linspace(0, 1, 201), np.linspace(0, 1, 201))
+    u, v = u[u + v <= 1.0], v[u + v <= 1.0]
+    for _ in range(60):
+        corners = rng.normal(size=(1, 9)).astype(np.float32)
+        point = rng.normal(size=3) * 2.0
+        a, b, c = corners.reshape(3, 3).astype(float)
+        best = np.linalg.norm(a + u[:, None] * (b - a) + v[:, None] * (c - a) - point, axis=1).min()
+        found = in_triangle(corners, 0, *point)
+        gap = np.linalg.norm(np.array(found[:3]) - point)
+        assert best - 0.02 < gap <= best + 1e-6
+    for place, deep, way in (((3.0, 0.0, 0.0), 1.0, (1, 0, 0)), ((0.0, -0.9, 0.1), -0.1, (0, -1, 0))):
+        box = in_box((2.0, 1.0, 1.0), place)
+        assert box[0] == pytest.approx(deep)
+        assert box[2] == pytest.approx(way)
+
+
+def test_the_suv_of_the_map_keeps_the_lens_out() -> None:
+    """Into the triangles of a real asset, from every side and at several heights."""
+    from episodes import assets
+    from episodes.obstacles import obstacles
+    from episodes.scene import Instance, Scene, Sun
+    from foundation.terrain import FLAT
+
+    mesh = assets.build("suv", "red", None)
+    scene = Scene("test", (Instance(1, "suv", "suv", mesh, (0.0, 0.0, 0.0)),), FLAT, Sun((0, 0, -1)), 47.0, 8.0, 400.0)
+    solids = obstacles(scene)
+    for yaw in np.radians((0.0, 40.0, 90.0, 180.0, 250.0)):
+        for height in (0.6, 1.2):
+            ahead = np.array((np.cos(yaw), np.sin(yaw), 0.0))
+            craft = vehicle(
+                obstacles=solids, camera_frd=CAMERA, position_ned=tuple(-5.0 * ahead + (0, 0, -height)), yaw=yaw
+            )
+            shove(craft, tuple(2.0 * ahead), 2500)  # it may slide up the bonnet
+            lens = craft.state["position"] + rotate(tuple(craft.state["attitude"]), CAMERA)
+            gaps = [
+                np.linalg.norm(np.array(in_triangle(solids.corners, t, *lens)[:3]) - lens)
+                for t in range(len(solids.corners))
+            ]
+            assert min(gaps) > 0.0495
+            assert craft.state["hits"] > 0

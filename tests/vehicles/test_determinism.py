@@ -1,0 +1,73 @@
+"""Same seed, same bytes; and however the steps are grouped."""
+
+from typing import Any
+
+from numba import njit
+
+from tests.vehicles.fleet import HIGH, vehicle
+from vehicles.multirotor import Multirotor, step
+from vehicles.wind import Wind
+
+
+@njit
+def _fused(steps, actuators, args):
+    for _ in range(steps):
+        actuators.command[0] = 0.70  # where an autopilot would write
+        step(*args)
+
+
+def flown(seed: int, chunks: list[int]) -> Multirotor:
+    craft = vehicle(seed=seed, position_ned=HIGH, wind=Wind((3.0, 1.0, 0.0), 8.0))
+    craft.actuators["armed"] = 1
+    craft.actuators["command"][:4] = (0.70, 0.71, 0.70, 0.705)
+    for steps in chunks:
+        craft.advance(steps)
+    return craft
+
+
+def bytes_of(craft: Multirotor) -> list[bytes]:
+    args: tuple[Any, ...] = craft.kernel_args
+    return [arg.tobytes() for arg in args]
+
+
+def test_same_seed_same_bytes() -> None:
+    assert bytes_of(flown(7, [3000])) == bytes_of(flown(7, [3000]))
+    assert bytes_of(flown(7, [3000])) == bytes_of(flown(7, [1, 999, 1500, 500]))
+
+
+def test_another_seed_flies_another_flight() -> None:
+    one, two = flown(7, [3000]), flown(8, [3000])
+    assert one.truth["position_ned"].tobytes() != two.truth["position_ned"].tobytes()  # other gusts
+    assert one.sensors["accel_frd"].tobytes() != two.sensors["accel_frd"].tobytes()
+
+
+def test_sensors_do_not_disturb_the_flight() -> None:
+    craft, plain = flown(7, [3000]), vehicle(seed=7, position_ned=HIGH, wind=Wind((3.0, 1.0, 0.0), 8.0))
+    plain.suite["imu_period_us"] = 4000
+    plain.actuators["armed"] = 1
+    plain.actuators["command"][:4] = (0.70, 0.71, 0.70, 0.705)
+    plain.advance(3000)
+    assert craft.truth.tobytes() == plain.truth.tobytes()
+
+
+def test_copied_records_live_the_same_life() -> None:
+    craft, twin = flown(7, [1000]), flown(8, [1000])
+    for source, target in zip(craft.kernel_args, twin.kernel_args, strict=True):
+        for name in source.dtype.names or ():
+            target[name] = source[name]
+    craft.advance(1000)
+    twin.advance(1000)
+    assert bytes_of(craft) == bytes_of(twin)
+
+
+def test_time_counts_from_boot_in_microseconds() -> None:
+    craft = vehicle()
+    assert craft.state["time_us"] == 0
+    craft.advance(1234)
+    assert craft.state["time_us"] == craft.truth["time_us"] == 1_234_000
+
+
+def test_a_compiled_loop_may_carry_the_step() -> None:
+    alone, carried = flown(7, [1000]), flown(7, [])
+    _fused(1000, carried.actuators, carried.kernel_args)
+    assert bytes_of(alone) == bytes_of(carried)

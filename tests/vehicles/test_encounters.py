@@ -1,0 +1,87 @@
+"""Drones of a fleet are solid to one another."""
+
+import numpy as np
+import pytest
+
+from dronecats.sitl.collisions import CollisionReport, Encounters
+from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
+from vehicles.airframe import names
+from vehicles.encounter import DRONE, girth
+from vehicles.multirotor import Multirotor
+
+TICK = 10
+
+
+def pair(name: str, apart: float, aside: float, speed: float) -> tuple[Multirotor, Multirotor]:
+    """Return two hovering vehicles that fly at one another."""
+    found = []
+    for sign in (-1.0, 1.0):
+        craft = vehicle(name, position_ned=(sign * apart / 2, sign * aside / 2, -60.0), suite=PERFECT)
+        spin(craft, hover_speed(craft))
+        craft.state["velocity"] = (-sign * speed, 0.0, 0.0)
+        found.append(craft)
+    return found[0], found[1]
+
+
+def live(fleet: tuple[Multirotor, Multirotor], ticks: int) -> None:
+    encounters = Encounters(fleet)
+    for _ in range(ticks):
+        encounters.part(TICK * 1e-3)
+        for craft in fleet:
+            craft.advance(TICK)
+    encounters.part(TICK * 1e-3)
+
+
+@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("speed", [0.4, 1.0, 6.0])
+def test_two_that_meet_do_not_pass_through_and_share_what_they_had(name: str, speed: float) -> None:
+    apart = 2.0 * girth(vehicle(name)) + 0.1
+    fleet = pair(name, apart, 0.02, speed)
+    live(fleet, round(100 * 0.05 / speed) + 20)
+    gap = fleet[1].state["position"][0] - fleet[0].state["position"][0]
+    assert gap > 0.0
+    if speed <= 1.0:
+        assert fleet[1].state["velocity"][0] - fleet[0].state["velocity"][0] > -0.05  # no longer closing
+    momentum = fleet[0].state["velocity"][0] + fleet[1].state["velocity"][0]
+    assert abs(momentum) < 0.35 * speed  # what is left comes from rotors that no longer point straight up
+    for craft in fleet:
+        assert craft.state["hits"] >= 1
+        assert craft.state["hit_owner"] == DRONE
+        assert np.isfinite(craft.state["attitude"]).all()
+        assert craft.state["crashed"] == (2.0 * speed > 1.0)
+
+
+def test_a_touch_beside_the_middle_turns_both_and_is_felt() -> None:
+    fleet = pair("x500", 1.2, 0.3, 0.45)
+    felt = 0.0
+    encounters = Encounters(fleet)
+    for _ in range(160):
+        encounters.part(TICK * 1e-3)
+        for craft in fleet:
+            craft.advance(TICK)
+        felt = max(felt, float(np.abs(fleet[0].truth["accel_frd"][:2]).max()))
+    assert felt > 3.0
+    assert all(abs(craft.state["rates"]).max() > 0.1 for craft in fleet)
+
+
+def test_those_who_keep_apart_feel_nothing() -> None:
+    fleet, alone = pair("x500", 3.0, 0.0, 0.0), pair("x500", 3.0, 0.0, 0.0)
+    live(fleet, 100)
+    for craft in alone:
+        craft.advance(100 * TICK)
+    assert [craft.state.tobytes() for craft in fleet] == [craft.state.tobytes() for craft in alone]
+
+
+def test_it_is_said_once_and_what_it_was() -> None:
+    fleet = pair("x500", 1.2, 0.0, 1.0)
+    reports = [CollisionReport(craft) for craft in fleet]
+    encounters, said = Encounters(fleet), []
+    for _ in range(80):
+        encounters.part(TICK * 1e-3)
+        for craft, report in zip(fleet, reports, strict=True):
+            craft.advance(TICK)
+            message = report.message()
+            if message:
+                said.append(message.text)
+    assert len(said) == 2
+    assert all(text.startswith("Crash: hit another drone at") for text in said)

@@ -1,0 +1,174 @@
+"""The ground: rest is rest, falls end, slopes hold and vehicles can tip over."""
+
+import numpy as np
+import pytest
+
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
+from foundation.terrain import HeightField
+from tests.vehicles.fleet import ORIGIN, spin, vehicle
+from vehicles import ground
+from vehicles.airframe import load, names
+from vehicles.multirotor import Multirotor, parameters
+from vehicles.wind import Wind
+
+NODES = np.arange(-20.0, 21.0)
+
+
+def slope(grade: float) -> HeightField:
+    """Return ground that rises by `grade` to the north."""
+    return HeightField(-20.0, -20.0, 1.0, np.repeat(-grade * NODES[:, None], NODES.size, axis=1))
+
+
+@pytest.mark.parametrize("name", names())
+def test_rest_is_still_and_feels_gravity(name: str) -> None:
+    craft = vehicle(name, yaw=0.7)
+    start = craft.state["position"].copy()
+    craft.advance(10_000)
+    assert craft.truth["position_ned"] == pytest.approx(start, abs=1e-9)
+    assert craft.truth["velocity_ned"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert craft.truth["rates_frd"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert craft.truth["accel_frd"] == pytest.approx((0.0, 0.0, -GRAVITY), abs=1e-6)
+    assert craft.state["on_ground"] == 1
+    assert craft.state["crashed"] == 0
+
+
+@pytest.mark.parametrize("name", names())
+def test_rest_is_still_in_wind_and_with_idling_rotors(name: str) -> None:
+    craft = vehicle(name, wind=Wind(mean_ned=(1.0, 0.5, 0.0)))
+    craft.actuators["armed"] = 1
+    craft.advance(3000)
+    there = craft.state["position"].copy()
+    craft.advance(10_000)
+    assert craft.truth["position_ned"] == pytest.approx(there, abs=1e-4)
+    assert quat_to_euler(tuple(craft.truth["attitude"])) == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+
+
+@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("height", [0.05, 0.5, 5.0, 30.0])
+def test_a_drop_ends_at_rest(name: str, height: float) -> None:
+    craft = vehicle(name)
+    craft.state["position"][2] -= height
+    craft.state["attitude"] = quat_from_euler(0.2, -0.1, 0.4)
+    fastest = 0.0
+    for _ in range(80):
+        craft.advance(100)
+        fastest = max(fastest, float(np.linalg.norm(craft.truth["velocity_ned"])))
+    assert fastest <= np.sqrt(2.0 * GRAVITY * (height + 0.3)) + 0.1  # the ground gives no energy
+    assert np.linalg.norm(craft.truth["velocity_ned"]) < 1e-3
+    assert np.linalg.norm(craft.truth["accel_frd"]) == pytest.approx(GRAVITY, abs=1e-2)
+    assert np.linalg.norm(craft.truth["attitude"]) == pytest.approx(1.0, abs=1e-12)
+    if height >= 5.0:
+        assert craft.state["crashed"] == 1
+    if height <= 0.05:
+        assert craft.state["crashed"] == 0
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_wild_tumble_into_the_ground_does_not_explode(name: str) -> None:
+    craft = vehicle(name, position_ned=(0.0, 0.0, -2.0))
+    craft.state["rates"] = (25.0, -18.0, 9.0)
+    craft.state["velocity"] = (6.0, 3.0, 8.0)
+    before = 0.5 * craft.airframe.mass_kg * 109.0 + craft.airframe.mass_kg * GRAVITY * 2.0
+    before += 0.5 * float(np.sum(craft.params["inertia"] * craft.state["rates"] ** 2))
+    for _ in range(200):
+        craft.advance(20)
+        energy = 0.5 * craft.airframe.mass_kg * float(np.sum(craft.state["velocity"] ** 2))
+        energy += 0.5 * float(np.sum(craft.params["inertia"] * craft.state["rates"] ** 2))
+        assert energy < before
+    assert craft.state["crashed"] == 1
+    assert np.linalg.norm(craft.truth["velocity_ned"]) < 0.5
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, 2.0])
+def test_a_vehicle_put_on_a_slope_is_not_thrown_off_it(yaw: float) -> None:
+    craft = vehicle(terrain=slope(0.25), yaw=yaw)
+    fastest = 0.0
+    for _ in range(300):
+        craft.advance(1)
+        fastest = max(fastest, float(-craft.truth["velocity_ned"][2]))
+    assert fastest < 0.4  # m/s upwards: it drops by a few centimetres and settles, it does not leap
+
+
+def test_friction_holds_a_slope_that_is_gentle_and_lets_go_of_a_steep_one() -> None:
+    def slid(grade: float) -> float:
+        craft = vehicle(terrain=slope(grade))
+        craft.state["attitude"] = quat_from_euler(0.0, np.arctan(grade), 0.0)
+        craft.advance(500)
+        there = craft.state["position"][0]
+        craft.advance(1500)
+        return float(there - craft.state["position"][0])
+
+    assert abs(slid(0.3)) < 1e-3
+    assert slid(0.9) > 0.5  # downhill is south
+
+
+def test_a_strong_push_tips_the_vehicle_over() -> None:
+    craft = vehicle()
+    weight = craft.airframe.mass_kg * GRAVITY
+    craft.state["external_torque"] = (1.3 * weight * 0.15, 0.0, 0.0)  # beyond the weight on the lever of the right feet
+    craft.advance(1500)
+    craft.state["external_torque"] = 0.0
+    craft.advance(3000)
+    assert abs(quat_to_euler(tuple(craft.truth["attitude"]))[0]) > 1.0
+
+
+def test_a_gentle_push_does_not() -> None:
+    craft = vehicle()
+    weight = craft.airframe.mass_kg * GRAVITY
+    craft.state["external_torque"] = (0.7 * weight * 0.15, 0.0, 0.0)
+    craft.advance(1500)
+    assert abs(quat_to_euler(tuple(craft.truth["attitude"]))[0]) < 0.1
+
+
+def test_upside_down_is_noticed() -> None:
+    craft = vehicle(position_ned=(0.0, 0.0, -1.0))
+    craft.state["attitude"] = quat_from_euler(np.pi, 0.0, 0.0)
+    craft.advance(3000)
+    assert craft.state["upside_down"] == 1
+    assert craft.state["crashed"] == 1
+    down = rotate(tuple(craft.truth["attitude"]), (0.0, 0.0, 1.0))
+    assert down[2] < 0.0
+
+
+def test_the_surface_equals_the_borders_height_field() -> None:
+    rng = np.random.default_rng(3)
+    terrain = HeightField(-7.0, 5.0, 2.5, rng.normal(size=(6, 9)))
+    record = parameters(load("x500"), terrain)
+    for north, east in rng.uniform(-30.0, 40.0, (200, 2)):
+        assert ground.surface(record, terrain.down, north, east)[0] == pytest.approx(terrain.at(north, east), abs=1e-12)
+
+
+def test_a_vehicle_stands_on_its_hill_and_is_pushed_away_by_a_wall() -> None:
+    down = np.zeros((41, 41))
+    down[25:, :] = -8.0  # a cliff to the north, from 4 to 5 m
+    craft = vehicle(terrain=HeightField(-20.0, -20.0, 1.0, down), position_ned=(10.0, 0.0, 0.0))
+    assert craft.state["position"][2] == pytest.approx(-8.21, abs=1e-2)
+    craft = vehicle(terrain=HeightField(-20.0, -20.0, 1.0, down), position_ned=(2.0, 0.0, -4.0))
+    craft.state["velocity"] = (4.0, 0.0, 0.0)
+    craft.advance(700)
+    assert craft.state["position"][2] < -1.0  # not yet down
+    assert craft.state["crashed"] == 1
+    assert craft.state["velocity"][0] < 0.0
+    assert craft.state["position"][0] < 4.6
+
+
+def test_landing_on_feet_is_no_crash_even_while_sliding() -> None:
+    craft = vehicle(position_ned=(0.0, 0.0, -0.25))
+    craft.state["velocity"] = (1.0, 0.0, 1.0)
+    craft.advance(3000)
+    assert craft.state["crashed"] == 0
+    assert craft.state["position"][0] < 0.5
+
+
+def test_full_thrust_leaves_the_ground() -> None:
+    craft = vehicle()
+    spin(craft, 0.9 * craft.airframe.curve.speed_max)
+    craft.advance(1000)
+    assert craft.state["on_ground"] == 0
+    assert craft.state["height"] > 0.5
+
+
+def test_a_pose_that_is_no_number_is_refused() -> None:
+    with pytest.raises(UsageError, match="finite"):
+        Multirotor(load("x500"), seed=1, origin=ORIGIN, position_ned=(float("nan"), 0.0, 0.0))
