@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from tests.docs.pages import PAGES, ROOT
 
 FIRST = ROOT / "docs" / "README.md"
