@@ -11,15 +11,15 @@ therefore has to last before it is one too many, or every bump into a lamp post 
 
 import math
 
-from autopilot.parameters import Parameters
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
 
 IN_USE = 2.5  # times the parameter
 PROBATION_US = 1_000_000
 LASTING_US = 500_000
 
 
-def required(parameters: Parameters, name: str) -> float:
+def required(parameters: ParameterTable, name: str) -> float:
     """Return the deviation (m or m/s) that COM_POS_FS_EPH or COM_VEL_FS_EVH asks for, inf where it is switched off."""
     value = float(parameters[name])
     return value if value >= 0.0 else math.inf
@@ -51,10 +51,10 @@ class _Hysteresis:
 class AccuracyWatch:
     """Sets the limits of a vehicle's state while it flies. Call `look` about ten times a second."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         self._position, self._velocity = _Hysteresis(), _Hysteresis(LASTING_US)
-        self._limited: VehicleState | None = None
+        self._limited: EstimatedState | None = None
 
     def reset(self) -> None:
         """Believe the estimator's own flags until the next look: the vehicle was armed or disarmed."""
@@ -62,7 +62,7 @@ class AccuracyWatch:
         if self._limited is not None:
             self._limited.position_limit = self._limited.velocity_limit = math.inf
 
-    def look(self, state: VehicleState) -> None:
+    def look(self, state: EstimatedState) -> None:
         """Follow the deviations. The record is read, since the snapshot shows what the limits have made of it."""
         self._limited = state
         now, p, e = state.time_us, self._parameters, state.estimate

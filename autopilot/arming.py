@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from autopilot.accuracy import required
-from autopilot.parameters import Parameters
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
 
 SENSOR_TIMEOUT_US = 500_000
 NO_ARMING_MODES = frozenset({"LAND", "RETURN", "ORBIT", "PRECLAND", "FOLLOW", "TERMINATION"})  # PX4 mode requirements
@@ -24,7 +24,7 @@ class SensorHealth:
     battery: bool
 
 
-def sensor_health(state: VehicleState) -> SensorHealth:
+def sensor_health(state: EstimatedState) -> SensorHealth:
     """Return which sensors gave a usable sample within the last half second (GPS: a 3-D fix within a second)."""
     return SensorHealth(
         imu=state.age_us("imu") < SENSOR_TIMEOUT_US,
@@ -36,7 +36,7 @@ def sensor_health(state: VehicleState) -> SensorHealth:
     )
 
 
-def preflight_failures(state: VehicleState, parameters: Parameters) -> list[str]:
+def preflight_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
     """Return the reasons, short enough for one STATUSTEXT each, why no mode could fly now; empty when ready."""
     health, p = sensor_health(state), parameters
     reasons = []
@@ -63,8 +63,8 @@ def preflight_failures(state: VehicleState, parameters: Parameters) -> list[str]
 
 def mode_failures(
     mode: str,
-    state: VehicleState,
-    parameters: Parameters,
+    state: EstimatedState,
+    parameters: ParameterTable,
     *,
     home: bool,
     sticks: bool,

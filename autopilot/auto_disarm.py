@@ -1,12 +1,12 @@
 """When the rotors of a standing vehicle are stopped without being asked: COM_DISARM_LAND and COM_DISARM_PRFLT."""
 
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 
 
 class AutoDisarm:
     """Follows one armed stay on the ground, before a flight or after it."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         self._armed_us = 0
         self._landed_us: int | None = None

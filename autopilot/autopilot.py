@@ -4,19 +4,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from autopilot.calibration import Calibration
+from autopilot.calibration import SensorCalibration
 from autopilot.commander import Commander
+from autopilot.estimated_state import EstimatedState
 from autopilot.logging.directory import LogDirectory
-from autopilot.logging.flight_log import FlightLog
+from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink import dispatch, mission
 from autopilot.mavlink.node import Inject, Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.telemetry_source import Vehicle
+from autopilot.mavlink.telemetry_source import TelemetrySource
 from autopilot.mavlink.uploads import Uploads
 from autopilot.modes.setpoint import SetpointWriter
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 from autopilot.plan.plans import Plans
-from autopilot.vehicle_state import VehicleState
 from autopilot.vibration import Vibration
 from foundation.airframe import Airframe
 
@@ -63,18 +63,18 @@ class Autopilot:
         self._core = core
         self._told_landed: bool | None = None
         self._commanded_us = -COMMANDER_US
-        self.parameters = Parameters(core.parameter_defaults(), core.set_parameter, parameter_file)
+        self.parameters = ParameterTable(core.parameter_defaults(), core.set_parameter, parameter_file)
         self.parameters.set("MAV_SYS_ID", system_id)
         self.parameters.set("MAV_TYPE", airframe.mav_type)
-        self.state = VehicleState(core.estimate, sensors)
+        self.state = EstimatedState(core.estimate, sensors)
         self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._say)
         self._keep_plans(Plans(plan_file))
-        self.calibration = Calibration(self.state, self._say)
+        self.calibration = SensorCalibration(self.state, self._say)
         self.vibration = Vibration()
-        vehicle = Vehicle(
+        vehicle = TelemetrySource(
             airframe, self.state, self.commander, self.parameters, actuators, self.calibration, self.vibration
         )
-        self.log = FlightLog(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
+        self.log = FlightLogWriter(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
         self.node = Node(vehicle, system_id, Uploads(), self.log, inject)
 
     def update(self) -> None:

@@ -7,7 +7,7 @@ which they stand. Texts are those of PX4 that MAVSDK and QGroundControl read.
 import math
 from collections.abc import Callable
 
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
 from foundation.frames import GRAVITY
 from foundation.mavlink import dialect
 
@@ -19,13 +19,13 @@ FIELD_GAUSS = (0.1, 1.0)  # the Earth's field is 0.22 to 0.67
 LEVEL_MOST = math.radians(10.0)
 SENSORS = ("gyro", "mag", "accel", "level")
 
-Say = Callable[[int, str], None]
+StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 
 
-class Calibration:
+class SensorCalibration:
     """At most one at a time, moved on by `tick` in vehicle time."""
 
-    def __init__(self, state: VehicleState, say: Say) -> None:
+    def __init__(self, state: EstimatedState, say: StatusText) -> None:
         self._state = state
         self._say = say
         self._queue: list[str] = []

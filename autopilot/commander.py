@@ -8,18 +8,18 @@ import math
 
 from autopilot.arming import NO_ARMING_MODES, STICK_MODES, mode_failures, preflight_failures
 from autopilot.auto_disarm import AutoDisarm
-from autopilot.failsafe import QUIET, Action, Failsafe, reaction
+from autopilot.estimated_state import EstimatedState
+from autopilot.failsafe import QUIET, Failsafe, Reaction, reaction
 from autopilot.home import home_at, moved
 from autopilot.land_detector import LandDetector
-from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.flight import FlightContext, Mode
 from autopilot.modes.roster import behaviours
-from autopilot.modes.setpoint import IDLE, Setpoint, SetpointWriter
+from autopilot.modes.setpoint import IDLE, CascadeSetpoint, SetpointWriter
 from autopilot.modes.takeoff_ramp import TakeoffRamp, wants_climb
-from autopilot.parameters import Parameters
-from autopilot.plan.items import MISSION, Item
+from autopilot.parameters import ParameterTable
+from autopilot.plan.items import MISSION, PlanItem
 from autopilot.stick_override import StickOverride, overridable
-from autopilot.supervision import Say, Supervision
-from autopilot.vehicle_state import VehicleState
+from autopilot.supervision import StatusText, Supervision
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
@@ -34,8 +34,10 @@ HOME_LOOK_US = 1_000_000  # a vehicle carried about takes its home with it
 class Commander:
     """Runs the flight modes over the two records. `say` receives texts for the ground."""
 
-    def __init__(self, state: VehicleState, parameters: Parameters, writer: SetpointWriter, say: Say) -> None:
-        self.flight = Flight(state, parameters)
+    def __init__(
+        self, state: EstimatedState, parameters: ParameterTable, writer: SetpointWriter, say: StatusText
+    ) -> None:
+        self.flight = FlightContext(state, parameters)
         self.parameters = parameters
         self.armed = False
         self.intended = "HOLD"
@@ -43,8 +45,8 @@ class Commander:
         self.supervision = Supervision(parameters, say)
         self.armed_us = 0  # vehicle time of the last arming
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
-        self.demand: Setpoint = IDLE  # what the active mode asks
-        self.passed: Setpoint = IDLE  # what went to the inner loop
+        self.demand: CascadeSetpoint = IDLE  # what the active mode asks
+        self.passed: CascadeSetpoint = IDLE  # what went to the inner loop
         self._behaviours = behaviours()
         self.hold, self.takeoff, self.orbit = self._behaviours.hold, self._behaviours.takeoff, self._behaviours.orbit
         self.mission = self._behaviours.mission
@@ -76,7 +78,7 @@ class Commander:
 
     @property
     def in_failsafe(self) -> bool:
-        return self.failsafe.action > Action.WARN
+        return self.failsafe.action > Reaction.WARN
 
     def arming_failures(self) -> list[str]:
         """Return why the vehicle would refuse to arm in its present mode; empty when it would arm."""
@@ -84,7 +86,7 @@ class Commander:
         if mode in NO_ARMING_MODES:
             return [f"mode {mode} cannot arm"]
         failures = preflight_failures(self.flight.state, self.parameters) + self._mode_failures(mode)
-        if self.parameters["GF_ACTION"] > Action.WARN and self.flight.breach():
+        if self.parameters["GF_ACTION"] > Reaction.WARN and self.flight.breach():
             failures.append("outside the geofence")
         return failures
 
@@ -188,7 +190,7 @@ class Commander:
             return ACCEPTED
         return self.set_mode("ORBIT")
 
-    def replace_plan(self, kind: int, items: tuple[Item, ...]) -> None:
+    def replace_plan(self, kind: int, items: tuple[PlanItem, ...]) -> None:
         """Put a mission (0), fence (1) or rally points (2) in force; another mission is flown from its first item."""
         if self.flight.plans.replace(kind, items) and kind == MISSION:
             self.mission.rewind()
@@ -258,7 +260,7 @@ class Commander:
         if following == "HOLD" and rest is not None:
             self.hold.go_to(rest, math.nan)
 
-    def _follow_ground(self, now: int, demand: Setpoint) -> None:
+    def _follow_ground(self, now: int, demand: CascadeSetpoint) -> None:
         state, was = self.flight.state, self.flight.landed
         climbing = wants_climb(demand, state)
         self._detector.update(state, True, climbing, demand)
@@ -279,10 +281,10 @@ class Commander:
         self.supervision.look(self.flight, self.intended, self._offboard_usable(), self.takeoff_us)
         self._yield_to_sticks()
         shown, behaviour = self._reaction()
-        if self.failsafe.action == Action.DISARM:
+        if self.failsafe.action == Reaction.DISARM:
             self.disarm(force=True, why=f"by failsafe: {self.failsafe.cause}")
             return
-        if self.failsafe.action == Action.TERMINATE:
+        if self.failsafe.action == Reaction.TERMINATE:
             self.terminate()
             return
         if shown != self.mode or self._active is not self._behaviours.by_name[behaviour]:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from autopilot.arming import POSITION_MODES, STICK_MODES
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 
 
-class Action(IntEnum):
+class Reaction(IntEnum):
     """Reactions in order of severity."""
 
     NONE = 0
@@ -51,7 +51,7 @@ class Failsafe:
     """A reaction and its cause."""
 
     cause: str = ""
-    action: Action = Action.NONE
+    action: Reaction = Reaction.NONE
     shown: str = ""  # the manual mode that STICKS shows
     delayed: bool = True  # COM_FAIL_ACT_T of HOLD come first; not where the mode itself can no longer be flown
     sticky: bool = False  # lasts until another mode is chosen, although the condition has passed
@@ -60,10 +60,10 @@ class Failsafe:
 QUIET = Failsafe()
 FENCE_BREACHED, OFFBOARD_LOST, POSITION_LOST = "geofence breached", "offboard signal lost", "position lost"
 FLIGHT_TERMINATION_BREAKER = 121212  # CBRK_FLIGHTTERM: termination by the failure detector is switched off
-_LINK_ACTIONS = {1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
-_OFFBOARD_ACTIONS = {3: Action.RETURN, 4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM}
+_LINK_ACTIONS = {1: Reaction.HOLD, 2: Reaction.RETURN, 3: Reaction.LAND, 5: Reaction.TERMINATE, 6: Reaction.DISARM}
+_OFFBOARD_ACTIONS = {3: Reaction.RETURN, 4: Reaction.LAND, 5: Reaction.HOLD, 6: Reaction.TERMINATE, 7: Reaction.DISARM}
 _OFFBOARD_STICKS = {0: "POSCTL", 1: "ALTCTL", 2: "STABILIZED"}
-_FENCE_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RETURN, 4: Action.TERMINATE, 5: Action.LAND}
+_FENCE_ACTIONS = {1: Reaction.WARN, 2: Reaction.HOLD, 3: Reaction.RETURN, 4: Reaction.TERMINATE, 5: Reaction.LAND}
 _LANDING = frozenset({"LAND", "PRECLAND"})
 # a lost link stops no landing, and a take-off only once it has reached its height: it is safer there than at half of it
 _NEAR_GROUND = _LANDING | {"TAKEOFF"}
@@ -71,78 +71,78 @@ _AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
 _EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
 
 
-def _offboard_loss(c: Conditions, p: Parameters) -> Failsafe:
+def _offboard_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if c.mode != "OFFBOARD" or c.offboard_signal:
         return QUIET
     choice = int(p["COM_OBL_RC_ACT"])
-    action = _OFFBOARD_ACTIONS.get(choice, Action.STICKS)
+    action = _OFFBOARD_ACTIONS.get(choice, Reaction.STICKS)
     return Failsafe(OFFBOARD_LOST, action, _OFFBOARD_STICKS.get(choice, "POSCTL"), delayed=False)
 
 
-def _manual_control_loss(c: Conditions, p: Parameters) -> Failsafe:
+def _manual_control_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.sticks_lost_s > p["COM_RC_LOSS_T"] or p["COM_RC_IN_MODE"] == 4:
         return QUIET
     if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _NEAR_GROUND:
         return QUIET
-    return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Action.NONE))
+    return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Reaction.NONE))
 
 
-def _station_loss(c: Conditions, p: Parameters) -> Failsafe:
+def _station_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode in _NEAR_GROUND:
         return QUIET
     if int(p["COM_DLL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
         return QUIET
-    return Failsafe("ground station lost", _LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]), Action.NONE))
+    return Failsafe("ground station lost", _LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]), Reaction.NONE))
 
 
-def _battery(c: Conditions, p: Parameters) -> Failsafe:
+def _battery(c: Conditions, p: ParameterTable) -> Failsafe:
     emergency, critical, low = p["BAT_EMERGEN_THR"], p["BAT_CRIT_THR"], p["BAT_LOW_THR"]
     if not c.battery < low or (c.battery_at_arming < low and c.battery >= critical):
         return QUIET  # a level that was there at arming is no news
     acts = int(p["COM_LOW_BAT_ACT"])
     if c.battery < emergency and acts in (2, 3):
-        return Failsafe("battery at emergency level", Action.LAND)
+        return Failsafe("battery at emergency level", Reaction.LAND)
     if c.battery < critical and acts == 4:
-        return Failsafe("battery at critical level", Action.TERMINATE)
+        return Failsafe("battery at critical level", Reaction.TERMINATE)
     if c.battery < critical and acts in (2, 3):
-        return Failsafe("battery at critical level", Action.LAND if acts == 2 else Action.RETURN)
-    return Failsafe("battery at critical level" if c.battery < critical else "battery low", Action.WARN)
+        return Failsafe("battery at critical level", Reaction.LAND if acts == 2 else Reaction.RETURN)
+    return Failsafe("battery at critical level" if c.battery < critical else "battery low", Reaction.WARN)
 
 
-def _position_loss(c: Conditions, p: Parameters) -> Failsafe:
+def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if c.mode == "ALTCTL" and not c.altitude_valid:
-        return Failsafe("altitude lost", Action.STICKS, "STABILIZED", delayed=False)
+        return Failsafe("altitude lost", Reaction.STICKS, "STABILIZED", delayed=False)
     if c.position_valid or c.mode not in POSITION_MODES:
         return QUIET
     if c.mode == "POSCTL" and c.sticks:
         shown = "ALTCTL" if c.altitude_valid else "STABILIZED"
-        return Failsafe(POSITION_LOST, Action.STICKS, shown, delayed=False)
-    return Failsafe(POSITION_LOST, Action.LAND if c.velocity_valid else Action.DESCEND, delayed=False)
+        return Failsafe(POSITION_LOST, Reaction.STICKS, shown, delayed=False)
+    return Failsafe(POSITION_LOST, Reaction.LAND if c.velocity_valid else Reaction.DESCEND, delayed=False)
 
 
-def _flight_time(c: Conditions, p: Parameters) -> Failsafe:
+def _flight_time(c: Conditions, p: ParameterTable) -> Failsafe:
     over = 0 < p["COM_FLT_TIME_MAX"] < c.flight_time_s
-    return Failsafe("flight time over", Action.RETURN) if over else QUIET
+    return Failsafe("flight time over", Reaction.RETURN) if over else QUIET
 
 
-def _fence(c: Conditions, p: Parameters) -> Failsafe:
+def _fence(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.fence_breach:
         return QUIET
-    action = _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Action.NONE)
-    return Failsafe(FENCE_BREACHED, action, sticky=action in (Action.RETURN, Action.LAND))
+    action = _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Reaction.NONE)
+    return Failsafe(FENCE_BREACHED, action, sticky=action in (Reaction.RETURN, Reaction.LAND))
 
 
-def _attitude_failure(c: Conditions, p: Parameters) -> Failsafe:
+def _attitude_failure(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.attitude_failed:
         return QUIET
     if c.just_armed:
-        return Failsafe("attitude failure", Action.DISARM)
+        return Failsafe("attitude failure", Reaction.DISARM)
     if p["CBRK_FLIGHTTERM"] == FLIGHT_TERMINATION_BREAKER:
-        return Failsafe("attitude failure", Action.WARN)
-    return Failsafe("attitude failure", Action.TERMINATE)
+        return Failsafe("attitude failure", Reaction.WARN)
+    return Failsafe("attitude failure", Reaction.TERMINATE)
 
 
-TABLE: tuple[Callable[[Conditions, Parameters], Failsafe], ...] = (
+TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
     _offboard_loss,
     _manual_control_loss,
     _station_loss,
@@ -154,15 +154,15 @@ TABLE: tuple[Callable[[Conditions, Parameters], Failsafe], ...] = (
 )
 
 
-def evaluate(conditions: Conditions, parameters: Parameters, overridden: frozenset[str] = frozenset()) -> Failsafe:
+def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
     """Return the most severe reaction due now. Causes in `overridden` (the pilot chose otherwise) only warn."""
     worst = QUIET
     for rule in TABLE:
         found = rule(conditions, parameters)
-        if found.action == Action.RETURN and (conditions.mode == "RETURN" or conditions.mode in _LANDING):
-            found = Failsafe(found.cause, Action.WARN)  # it is on its way already
-        if found.cause in overridden and Action.WARN < found.action < Action.DISARM:
-            found = Failsafe(found.cause, Action.WARN)
+        if found.action == Reaction.RETURN and (conditions.mode == "RETURN" or conditions.mode in _LANDING):
+            found = Failsafe(found.cause, Reaction.WARN)  # it is on its way already
+        if found.cause in overridden and Reaction.WARN < found.action < Reaction.DISARM:
+            found = Failsafe(found.cause, Reaction.WARN)
         if found.action > worst.action:
             worst = found
     return worst
@@ -174,14 +174,14 @@ def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool,
     A manual mode without sticks is shown all the same while the vehicle sinks at MPC_LAND_SPEED, as measured on PX4.
     """
     action = failsafe.action
-    if action in (Action.NONE, Action.WARN, Action.STICKS, Action.DISARM):
-        shown = failsafe.shown if action == Action.STICKS else intended
+    if action in (Reaction.NONE, Reaction.WARN, Reaction.STICKS, Reaction.DISARM):
+        shown = failsafe.shown if action == Reaction.STICKS else intended
         return shown, "DESCEND" if shown in STICK_MODES and not sticks else shown
-    if action == Action.TERMINATE:
+    if action == Reaction.TERMINATE:
         return "TERMINATION", "TERMINATION"
-    if action == Action.HOLD and position:
+    if action == Reaction.HOLD and position:
         return "HOLD", "HOLD"
-    if action == Action.RETURN and position and home:
+    if action == Reaction.RETURN and position and home:
         return "RETURN", "RETURN"
     return "LAND", "LAND" if position else "DESCEND"
 

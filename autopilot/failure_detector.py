@@ -2,14 +2,14 @@
 
 import math
 
-from autopilot.parameters import Parameters
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
 
 
 class AttitudeWatch:
     """`failed` once roll or pitch has exceeded FD_FAIL_R or FD_FAIL_P (°, 0 = off) for FD_FAIL_R_TTRI or _P_TTRI."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self.failed = False
         self._parameters = parameters
         self._since_us: list[int | None] = [None, None]
@@ -18,7 +18,7 @@ class AttitudeWatch:
         """Forget what was seen."""
         self.failed, self._since_us = False, [None, None]
 
-    def look(self, state: VehicleState, *, controlled: bool) -> None:
+    def look(self, state: EstimatedState, *, controlled: bool) -> None:
         """Follow one look. `controlled`: the mode controls the attitude; a pilot in ACRO may turn over on purpose."""
         self.failed = False
         for i, name in enumerate(("FD_FAIL_R", "FD_FAIL_P")):

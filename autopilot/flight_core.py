@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from autopilot import estimator_records
-from autopilot.control import cascade, parameters
+from autopilot.control import cascade, gains
 from autopilot.control.records import CONTROL_STATE
 from autopilot.design import design
 from autopilot.estimator import update as estimate_motion
@@ -67,7 +67,7 @@ class FlightCore:
         """
         self.airframe = airframe
         self.gains = design(airframe)
-        self.params = parameters.default_parameters(self.gains, allocation(airframe), len(airframe.rotors))
+        self.params = gains.default_parameters(self.gains, allocation(airframe), len(airframe.rotors))
         self.state = np.zeros(1, CONTROL_STATE)[0]
         self.state["attitude_setpoint"] = (1.0, 0.0, 0.0, 0.0)
         self.state["torque_scale"] = 1.0
@@ -79,7 +79,7 @@ class FlightCore:
         self.setpoint = empty_setpoint()
         self.estimate = np.zeros(1, ESTIMATE)[0]
         self.estimate["attitude"] = (1.0, 0.0, 0.0, 0.0)
-        self._defaults = {name: parameters.read(self.params, name) for name in parameters.PLACES}
+        self._defaults = {name: gains.read(self.params, name) for name in gains.GAINS}
         for name, value in (overrides or {}).items():
             self.set_parameter(name, value)
 
@@ -98,11 +98,11 @@ class FlightCore:
 
     def get_parameter(self, name: str) -> float:
         """Return the value in force, in PX4's unit. Raises UsageError for a parameter the core does not have."""
-        return parameters.read(self.params, name)
+        return gains.read(self.params, name)
 
     def set_parameter(self, name: str, value: float) -> float:
         """Set a PX4 parameter at any time and return the value that holds, bounded to its range.
 
         Raises UsageError for a parameter the core does not have or a value that is not finite.
         """
-        return parameters.write(self.params, name, value)
+        return gains.write(self.params, name, value)

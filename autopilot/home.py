@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
 from foundation.frames import Vec3
 
 MOVED_HORIZONTAL_M = 1.0
@@ -21,7 +21,7 @@ class Home:
     alt_m: float  # m above mean sea level
 
 
-def home_at(state: VehicleState, position_ned: Vec3 | None = None) -> Home | None:
+def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | None:
     """Return a home at a local position (m), here by default; None while the global position is not known."""
     if not state.global_valid:
         return None
@@ -29,7 +29,7 @@ def home_at(state: VehicleState, position_ned: Vec3 | None = None) -> Home | Non
     return Home(place, state.yaw, *state.geodetic(place))
 
 
-def moved(home: Home, state: VehicleState) -> bool:
+def moved(home: Home, state: EstimatedState) -> bool:
     """Return whether the vehicle stands clearly elsewhere, so that home should follow it while it is disarmed."""
     n, e, z = state.position_ned
     away = math.hypot(n - home.position_ned[0], e - home.position_ned[1])

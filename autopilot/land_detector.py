@@ -2,10 +2,10 @@
 
 import math
 
-from autopilot.modes.setpoint import Setpoint
-from autopilot.parameters import Parameters
+from autopilot.estimated_state import EstimatedState
+from autopilot.modes.setpoint import CascadeSetpoint
+from autopilot.parameters import ParameterTable
 from autopilot.records import KIND_TRAJECTORY
-from autopilot.vehicle_state import VehicleState
 
 # In the air the vertical speed cannot stay near zero while thrust carries clearly less than the weight, so both
 # together for LNDMC_TRIG_TIME prove that something else carries the vehicle.
@@ -18,13 +18,13 @@ LIFT_OFF_SPEED = 0.3  # m/s
 class LandDetector:
     """Keeps `landed`; starts on the ground."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         self.landed = True
         self._contact_since_us: int | None = None
         self._ground_z: float | None = None
 
-    def update(self, state: VehicleState, armed: bool, climbing: bool, demand: Setpoint) -> None:
+    def update(self, state: EstimatedState, armed: bool, climbing: bool, demand: CascadeSetpoint) -> None:
         """Follow one tick. `climbing`: the demand wants to leave the ground (`demand` is what the flight mode asks)."""
         if not armed:
             self.landed, self._contact_since_us, self._ground_z = True, None, None
@@ -33,7 +33,7 @@ class LandDetector:
         else:
             self._watch_touch_down(state, demand)
 
-    def _watch_lift_off(self, state: VehicleState, climbing: bool) -> None:
+    def _watch_lift_off(self, state: EstimatedState, climbing: bool) -> None:
         z = state.position_ned[2]
         if not climbing or self._ground_z is None:
             self._ground_z = z  # follows the drift of the estimate while the vehicle stands
@@ -42,7 +42,7 @@ class LandDetector:
         if (risen > LIFT_OFF_M and -state.velocity_ned[2] > 0.1) or -state.velocity_ned[2] > LIFT_OFF_SPEED:
             self.landed, self._contact_since_us = False, None
 
-    def _watch_touch_down(self, state: VehicleState, demand: Setpoint) -> None:
+    def _watch_touch_down(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
         p = self._parameters
         vn, ve, vd = state.velocity_ned
         rate_max = math.radians(p["LNDMC_ROT_MAX"])
@@ -62,7 +62,7 @@ class LandDetector:
             self.landed, self._ground_z = True, state.position_ned[2]
 
 
-def _descends(state: VehicleState, demand: Setpoint) -> bool:
+def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
     if demand.kind != KIND_TRAJECTORY:
         return True  # attitude and rate demands carry their intent in the thrust alone
     z, vz = demand.position_ned[2], demand.velocity_ned[2]

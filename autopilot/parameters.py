@@ -80,7 +80,7 @@ def _float32(value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
-class Parameters:
+class ParameterTable:
     """The values in force: `parameters["MPC_LAND_SPEED"]`; names sorted, so that an index always means the same name.
 
     `core_defaults` are the parameters that the compiled core honours; every later change of one of them goes to

@@ -2,12 +2,12 @@
 
 from autopilot.arming import STICK_MODES
 from autopilot.modes.flight import Sticks
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 
 AUTO_BIT, OFFBOARD_BIT = 1, 2  # COM_RC_OVERRIDE
 
 
-def overridable(mode: str, parameters: Parameters) -> bool:
+def overridable(mode: str, parameters: ParameterTable) -> bool:
     """Return whether stick movements may end this mode."""
     if mode in STICK_MODES or mode in ("TERMINATION", "ORBIT"):  # sticks are part of an orbit
         return False
@@ -22,7 +22,7 @@ class StickOverride:
         self._mode = ""
         self._reference: tuple[float, float, float, float] | None = None
 
-    def moved(self, mode: str, sticks: Sticks, parameters: Parameters) -> bool:
+    def moved(self, mode: str, sticks: Sticks, parameters: ParameterTable) -> bool:
         """Return whether a fresh stick has moved by more than COM_RC_STICK_OV (% of full deflection) in this mode."""
         now = (sticks.forward, sticks.right, sticks.yaw, 2.0 * sticks.throttle - 1.0)
         if mode != self._mode or self._reference is None:

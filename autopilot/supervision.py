@@ -9,22 +9,22 @@ from autopilot.failsafe import (
     OFFBOARD_LOST,
     POSITION_LOST,
     QUIET,
-    Action,
     Conditions,
     Failsafe,
+    Reaction,
     evaluate,
     seconds_since,
 )
 from autopilot.failure_detector import AttitudeWatch
-from autopilot.modes.flight import Flight
-from autopilot.parameters import Parameters
+from autopilot.modes.flight import FlightContext
+from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect
 
-Say = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
+StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 # causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them
 UNDENIABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
-DELAYED = frozenset({Action.RETURN, Action.LAND, Action.DESCEND})
-NAMES = {Action.HOLD: "Hold", Action.RETURN: "Return", Action.LAND: "Land", Action.DESCEND: "Descend"}
+DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
+NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}
 LOOK_US = 100_000  # slow conditions (battery, links, fence) are looked at 10 times a second
 
 
@@ -35,7 +35,7 @@ class Supervision:
     then the action itself. `breach` is the geofence's limit that is broken, empty when none.
     """
 
-    def __init__(self, parameters: Parameters, say: Say) -> None:
+    def __init__(self, parameters: ParameterTable, say: StatusText) -> None:
         self.failsafe = QUIET
         self.breach = ""
         self.station_heard_us: int | None = None  # last heartbeat of a ground station
@@ -56,7 +56,7 @@ class Supervision:
         """Whether the vehicle holds before it does what the failsafe demands."""
         return self.failsafe.action != self._found.action
 
-    def begin(self, flight: Flight) -> None:
+    def begin(self, flight: FlightContext) -> None:
         """Start afresh with the arming of a vehicle."""
         self.end()
         self._armed_us, self._looked_us = flight.state.time_us, 0
@@ -73,16 +73,16 @@ class Supervision:
 
     def overrule(self) -> None:
         """The pilot has chosen a mode: the present cause only warns until it has gone."""
-        if self.failsafe.action > Action.WARN and self.failsafe.cause not in UNDENIABLE:
+        if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in UNDENIABLE:
             self._overridden |= {self.failsafe.cause}
         self._found = QUIET if self._found.sticky else self._found
         self._looked_us = 0  # the choice counts at once
 
-    def sticks_fresh(self, flight: Flight) -> bool:
+    def sticks_fresh(self, flight: FlightContext) -> bool:
         """Return whether somebody holds the sticks."""
         return flight.sticks.fresh(flight.state.time_us, self._parameters["COM_RC_LOSS_T"])
 
-    def look(self, flight: Flight, mode: str, offboard_signal: bool, takeoff_us: int) -> None:
+    def look(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> None:
         """Follow one tick; `mode` is the one that was asked for, `takeoff_us` the lift-off (0 = none)."""
         now = flight.state.time_us
         urgent = (mode == "OFFBOARD" and not offboard_signal) or self.failsafe.cause == OFFBOARD_LOST
@@ -101,7 +101,7 @@ class Supervision:
         if (found, in_force) != (self._found, self.failsafe):
             self._announce(found, in_force)
         self._found, self.failsafe = found, in_force
-        if found.action == Action.NONE:
+        if found.action == Reaction.NONE:
             self._overridden = frozenset()
 
     def _in_force(self, now: int, found: Failsafe) -> Failsafe:
@@ -111,22 +111,22 @@ class Supervision:
         if self._waiting_since_us is None:
             self._waiting_since_us = now
         waits = now - self._waiting_since_us < self._parameters["COM_FAIL_ACT_T"] * 1e6
-        return replace(found, action=Action.HOLD) if waits else found
+        return replace(found, action=Reaction.HOLD) if waits else found
 
     def _announce(self, found: Failsafe, in_force: Failsafe) -> None:
-        if found.action == Action.WARN:
+        if found.action == Reaction.WARN:
             self._say(dialect.MAV_SEVERITY_WARNING, f"Warning: {found.cause}")
-        elif found.action > Action.WARN:
+        elif found.action > Reaction.WARN:
             text = f"Failsafe: {found.cause}"
             if found.action in NAMES:
                 text += f", {NAMES[found.action]}"
             if in_force.action != found.action:
                 text += f" in {float(self._parameters['COM_FAIL_ACT_T']):g} s"
             self._say(dialect.MAV_SEVERITY_CRITICAL, text)
-        elif self.failsafe.action > Action.WARN:
+        elif self.failsafe.action > Reaction.WARN:
             self._say(dialect.MAV_SEVERITY_INFO, f"Failsafe over: {self.failsafe.cause}")
 
-    def _conditions(self, flight: Flight, mode: str, offboard_signal: bool, takeoff_us: int) -> Conditions:
+    def _conditions(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> Conditions:
         state, p = flight.state, self._parameters
         now = state.time_us
         lockdown_s = float(p["COM_LKDOWN_TKO"]) + float(p["COM_SPOOLUP_TIME"])
@@ -148,7 +148,7 @@ class Supervision:
         )
 
 
-def battery(flight: Flight) -> float:
+def battery(flight: FlightContext) -> float:
     """Return what is left in the battery (0 … 1), nan when unknown."""
     sensors = flight.state.sensors
     return float(sensors["battery_remaining"]) if int(sensors["battery_time_us"]) else math.nan

@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
 from foundation.frames import Vec3
 
 SHARE = 0.02  # of a new sample in the metric: PX4's second of smoothing, at the commander's 50 Hz
@@ -18,7 +18,7 @@ class Vibration:
         self.clipped = [0, 0, 0]
         self._last: tuple[Vec3, Vec3] | None = None
 
-    def take(self, state: VehicleState) -> None:
+    def take(self, state: EstimatedState) -> None:
         """Follow one tick on the newest inertial sample."""
         a, g = state.accel_frd, state.rates_frd
         if self._last is not None and math.isfinite(sum(a) + sum(g)):

@@ -26,13 +26,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from autopilot.modes.setpoint import FREE, NAN
-from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
 from benchmarks import flight_peers
 from benchmarks.machine import Machine
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.pace import RateKeeper
-from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle, Simulation
+from dronecats.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from hil.link.link import Link
 from vehicles import airframe
@@ -67,7 +66,7 @@ def simulation(count: int, seed: int) -> Simulation[SimulatedVehicle]:
     frame = airframe.load("x500")
     return Simulation(
         [
-            SimulatedVehicle(i, frame, Place((0.0, 3.0 * i, 0.0), 0.0), seed=seed + i, origin=ORIGIN)
+            SimulatedVehicle(i, frame, BootPose((0.0, 3.0 * i, 0.0), 0.0), seed=seed + i, origin=ORIGIN)
             for i in range(count)
         ]
     )

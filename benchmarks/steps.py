@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.modes.setpoint import FREE, NAN
-from autopilot.modes.setpoint import Setpoint as CascadeSetpoint
-from dronecats.sitl.simulation import TICK_US, Place, SimulatedVehicle
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
+from dronecats.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
 from foundation.frames import quat_yaw, wrap_pi
 from vehicles import airframe
 
@@ -61,7 +60,9 @@ class Flight:
 
     def __init__(self, name: str, seed: int) -> None:
         """Boot, take off and settle. Raises RuntimeError when it does not fly."""
-        self.vehicle = SimulatedVehicle(0, airframe.load(name), Place((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN)
+        self.vehicle = SimulatedVehicle(
+            0, airframe.load(name), BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN
+        )
         commander = self.vehicle.autopilot.commander
         while commander.arming_failures() and self.vehicle.time_us < 60_000_000:
             self.vehicle.advance()

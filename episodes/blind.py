@@ -9,7 +9,7 @@ FILE = Path(__file__).parent / "blind.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class BlindFlight:
     """One blind flight of the full time."""
 
     success: bool
@@ -30,7 +30,7 @@ class Flight:
             raise ValueError(f"no flight is {self}")
 
 
-Table = dict[str, dict[str, Flight]]  # pilot → episode → flight
+Table = dict[str, dict[str, BlindFlight]]  # pilot → episode → flight
 
 
 def load(file: Path = FILE) -> Table:
@@ -38,7 +38,7 @@ def load(file: Path = FILE) -> Table:
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
         return {
-            pilot: {episode: Flight(**flight) for episode, flight in flights.items()}
+            pilot: {episode: BlindFlight(**flight) for episode, flight in flights.items()}
             for pilot, flights in table.items()
         }
     except FileNotFoundError:
@@ -47,7 +47,7 @@ def load(file: Path = FILE) -> Table:
         raise ValueError(f"{file.name} is not a table of pilots, episodes and flights: {wrong}") from None
 
 
-def merged(table: Table, pilot: str, flights: dict[str, Flight], known: list[str]) -> dict[str, Any]:
+def merged(table: Table, pilot: str, flights: dict[str, BlindFlight], known: list[str]) -> dict[str, Any]:
     """Return the table as JSON with these flights of a pilot; those of it that were not flown again are kept."""
     flown = {**table, pilot: {**table.get(pilot, {}), **flights}}
     return {

@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from episodes.assets.multirotor import X500, Outline, multirotor
-from episodes.record import Start
+from episodes.record import StartPose
 from episodes.scene import Instance, Moved
 from episodes.visibility import Hides
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate
@@ -30,7 +30,7 @@ class Fleet:
     """The drones of a record, each seen by all but itself. A drone that is alone is nowhere to be seen."""
 
     def __init__(
-        self, starts: tuple[Start, ...], first_id: int, shape: Outline = X500, count: int | None = None
+        self, starts: tuple[StartPose, ...], first_id: int, shape: Outline = X500, count: int | None = None
     ) -> None:
         """Drone k has the id `first_id` + k in a picture. `count`: how many fly, if not one from each start."""
         self.starts = tuple(hovering(start) for start in starts)
@@ -100,6 +100,6 @@ class _Shape:
         return hidden
 
 
-def hovering(start: Start) -> DronePose:
+def hovering(start: StartPose) -> DronePose:
     """Return the pose of a drone that hovers level at its start."""
     return DronePose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)))

@@ -19,7 +19,7 @@ CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class MeshPart:
     """Loose triangles of one material."""
 
     corners: Array  # (T, 3, 3) m, FLU, counter-clockwise seen from outside
@@ -80,14 +80,14 @@ def slope_uv(corners: Array, tile_m: float) -> Array:
     return np.stack([np.einsum("tck,tk->tc", corners, along), -np.einsum("tck,tk->tc", corners, up)], axis=2) / tile_m
 
 
-def soup(corners: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> Part:
+def soup(corners: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> MeshPart:
     """Return the part made of triangles (T, 3, 3); degenerate ones are dropped."""
     tri = np.asarray(corners, dtype=np.float64)
     tri = tri[np.linalg.norm(face_normals(tri), axis=1) > 1e-9]
-    return Part(tri, creased_normals(tri, crease_deg), slope_uv(tri, tile_m), material)
+    return MeshPart(tri, creased_normals(tri, crease_deg), slope_uv(tri, tile_m), material)
 
 
-def grid(points: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> Part:
+def grid(points: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> MeshPart:
     """Return the surface through a lattice of points (N, M, 3); outward is (∂/∂rows) × (∂/∂columns)."""
     p = np.asarray(points, dtype=np.float64)
     a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
@@ -95,7 +95,7 @@ def grid(points: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, 
     return soup(tri, material, crease_deg, tile_m)
 
 
-def quad(points: ArrayLike, material: Material) -> Part:
+def quad(points: ArrayLike, material: Material) -> MeshPart:
     """Return one quadrilateral that shows the whole texture once.
 
     `points` (4, 3): lower left, lower right, upper right, upper left, as seen from outside.
@@ -104,10 +104,12 @@ def quad(points: ArrayLike, material: Material) -> Part:
     tri = np.stack([p[[0, 1, 2]], p[[0, 2, 3]]])
     square = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
     uv = np.stack([square[[0, 1, 2]], square[[0, 2, 3]]])
-    return Part(tri, creased_normals(tri, 0.0), uv, material)
+    return MeshPart(tri, creased_normals(tri, 0.0), uv, material)
 
 
-def hull(bottom: ArrayLike, top: ArrayLike, material: Material, tile_m: float = 1.0, crease_deg: float = 20.0) -> Part:
+def hull(
+    bottom: ArrayLike, top: ArrayLike, material: Material, tile_m: float = 1.0, crease_deg: float = 20.0
+) -> MeshPart:
     """Return the closed solid between two convex rings (N, 3), both counter-clockwise seen from above."""
     low, high = np.asarray(bottom, dtype=np.float64), np.asarray(top, dtype=np.float64)
     low2, high2 = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
@@ -143,21 +145,21 @@ _CUBE_UV = np.repeat(
 )  # fmt: skip
 
 
-def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0) -> Part:
+def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0) -> MeshPart:
     """Return the axis-aligned box between two opposite corners, the first the lower one on every axis."""
     a, b = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     corners = a + _CUBE * (b - a)
-    return Part(corners, _CUBE_NORMAL, np.matmul(corners, _CUBE_UV.transpose(0, 2, 1)) / tile_m, material)
+    return MeshPart(corners, _CUBE_NORMAL, np.matmul(corners, _CUBE_UV.transpose(0, 2, 1)) / tile_m, material)
 
 
-def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: float = 1.0) -> Part:
+def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: float = 1.0) -> MeshPart:
     """Return a convex footprint (N, 2), counter-clockwise seen from above, raised from z0 to z1."""
     r = np.asarray(ring, dtype=np.float64)
     low = np.column_stack([r, np.full(len(r), z0)])
     return hull(low, low + np.array((0.0, 0.0, z1 - z0)), material, tile_m)
 
 
-def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: float = 1.0) -> Part:
+def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: float = 1.0) -> MeshPart:
     """Return a convex side view (N, 2) in x and z, extruded from y0 to y1. Either direction of the ring will do."""
     r = np.asarray(ring, dtype=np.float64)
     x, z = r[:, 0], r[:, 1]
@@ -169,7 +171,7 @@ def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: f
     return soup(tri, material, 20.0, tile_m)
 
 
-def lathe(outline: ArrayLike, material: Material, segments: int = 16, tile_m: float = 1.0) -> Part:
+def lathe(outline: ArrayLike, material: Material, segments: int = 16, tile_m: float = 1.0) -> MeshPart:
     """Return the solid of revolution about z of an outline (N, 2) of radius and height, listed from bottom to top."""
     o = np.asarray(outline, dtype=np.float64)
     turn = np.linspace(0.0, 2.0 * np.pi, segments + 1)
@@ -184,7 +186,9 @@ def lathe(outline: ArrayLike, material: Material, segments: int = 16, tile_m: fl
     return grid(points, material, tile_m=tile_m)
 
 
-def rod(start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: Material, segments: int = 10) -> Part:
+def rod(
+    start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: Material, segments: int = 10
+) -> MeshPart:
     """Return a cylinder or cone with closed ends from `start` to `end`, radius at each."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     axis = (b - a) / np.linalg.norm(b - a)
@@ -196,7 +200,7 @@ def rod(start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: 
     return hull(a + radii[0] * ring, b + radii[1] * ring, material, crease_deg=50.0)
 
 
-def ball(centre: ArrayLike, radii: ArrayLike, material: Material, level: int = 2, tile_m: float = 1.0) -> Part:
+def ball(centre: ArrayLike, radii: ArrayLike, material: Material, level: int = 2, tile_m: float = 1.0) -> MeshPart:
     """Return an ellipsoid made of a subdivided icosahedron: 20 · 4**level triangles."""
     unit = _icosphere(level)
     tri = unit * np.asarray(radii, dtype=np.float64) + np.asarray(centre, dtype=np.float64)
@@ -225,7 +229,7 @@ def _icosphere(level: int) -> Array:
     return np.asarray(tri / np.linalg.norm(tri, axis=2, keepdims=True))
 
 
-def roughened(part: Part, amount: float, seed: int, wavelength_m: float = 0.7) -> Part:
+def roughened(part: MeshPart, amount: float, seed: int, wavelength_m: float = 0.7) -> MeshPart:
     """Return the part with its surface pushed in and out by about `amount` metres; what was closed stays closed."""
     rng = np.random.default_rng(seed)
     waves = rng.normal(size=(6, 3)) * (2.0 * np.pi / wavelength_m / 1.7)
@@ -234,27 +238,27 @@ def roughened(part: Part, amount: float, seed: int, wavelength_m: float = 0.7) -
     return soup(part.corners + amount * push * part.normals, part.material, 50.0)
 
 
-def placed(part: Part, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) -> Part:
+def placed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) -> MeshPart:
     """Return the part turned by `yaw` (rad, counter-clockwise seen from above), then shifted."""
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return replace(part, corners=part.corners @ turn + np.asarray(offset), normals=part.normals @ turn)
 
 
-def without(part: Part, outward: ArrayLike) -> Part:
+def without(part: MeshPart, outward: ArrayLike) -> MeshPart:
     """Return the part without the triangles that face the unit vector `outward`, for a side that is never seen."""
     area = face_normals(part.corners)
     kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
-    return Part(part.corners[kept], part.normals[kept], part.uv[kept], part.material)
+    return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)
 
 
-def mirrored(part: Part) -> Part:
+def mirrored(part: MeshPart) -> MeshPart:
     """Return the part reflected left to right, still facing outwards."""
     flip = np.array([1.0, -1.0, 1.0])
-    return Part((part.corners * flip)[:, ::-1], (part.normals * flip)[:, ::-1], part.uv[:, ::-1], part.material)
+    return MeshPart((part.corners * flip)[:, ::-1], (part.normals * flip)[:, ::-1], part.uv[:, ::-1], part.material)
 
 
-def assemble(parts: Sequence[Part]) -> Mesh:
+def assemble(parts: Sequence[MeshPart]) -> Mesh:
     """Return the parts as one mesh in FRD axes, equal corners shared."""
     place: dict[int, int] = {}
     which = [place.setdefault(id(part.material), len(place)) for part in parts]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from episodes.scene import Instance, Scene
 from episodes.visibility import turn
 from foundation.frames import Vec3
-from foundation.obstacles import OPEN, Box, Obstacles
+from foundation.obstacles import OPEN, MovingBox, Obstacles
 
 CELL_M = 2.0
 BATCH = 4096  # triangles sorted at a time: bounds the memory that sorting takes
@@ -34,10 +34,10 @@ def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
     return sorted_into_cells(np.concatenate(placed), owner, names, reach_m, moving=box)
 
 
-def bounding_box(one: Instance) -> Box:
+def bounding_box(one: Instance) -> MovingBox:
     """Return the box around an instance, in its own axes."""
     low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-    return Box(one.name, _vector((high - low) / 2), _vector((high + low) / 2))
+    return MovingBox(one.name, _vector((high - low) / 2), _vector((high + low) / 2))
 
 
 def sorted_into_cells(
@@ -47,7 +47,7 @@ def sorted_into_cells(
     reach_m: float,
     *,
     cell_m: float = CELL_M,
-    moving: Box | None = None,
+    moving: MovingBox | None = None,
 ) -> Obstacles:
     """Return triangles (T, 3, 3) in metres NED as Obstacles. Each goes into every cell it comes within reach of."""
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m

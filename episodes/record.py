@@ -38,7 +38,7 @@ _NAME = re.compile(r"[a-z0-9](?:[a-z0-9_-]{0,62}[a-z0-9])?")
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class StartPose:
     """Where one drone hovers when the episode begins."""
 
     position_ned: Vec3  # m, body origin
@@ -77,7 +77,7 @@ class EpisodeRecord:
     cell: str  # one of CELLS
     instruction: str
     target: TargetRecord
-    starts: tuple[Start, ...]  # one per drone
+    starts: tuple[StartPose, ...]  # one per drone
     start_distance_m: float  # 3-D, first drone to the target's centre at t = 0
     bearing_deg: float  # compass bearing of the target's centre from the first drone at t = 0, [0, 360)
     visible_at_start: bool
@@ -222,10 +222,10 @@ class _Reader:
             self.fail(where, f"is not a list of {low} … {high} items")
         return tuple(read(item, f"{where}[{k}]") for k, item in enumerate(value))
 
-    def start(self, value: Any, where: str) -> Start:
+    def start(self, value: Any, where: str) -> StartPose:
         f = self.fields(value, where, ("position_ned", "yaw_deg"))
         position = self.vector(f["position_ned"], f"{where}.position_ned")
-        return Start(position, self.number(f["yaw_deg"], f"{where}.yaw_deg", -360.0, 360.0))
+        return StartPose(position, self.number(f["yaw_deg"], f"{where}.yaw_deg", -360.0, 360.0))
 
     def path(self, value: Any, where: str) -> Path3D:
         f = self.fields(value, where, ("waypoints_ned", "speed_mps"))

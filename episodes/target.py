@@ -19,7 +19,7 @@ AXLES_OF_OTHERS_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TargetMotion:
     """A target's whole movement. A standing target has one waypoint and speed 0."""
 
     waypoints_ned: tuple[Vec3, ...]  # m
@@ -53,14 +53,16 @@ class Motion:
         return (a[0] + u * (b[0] - a[0]), a[1] + u * (b[1] - a[1]), a[2] + u * (b[2] - a[2]))
 
 
-def motion(target: TargetRecord) -> Motion:
+def motion(target: TargetRecord) -> TargetMotion:
     """Return the movement that a record asks for."""
     if target.path is None:
         if target.position_ned is None or target.yaw_deg is None:
             raise ValueError("a target has either a pose or a path")
-        return Motion((target.position_ned,), (0.0,), 0.0, math.radians(target.yaw_deg), 0.0)
+        return TargetMotion((target.position_ned,), (0.0,), 0.0, math.radians(target.yaw_deg), 0.0)
     points = target.path.waypoints_ned
     reached = [0.0]
     for a, b in itertools.pairwise(points):
         reached.append(reached[-1] + math.dist(a, b))
-    return Motion(points, tuple(reached), target.path.speed_mps, 0.0, AXLES_M.get(target.asset, AXLES_OF_OTHERS_M))
+    return TargetMotion(
+        points, tuple(reached), target.path.speed_mps, 0.0, AXLES_M.get(target.asset, AXLES_OF_OTHERS_M)
+    )

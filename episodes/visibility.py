@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class Visibility:
     """How much of a target one camera sees."""
 
     fraction: float  # 0 … 1 of the target's silhouette (as seen unclipped and unhidden) that is in the picture
@@ -212,7 +212,7 @@ class TargetView:
 
     def sight(
         self, position_ned: Vec3, yaw: float, pose: CameraPose, camera: CameraModel, past: Hides | None = None
-    ) -> Sight:
+    ) -> Visibility:
         """Return what the camera sees of the target standing at a pose, past the solids or past what is given.
 
         Each sample that the target shows towards the camera counts with the solid angle of the surface it stands for.
@@ -220,32 +220,32 @@ class TargetView:
         turned, eye = turn(yaw), np.array(pose.position_ned)
         origin = np.array(position_ned)
         if np.linalg.norm(origin - eye) > DETECTION_RANGE_M + self._radius:
-            return Sight(0.0, None)
+            return Visibility(0.0, None)
         local_eye = turned.T @ (eye - origin)
         way = self._points - local_eye
         square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
         weight = -np.einsum("ij,ij->i", way, self._normals) / square**1.5
         front = np.flatnonzero(weight > 0.0)
         if len(front) == 0:
-            return Sight(0.0, None)
+            return Visibility(0.0, None)
         start = np.ascontiguousarray(np.broadcast_to(local_eye.astype(np.float32), (len(front), 3)))
         hit = self._own.run(start, way[front].astype(np.float32), output=1)
         shown = front[hit["tfar"] > 0.9998]  # the first thing the ray meets on the target is the sample itself
         total = float(weight[shown].sum())
         if total <= 0.0:
-            return Sight(0.0, None)
+            return Visibility(0.0, None)
         points = self._points[shown] @ turned.T + origin
         seen = self._in_frame(points, pose, camera)
         if seen.any():
             seen[seen] = ~(past or self._solids).hidden(pose.position_ned, points[seen])
         seen &= square[shown] <= DETECTION_RANGE_M**2
         if not seen.any():
-            return Sight(0.0, None)
+            return Visibility(0.0, None)
         forward = np.array(_axes(pose)[0])
         depth, share = (points[seen] - eye) @ forward, weight[shown][seen]
         order = np.argsort(depth)
         middle = order[np.searchsorted(np.cumsum(share[order]), share.sum() / 2)]
-        return Sight(float(share.sum()) / total, float(depth[middle]))
+        return Visibility(float(share.sum()) / total, float(depth[middle]))
 
     @staticmethod
     def _in_frame(points: Array, pose: CameraPose, camera: CameraModel) -> NDArray[np.bool_]:

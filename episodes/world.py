@@ -13,7 +13,7 @@ from episodes.assets.multirotor import X500, Outline
 from episodes.fleet import DronePose, Fleet
 from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Moved, Scene
-from episodes.target import Motion, motion
+from episodes.target import TargetMotion, motion
 from episodes.visibility import Hides, Solids, TargetView, Together, Without, turn
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
@@ -50,7 +50,7 @@ class World:
         next_id = max(i.id for i in built.instances) + 1
         native = _native(built, record)
         if native:  # to the last digit where the map has it; a record's are rounded
-            self._motion = Motion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
+            self._motion = TargetMotion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
         target = native or _placed(next_id, "target", record.target, movable=self._motion.speed_mps > 0.0)
         others = tuple(_placed(next_id + k, f"candidate-{k}", one) for k, one in enumerate(record.candidates, 1))
         self.target = target

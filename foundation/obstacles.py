@@ -9,7 +9,7 @@ from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class MovingBox:
     """An upright box that follows a pose: what a moving car is to a vehicle that meets it."""
 
     name: str
@@ -36,7 +36,7 @@ class Obstacles:
     start: NDArray[np.int32]  # (cells + 1,)
     index: NDArray[np.int32]
     reach_m: float
-    moving: Box | None = None
+    moving: MovingBox | None = None
 
 
 OPEN = Obstacles(

@@ -62,7 +62,7 @@ def _decoded_class(base: Any) -> Any:
     return type(base.__name__, (base,), members)
 
 
-class Layout:
+class MessageLayout:
     """One message on the wire. `extra`: CRC_EXTRA as a byte."""
 
     def __init__(self, base: Any) -> None:
@@ -124,7 +124,7 @@ class Layout:
         return message
 
 
-class OwnPacking(Layout):
+class OwnPacking(MessageLayout):
     """A message whose class has a `pack` of its own, such as a parameter that carries an integer's bytes."""
 
     def frame(self, message: Any, sequence: int, system: int, component: int) -> bytes:
@@ -133,18 +133,18 @@ class OwnPacking(Layout):
         return bytes(message.pack(mav))
 
 
-class LayoutsById(dict[int, Layout]):
+class LayoutsById(dict[int, MessageLayout]):
     """Message id → layout, made when it is first needed. KeyError for an id that is not in the dialect."""
 
-    def __missing__(self, message_id: int) -> Layout:
-        layout = self[message_id] = Layout(dialect.mavlink_map[message_id])
+    def __missing__(self, message_id: int) -> MessageLayout:
+        layout = self[message_id] = MessageLayout(dialect.mavlink_map[message_id])
         return layout
 
 
-class LayoutsByClass(dict[Any, Layout]):
+class LayoutsByClass(dict[Any, MessageLayout]):
     """Class of a message → layout, made when it is first needed. TypeError for what is no message of the dialect."""
 
-    def __missing__(self, kind: Any) -> Layout:
+    def __missing__(self, kind: Any) -> MessageLayout:
         base = dialect.mavlink_map.get(getattr(kind, "id", None))
         if base is None or not issubclass(kind, base):
             raise TypeError(f"{kind.__name__} is no message of the dialect {dialect.DIALECT}")

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from foundation.compiled import Grid, njit
-from vehicles.records import Stream
+from vehicles.records import RandomStream
 
 _TAIL = 3.442619855899  # where the tail begins, 128 layers
 _AREA = 9.91256303526217e-3  # of each layer
@@ -34,13 +34,13 @@ _EDGE = _layers()
 _INNER = _EDGE[1:] / _EDGE[:-1]  # share of each layer that lies under the curve for certain
 
 
-def streams(seed: int, count: int) -> Stream:
+def streams(seed: int, count: int) -> RandomStream:
     """Return `count` independent stream states, shape (count,), that depend on `seed` alone."""
     return np.random.SeedSequence(seed).generate_state(count, np.uint64).astype(np.uint64, copy=False)
 
 
 @njit(cache=True)
-def _word(rng: Stream) -> np.uint64:
+def _word(rng: RandomStream) -> np.uint64:
     rng[0] += _GOLDEN
     z: np.uint64 = rng[0]
     z = (z ^ (z >> _SHIFT_30)) * _MIX_1
@@ -49,13 +49,13 @@ def _word(rng: Stream) -> np.uint64:
 
 
 @njit(cache=True)
-def uniform(rng: Stream) -> float:
+def uniform(rng: RandomStream) -> float:
     """Return a number uniform in [0, 1) and advance the stream."""
     return float(_word(rng) >> _SHIFT_11) * 1.1102230246251565e-16  # 2⁻⁵³
 
 
 @njit(cache=True)
-def normal(rng: Stream) -> float:
+def normal(rng: RandomStream) -> float:
     """Return a standard normal number and advance the stream."""
     while True:
         word = _word(rng)

@@ -11,7 +11,7 @@ from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
 from vehicles.airframe import MAX_CONTACTS
 
-Stream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
+RandomStream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
 Load = tuple[Vec3, Vec3, float]  # of the rotors: force N FRD, moment N·m FRD, angular momentum about z in N·m·s
 
 STEP_US = 1000  # µs, the plant's step

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import Vec3
 from vehicles.noise import normal
-from vehicles.records import Stream
+from vehicles.records import RandomStream
 
 PERIOD_US = 10_000
 PERIOD_S = 0.01
@@ -46,7 +46,7 @@ def scales(height: float, w20: float) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True)
-def _across(states: Grid, sigma: float, tau: float, rng: Stream) -> float:
+def _across(states: Grid, sigma: float, tau: float, rng: RandomStream) -> float:
     """Advance one second-order filter by PERIOD_S and return the gust (m/s).
 
     H = √3·a + (1 - √3)·b with a = w / (1 + tau·s), b = a / (1 + tau·s); the covariance of the two is the integral of

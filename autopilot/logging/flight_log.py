@@ -13,7 +13,7 @@ from autopilot.logging.directory import LogDirectory
 from autopilot.logging.readings import Readings
 from autopilot.logging.topics import TABLE, Sources, Topic
 from autopilot.mavlink.status_makers import FLIGHT_SW_VERSION
-from autopilot.mavlink.telemetry_source import Vehicle
+from autopilot.mavlink.telemetry_source import TelemetrySource
 
 FLUSH_US = 500_000  # what a kill may cost
 SYSTEM = "DroneCATS"
@@ -40,14 +40,14 @@ class _Group:
     members: list[_Logged]
 
 
-class FlightLog:
+class FlightLogWriter:
     """Call `tick` once per tick of the autopilot. A disk that refuses costs data, never the flight.
 
     `failed` tells the reason of the last refusal, None while all is well; `lost` counts the samples that did not fit
     their fields.
     """
 
-    def __init__(self, vehicle: Vehicle, directory: LogDirectory) -> None:
+    def __init__(self, vehicle: TelemetrySource, directory: LogDirectory) -> None:
         self.directory = directory
         self.failed: str | None = None
         self.lost = 0

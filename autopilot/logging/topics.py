@@ -11,7 +11,7 @@ from typing import Any
 
 from autopilot.logging.readings import Readings
 from autopilot.mavlink.motion_makers import estimator_status
-from autopilot.mavlink.telemetry_source import Vehicle
+from autopilot.mavlink.telemetry_source import TelemetrySource
 from autopilot.records import KIND_TRAJECTORY
 from foundation.frames import rotate
 
@@ -29,7 +29,7 @@ NAV_STATES = {
 class Sources:
     """What the topics are made from."""
 
-    vehicle: Vehicle
+    vehicle: TelemetrySource
     sensors: Readings
     actuators: Readings | None
 

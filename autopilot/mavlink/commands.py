@@ -44,7 +44,7 @@ class Command:
         return round(value) if abs(value) < 1e9 else None
 
 
-Handler = Callable[[Node, Port, Command], int | None]
+CommandHandler = Callable[[Node, Port, Command], int | None]
 
 
 def command_long(node: Node, port: Port, message: Message) -> None:
@@ -111,7 +111,7 @@ def _do_set_mode(node: Node, port: Port, c: Command) -> int:
     return _select_mode(node, base or 0, main or 0, sub or 0)
 
 
-def _mode(name: str) -> Handler:
+def _mode(name: str) -> CommandHandler:
     def handler(node: Node, port: Port, c: Command) -> int:
         return node.vehicle.commander.set_mode(name)
 
@@ -246,7 +246,7 @@ def _inject_failure(node: Node, port: Port, c: Command) -> int:
     return int(ACCEPTED)
 
 
-HANDLERS: dict[int, Handler] = {
+HANDLERS: dict[int, CommandHandler] = {
     dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode("RETURN"),
     dialect.MAV_CMD_NAV_LAND: _mode("LAND"),
     dialect.MAV_CMD_NAV_TAKEOFF: _takeoff,

@@ -17,9 +17,9 @@ from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import COMPONENT_ID, Port
 from autopilot.mavlink.telemetry_source import Message
 
-Handler = Callable[[Node, Port, Message], None]
+MessageHandler = Callable[[Node, Port, Message], None]
 
-HANDLERS: dict[str, Handler] = {
+HANDLERS: dict[str, MessageHandler] = {
     "HEARTBEAT": link.heartbeat,
     "PING": link.ping,
     "TIMESYNC": link.timesync,

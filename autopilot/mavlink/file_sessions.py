@@ -14,7 +14,7 @@ Client = Hashable  # a port and the sender's ids
 
 
 @dataclass(slots=True)
-class Session:
+class FileSession:
     """An open file of one client."""
 
     file: BinaryIO
@@ -26,7 +26,7 @@ class FileSessions:
     """Sessions by client and number."""
 
     def __init__(self) -> None:
-        self._open: dict[tuple[Client, int], Session] = {}
+        self._open: dict[tuple[Client, int], FileSession] = {}
         self._answers: dict[Client, tuple[bytes, bytes]] = {}
 
     def __len__(self) -> int:
@@ -46,10 +46,10 @@ class FileSessions:
         number = wish
         while (client, number) in self._open:
             number = (number + 1) % 256
-        self._open[client, number] = Session(file, writable, now_us)
+        self._open[client, number] = FileSession(file, writable, now_us)
         return number
 
-    def get(self, client: Client, number: int, now_us: int) -> Session:
+    def get(self, client: Client, number: int, now_us: int) -> FileSession:
         """Return an open session. Raises Refusal when the client has no such session."""
         session = self._open.get((client, number))
         if session is None:

@@ -41,7 +41,7 @@ BURST_MESSAGES = 200  # of one burst: 48 kB, then the client asks for more
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class FileRequest:
     """A request as it came."""
 
     sequence: int
@@ -57,10 +57,10 @@ class Request:
         return self.data.partition(b"\0")[0]
 
 
-def parsed(payload: bytes) -> Request:
+def parsed(payload: bytes) -> FileRequest:
     """Return the request in FILE_TRANSFER_PROTOCOL.payload (251 bytes)."""
     sequence, session, opcode, size, _, _, _, offset = _HEADER.unpack_from(payload)
-    return Request(sequence, session, opcode, size, offset, payload[_HEADER.size : _HEADER.size + size])
+    return FileRequest(sequence, session, opcode, size, offset, payload[_HEADER.size : _HEADER.size + size])
 
 
 @dataclass(slots=True)
@@ -98,7 +98,7 @@ def _message(address: tuple[int, int], payload: bytes) -> Message:
     return dialect.MAVLink_file_transfer_protocol_message(0, *address, list(payload.ljust(PAYLOAD, b"\0")))
 
 
-def _pack(wish: Request, opcode: int, data: bytes, *, session: int | None = None, complete: bool = False,
+def _pack(wish: FileRequest, opcode: int, data: bytes, *, session: int | None = None, complete: bool = False,
           later: int = 0, offset: int | None = None) -> bytes:  # fmt: skip
     return (
         _HEADER.pack(
@@ -109,7 +109,7 @@ def _pack(wish: Request, opcode: int, data: bytes, *, session: int | None = None
     )  # fmt: skip
 
 
-def _answer(server: Server, wish: Request) -> bytes:
+def _answer(server: Server, wish: FileRequest) -> bytes:
     """Return the payload of the answer, whatever happens."""
     try:
         if wish.size > DATA:
@@ -140,27 +140,27 @@ def _refusal(reason: Exception) -> bytes:
     return bytes([FAIL])
 
 
-def _open(server: Server, wish: Request, file: BinaryIO, writable: bool) -> None:
+def _open(server: Server, wish: FileRequest, file: BinaryIO, writable: bool) -> None:
     server.opened = server.sessions.open(server.client, wish.session, file, writable, server.now_us)
 
 
-def _open_to_read(server: Server, wish: Request) -> bytes:
+def _open_to_read(server: Server, wish: FileRequest) -> bytes:
     file, size = server.tree.open_to_read(wish.name)
     _open(server, wish, file, writable=False)
     return struct.pack("<I", min(size, 0xFFFFFFFF))
 
 
-def _create(server: Server, wish: Request) -> bytes:
+def _create(server: Server, wish: FileRequest) -> bytes:
     _open(server, wish, server.tree.open_to_write(wish.name, empty=True), writable=True)
     return b""
 
 
-def _open_to_write(server: Server, wish: Request) -> bytes:
+def _open_to_write(server: Server, wish: FileRequest) -> bytes:
     _open(server, wish, server.tree.open_to_write(wish.name, empty=False), writable=True)
     return b""
 
 
-def _read(server: Server, wish: Request) -> bytes:
+def _read(server: Server, wish: FileRequest) -> bytes:
     file = server.sessions.get(server.client, wish.session, server.now_us).file
     if not file.readable():
         raise Refusal(FAIL)
@@ -171,7 +171,7 @@ def _read(server: Server, wish: Request) -> bytes:
     return data
 
 
-def _write(server: Server, wish: Request) -> bytes:
+def _write(server: Server, wish: FileRequest) -> bytes:
     session = server.sessions.get(server.client, wish.session, server.now_us)
     if not session.writable or wish.offset + wish.size > LARGEST:
         raise Refusal(FAIL)
@@ -181,7 +181,7 @@ def _write(server: Server, wish: Request) -> bytes:
     return b""
 
 
-def _list(server: Server, wish: Request) -> bytes:
+def _list(server: Server, wish: FileRequest) -> bytes:
     """Return as many lines of the directory as fit, from the one that the offset counts to."""
     lines = b""
     for entry in server.tree.entries(wish.name)[wish.offset :]:
@@ -202,41 +202,41 @@ def _line(entry: Entry, with_time: bool) -> bytes:
     return line if len(line) <= DATA else b"S\0"  # counts as a line, names nothing
 
 
-def _terminate(server: Server, wish: Request) -> bytes:
+def _terminate(server: Server, wish: FileRequest) -> bytes:
     server.sessions.close(server.client, wish.session)
     return b""
 
 
-def _reset(server: Server, wish: Request) -> bytes:
+def _reset(server: Server, wish: FileRequest) -> bytes:
     server.sessions.reset(server.client)
     return b""
 
 
-def _truncate(server: Server, wish: Request) -> bytes:
+def _truncate(server: Server, wish: FileRequest) -> bytes:
     server.tree.truncate(wish.name, wish.offset)
     return b""
 
 
-def _rename(server: Server, wish: Request) -> bytes:
+def _rename(server: Server, wish: FileRequest) -> bytes:
     old, _, rest = wish.data.partition(b"\0")
     server.tree.rename(old, rest.partition(b"\0")[0])
     return b""
 
 
-def _checksum(server: Server, wish: Request) -> bytes:
+def _checksum(server: Server, wish: FileRequest) -> bytes:
     return struct.pack("<I", server.tree.checksum(wish.name))
 
 
-def _on_name(change: Callable[[FileTree, bytes], None]) -> "Handler":
-    def handler(server: Server, wish: Request) -> bytes:
+def _on_name(change: Callable[[FileTree, bytes], None]) -> "RequestHandler":
+    def handler(server: Server, wish: FileRequest) -> bytes:
         change(server.tree, wish.name)
         return b""
 
     return handler
 
 
-Handler = Callable[[Server, Request], bytes]
-HANDLERS: dict[int, Handler] = {
+RequestHandler = Callable[[Server, FileRequest], bytes]
+HANDLERS: dict[int, RequestHandler] = {
     NONE: lambda server, wish: b"",
     TERMINATE_SESSION: _terminate,
     RESET_SESSIONS: _reset,
@@ -260,7 +260,7 @@ def _burst_name(address: tuple[int, int]) -> str:
     return f"file burst {address}"
 
 
-def _begin_burst(server: Server, port: Port, address: tuple[int, int], wish: Request) -> None:
+def _begin_burst(server: Server, port: Port, address: tuple[int, int], wish: FileRequest) -> None:
     """Let the port stream a file from an offset, a bounded number of messages per tick; or refuse."""
     try:
         session = server.sessions.get(server.client, wish.session, server.now_us)
@@ -273,7 +273,7 @@ def _begin_burst(server: Server, port: Port, address: tuple[int, int], wish: Req
     port.transfers[_burst_name(address)] = (_message(address, payload) for payload in _burst(session.file, wish, step))
 
 
-def _burst(file: BinaryIO, wish: Request, step: int) -> Iterator[bytes]:
+def _burst(file: BinaryIO, wish: FileRequest, step: int) -> Iterator[bytes]:
     offset = wish.offset
     for i in range(BURST_MESSAGES):
         try:

@@ -13,7 +13,7 @@ from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.telemetry_source import Message
 from autopilot.mavlink.uploads import CANCELLED, Key, Upload
 from autopilot.plan import checks
-from autopilot.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, Item
+from autopilot.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
 from autopilot.plan.plans import CAPACITY
 from foundation.mavlink import dialect
 
@@ -43,7 +43,7 @@ def say_current(node: Node) -> None:
         port.send_telemetry(BY_NAME["MISSION_CURRENT"].message_id)
 
 
-def _replace(node: Node, kind: int, items: tuple[Item, ...]) -> None:
+def _replace(node: Node, kind: int, items: tuple[PlanItem, ...]) -> None:
     node.vehicle.commander.replace_plan(kind, items)
     if kind == MISSION:
         say_current(node)
@@ -135,12 +135,12 @@ def take_item(node: Node, port: Port, message: Message) -> None:
         upload.ask(node.time_us)
 
 
-def _item(m: Message) -> Item:
+def _item(m: Message) -> PlanItem:
     x, y = m.x, m.y
     if m.get_type() == "MISSION_ITEM":
         scale = 1e7 if m.frame in GLOBAL_FRAMES else 1.0
         x, y = (round(v * scale) if math.isfinite(v) and abs(v * scale) < NOT_GIVEN else NOT_GIVEN for v in (x, y))
-    return Item(m.command, m.frame, (m.param1, m.param2, m.param3, m.param4), x, y, m.z, m.autocontinue)
+    return PlanItem(m.command, m.frame, (m.param1, m.param2, m.param3, m.param4), x, y, m.z, m.autocontinue)
 
 
 def acknowledged(node: Node, port: Port, message: Message) -> None:

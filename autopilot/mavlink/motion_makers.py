@@ -2,9 +2,9 @@
 
 import math
 
-from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, heading_cdeg, int16, int32, whole
+from autopilot.estimated_state import EstimatedState
+from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, heading_cdeg, int16, int32, whole
 from autopilot.records import KIND_TRAJECTORY
-from autopilot.vehicle_state import VehicleState
 from foundation.frames import rotate_inverse
 from foundation.mavlink import dialect
 
@@ -12,26 +12,26 @@ NAN = math.nan
 COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # places in the upper triangle of a 6x6 matrix
 
 
-def attitude(v: Vehicle) -> Message | None:
+def attitude(v: TelemetrySource) -> Message | None:
     s = v.state
     return dialect.MAVLink_attitude_message(boot_ms(v), *s.euler, *s.rates_frd) if s.attitude_valid else None
 
 
-def attitude_quaternion(v: Vehicle) -> Message | None:
+def attitude_quaternion(v: TelemetrySource) -> Message | None:
     s = v.state
     if not s.attitude_valid:
         return None
     return dialect.MAVLink_attitude_quaternion_message(boot_ms(v), *s.attitude, *s.rates_frd)
 
 
-def local_position_ned(v: Vehicle) -> Message | None:
+def local_position_ned(v: TelemetrySource) -> Message | None:
     s = v.state
     if not (s.position_valid or s.altitude_valid):
         return None
     return dialect.MAVLink_local_position_ned_message(boot_ms(v), *s.position_ned, *s.velocity_ned)
 
 
-def global_position_int(v: Vehicle) -> Message | None:
+def global_position_int(v: TelemetrySource) -> Message | None:
     s = v.state
     if not s.global_valid:
         return None
@@ -45,7 +45,7 @@ def global_position_int(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def gps_global_origin(v: Vehicle) -> Message | None:
+def gps_global_origin(v: TelemetrySource) -> Message | None:
     s = v.state
     if not s.origin_set:
         return None
@@ -54,7 +54,7 @@ def gps_global_origin(v: Vehicle) -> Message | None:
     )
 
 
-def home_position(v: Vehicle) -> Message | None:
+def home_position(v: TelemetrySource) -> Message | None:
     home = v.commander.flight.home
     if home is None:
         return None
@@ -65,7 +65,7 @@ def home_position(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def altitude(v: Vehicle) -> Message | None:
+def altitude(v: TelemetrySource) -> Message | None:
     s = v.state
     if not s.altitude_valid:
         return None
@@ -78,7 +78,7 @@ def altitude(v: Vehicle) -> Message | None:
     )
 
 
-def vfr_hud(v: Vehicle) -> Message | None:
+def vfr_hud(v: TelemetrySource) -> Message | None:
     s = v.state
     if not s.altitude_valid:
         return None
@@ -96,7 +96,7 @@ def _diagonal(first: float, second: float, third: float, fourth: float) -> list[
     return row
 
 
-def odometry(v: Vehicle) -> Message | None:
+def odometry(v: TelemetrySource) -> Message | None:
     s = v.state
     if not (s.position_valid and s.attitude_valid):
         return None
@@ -108,7 +108,7 @@ def odometry(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def estimator_flags(s: VehicleState) -> int:
+def estimator_flags(s: EstimatedState) -> int:
     """Return ESTIMATOR_STATUS_FLAGS."""
     flags = 0x1 if s.attitude_valid else 0
     if s.velocity_valid:
@@ -124,7 +124,7 @@ def estimator_flags(s: VehicleState) -> int:
     return flags if s.velocity_valid else flags | 0x80
 
 
-def estimator_status(v: Vehicle) -> Message:
+def estimator_status(v: TelemetrySource) -> Message:
     s = v.state
     return dialect.MAVLink_estimator_status_message(
         s.time_us, estimator_flags(s), s.ratio_gps_velocity, s.ratio_gps_position, s.ratio_baro, s.ratio_mag, 0.0, 0.0,
@@ -132,7 +132,7 @@ def estimator_status(v: Vehicle) -> Message:
     )  # fmt: skip
 
 
-def attitude_target(v: Vehicle) -> Message | None:
+def attitude_target(v: TelemetrySource) -> Message | None:
     s = v.state
     if not v.commander.armed:
         return None
@@ -141,7 +141,7 @@ def attitude_target(v: Vehicle) -> Message | None:
     )
 
 
-def position_target_local_ned(v: Vehicle) -> Message | None:
+def position_target_local_ned(v: TelemetrySource) -> Message | None:
     d = v.commander.passed
     if d.kind != KIND_TRAJECTORY:
         return None
@@ -153,7 +153,7 @@ def position_target_local_ned(v: Vehicle) -> Message | None:
     )
 
 
-def servo_output_raw(v: Vehicle) -> Message | None:
+def servo_output_raw(v: TelemetrySource) -> Message | None:
     if v.actuators is None:
         return None
     armed = int(v.actuators["armed"])
@@ -162,7 +162,7 @@ def servo_output_raw(v: Vehicle) -> Message | None:
     return dialect.MAVLink_servo_output_raw_message(v.state.time_us & 0xFFFFFFFF, 0, *pulses)
 
 
-def orbit_execution_status(v: Vehicle) -> Message | None:
+def orbit_execution_status(v: TelemetrySource) -> Message | None:
     c = v.commander
     if c.mode != "ORBIT" or c.orbit.centre is None:
         return None

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
-from autopilot.logging.flight_log import FlightLog
+from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink.file_sessions import FileSessions
 from autopilot.mavlink.file_tree import FileTree
 from autopilot.mavlink.packed_parameters import packed
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_ID
-from autopilot.mavlink.telemetry_source import Message, Vehicle
+from autopilot.mavlink.telemetry_source import Message, TelemetrySource
 from autopilot.mavlink.uploads import Uploads
 from foundation.mavlink import dialect
 
@@ -23,10 +23,10 @@ class Node:
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: TelemetrySource,
         system_id: int,
         uploads: Uploads,
-        log: FlightLog | None = None,
+        log: FlightLogWriter | None = None,
         inject: Inject | None = None,
     ) -> None:
         self.vehicle = vehicle

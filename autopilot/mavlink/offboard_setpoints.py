@@ -8,7 +8,7 @@ import math
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import Message
-from autopilot.modes.setpoint import FREE, NAN, Setpoint
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
 from foundation.mavlink import dialect
@@ -39,7 +39,7 @@ def _angle(mask: int, bit: int, value: float) -> float:
 
 
 def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, acceleration: Vec3, yaw: float, yaw_rate: float,
-               attitude: Quat, heading: float) -> Setpoint:  # fmt: skip
+               attitude: Quat, heading: float) -> CascadeSetpoint:  # fmt: skip
     """Return the trajectory setpoint in the local frame of a message with raw fields in frame LOCAL_NED or BODY_NED.
 
     `attitude` and `heading` (rad) are the vehicle's. BODY_NED: position is ignored, velocity is turned by the heading
@@ -62,7 +62,7 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
         raise RejectedError(f"coordinate frame {frame} unsupported")
     if not any(math.isfinite(x) for x in (*p, *v, *a)):
         raise RejectedError("invalid")
-    return Setpoint(
+    return CascadeSetpoint(
         position_ned=p,
         velocity_ned=v,
         acceleration_ned=a,
@@ -71,7 +71,7 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
     )
 
 
-def _accept(node: Node, setpoint: Setpoint) -> None:
+def _accept(node: Node, setpoint: CascadeSetpoint) -> None:
     offboard = node.vehicle.commander.flight.offboard
     offboard.setpoint, offboard.time_us = setpoint, node.time_us
 
@@ -142,10 +142,10 @@ def attitude_target(node: Node, port: Port, message: Message) -> None:
             return
         _accept(
             node,
-            Setpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust),
+            CascadeSetpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust),
         )
     elif not mask & 0x3 and abs(m.body_roll_rate) < LIMIT and abs(m.body_pitch_rate) < LIMIT:
         rates = (m.body_roll_rate, m.body_pitch_rate, yaw_rate)
-        _accept(node, Setpoint(kind=KIND_RATES, rates_frd=rates, thrust=thrust))
+        _accept(node, CascadeSetpoint(kind=KIND_RATES, rates_frd=rates, thrust=thrust))
     else:
         node.complain("SET_ATTITUDE_TARGET invalid: nothing controlled")

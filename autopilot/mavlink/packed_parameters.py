@@ -7,13 +7,13 @@ tells only what differs from the one before.
 import struct
 from itertools import takewhile
 
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 
 MAGIC = 0x671B
 INT32, FLOAT = 3, 4
 
 
-def packed(parameters: Parameters) -> bytes:
+def packed(parameters: ParameterTable) -> bytes:
     """Return the file: head with the count, then every parameter in the order of its name."""
     count = len(parameters)
     records = [struct.pack("<HHH", MAGIC, count, count)]

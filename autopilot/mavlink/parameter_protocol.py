@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import Message
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
@@ -27,7 +27,7 @@ class _IntegerValue(dialect.MAVLink_param_value_message):  # type: ignore[misc]
         return bytes(self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1))
 
 
-def parameter_value(parameters: Parameters, name: str) -> Message:
+def parameter_value(parameters: ParameterTable, name: str) -> Message:
     """Return the PARAM_VALUE of one parameter. Raises KeyError for an unknown name."""
     value, count, index = parameters[name], len(parameters), parameters.index(name)
     if parameters.is_integer(name):
@@ -51,7 +51,7 @@ def request_list(node: Node, port: Port, message: Message) -> None:
     port.list_parameters(_values(node.vehicle.parameters))
 
 
-def _values(parameters: Parameters) -> Iterator[Message]:
+def _values(parameters: ParameterTable) -> Iterator[Message]:
     """Return every parameter, each with the value that it has when its turn comes."""
     return (parameter_value(parameters, name) for name in parameters.names)
 

@@ -2,11 +2,11 @@
 
 import math
 
-from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, int16, int32, whole
+from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, int16, int32, whole
 from foundation.mavlink import dialect
 
 
-def gps_raw_int(v: Vehicle) -> Message | None:
+def gps_raw_int(v: TelemetrySource) -> Message | None:
     g = v.state.sensors
     if not int(g["gps_time_us"]):
         return None
@@ -30,7 +30,7 @@ def _pressure_altitude(pressure_hpa: float) -> float:
     return float(288.15 / 0.0065 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263))
 
 
-def highres_imu(v: Vehicle) -> Message | None:
+def highres_imu(v: TelemetrySource) -> Message | None:
     r = v.state.sensors
     if not int(r["imu_time_us"]):
         return None
@@ -41,7 +41,7 @@ def highres_imu(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def distance_sensor(v: Vehicle) -> Message | None:
+def distance_sensor(v: TelemetrySource) -> Message | None:
     distance = v.state.range_m()
     if not math.isfinite(distance):
         return None
@@ -51,7 +51,7 @@ def distance_sensor(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def scaled_pressure(v: Vehicle) -> Message | None:
+def scaled_pressure(v: TelemetrySource) -> Message | None:
     r = v.state.sensors
     if not int(r["baro_time_us"]):
         return None
@@ -60,7 +60,7 @@ def scaled_pressure(v: Vehicle) -> Message | None:
     )
 
 
-def vibration(v: Vehicle) -> Message:
+def vibration(v: TelemetrySource) -> Message:
     # as PX4 fills it: coning (not measured here), gyro, accelerometer
     return dialect.MAVLink_vibration_message(
         v.state.time_us, 0.0, v.vibration.gyro, v.vibration.accel, *v.vibration.clipped

@@ -3,7 +3,7 @@
 import math
 
 from autopilot.arming import STICK_MODES, sensor_health
-from autopilot.mavlink.telemetry_source import Message, Vehicle, boot_ms, whole
+from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, whole
 from foundation.mavlink import dialect
 from foundation.px4 import MODES, PX4_AUTOPILOT
 
@@ -38,7 +38,7 @@ def standard_mode(mode: str) -> int:
     return _STANDARD_MODES.get(mode, 0)
 
 
-def system_status(v: Vehicle) -> int:
+def system_status(v: TelemetrySource) -> int:
     """Return MAV_STATE: 0 not ready, 3 ready, 4 armed, 5 failsafe, 8 terminated (as measured on PX4)."""
     c = v.commander
     if c.armed and c.mode == "TERMINATION":
@@ -50,7 +50,7 @@ def system_status(v: Vehicle) -> int:
     return int(dialect.MAV_STATE_UNINIT if c.arming_failures() else dialect.MAV_STATE_STANDBY)
 
 
-def heartbeat(v: Vehicle) -> Message:
+def heartbeat(v: TelemetrySource) -> Message:
     c = v.commander
     base = 1 | (128 if c.armed else 0)
     if c.mode in STICK_MODES:
@@ -64,7 +64,7 @@ def heartbeat(v: Vehicle) -> Message:
     )
 
 
-def sys_status(v: Vehicle) -> Message:
+def sys_status(v: TelemetrySource) -> Message:
     health, s = sensor_health(v.state), v.state.sensors
     present = SENSOR_GYRO | SENSOR_ACCEL | SENSOR_MAG | SENSOR_PRESSURE | SENSOR_GPS | CONTROL_BITS | SENSOR_AHRS
     present |= SENSOR_BATTERY | PREARM_CHECK | EXTENSION_USED | SENSOR_FENCE
@@ -104,7 +104,7 @@ def sys_status(v: Vehicle) -> Message:
     )  # fmt: skip
 
 
-def landed_state(v: Vehicle) -> int:
+def landed_state(v: TelemetrySource) -> int:
     """Return MAV_LANDED_STATE."""
     if v.commander.landed:
         return int(dialect.MAV_LANDED_STATE_ON_GROUND)
@@ -112,11 +112,11 @@ def landed_state(v: Vehicle) -> int:
     return int(shown.get(v.commander.mode, dialect.MAV_LANDED_STATE_IN_AIR))
 
 
-def extended_sys_state(v: Vehicle) -> Message:
+def extended_sys_state(v: TelemetrySource) -> Message:
     return dialect.MAVLink_extended_sys_state_message(0, landed_state(v))
 
 
-def battery_status(v: Vehicle) -> Message | None:
+def battery_status(v: TelemetrySource) -> Message | None:
     b = v.state.sensors
     if not int(b["battery_time_us"]):
         return None
@@ -139,12 +139,12 @@ def battery_status(v: Vehicle) -> Message | None:
     )  # fmt: skip
 
 
-def current_mode(v: Vehicle) -> Message:
+def current_mode(v: TelemetrySource) -> Message:
     c = v.commander
     return dialect.MAVLink_current_mode_message(standard_mode(c.mode), c.custom_mode, MODES[c.intended].custom_mode)
 
 
-def mission_state(v: Vehicle) -> int:
+def mission_state(v: TelemetrySource) -> int:
     """Return MISSION_STATE."""
     c = v.commander
     if not c.flight.plans.mission:
@@ -156,7 +156,7 @@ def mission_state(v: Vehicle) -> int:
     return int(dialect.MISSION_STATE_ACTIVE if c.armed and c.mode == "MISSION" else dialect.MISSION_STATE_PAUSED)
 
 
-def mission_current(v: Vehicle) -> Message:
+def mission_current(v: TelemetrySource) -> Message:
     total, current = len(v.commander.flight.plans.mission), v.commander.mission.current
     mode = 1 if v.commander.mode == "MISSION" else 2
     return dialect.MAVLink_mission_current_message(
@@ -164,7 +164,7 @@ def mission_current(v: Vehicle) -> Message:
     )
 
 
-def autopilot_version(v: Vehicle) -> Message:
+def autopilot_version(v: TelemetrySource) -> Message:
     uid = int(v.parameters["MAV_SYS_ID"])
     return dialect.MAVLink_autopilot_version_message(
         CAPABILITIES, FLIGHT_SW_VERSION, FLIGHT_SW_VERSION, 0, 0, [0] * 8, [0] * 8, [0] * 8, VENDOR_ID, PRODUCT_ID,
@@ -172,11 +172,11 @@ def autopilot_version(v: Vehicle) -> Message:
     )  # fmt: skip
 
 
-def flight_information(v: Vehicle) -> Message:
+def flight_information(v: TelemetrySource) -> Message:
     return dialect.MAVLink_flight_information_message(boot_ms(v), 0, v.commander.takeoff_us, 0)
 
 
-def rc_channels(v: Vehicle) -> Message | None:
+def rc_channels(v: TelemetrySource) -> Message | None:
     """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None until somebody has held them."""
     sticks = v.commander.flight.sticks
     if sticks.time_us < 0:
@@ -187,18 +187,18 @@ def rc_channels(v: Vehicle) -> Message | None:
     return dialect.MAVLink_rc_channels_message(boot_ms(v), 4, *pulses, *[65535] * 14, 100 if fresh else 0)
 
 
-def available_modes_monitor(v: Vehicle) -> Message:
+def available_modes_monitor(v: TelemetrySource) -> Message:
     return dialect.MAVLink_available_modes_monitor_message(0)  # the list of modes never changes
 
 
-def system_time(v: Vehicle) -> Message:
+def system_time(v: TelemetrySource) -> Message:
     # the vehicle carries no calendar: 0 = unknown
     return dialect.MAVLink_system_time_message(0, boot_ms(v))
 
 
-def ping(v: Vehicle) -> Message:
+def ping(v: TelemetrySource) -> Message:
     return dialect.MAVLink_ping_message(v.state.time_us, v.state.time_us // 1_000_000 & 0xFFFFFFFF, 0, 0)
 
 
-def timesync(v: Vehicle) -> Message:
+def timesync(v: TelemetrySource) -> Message:
     return dialect.MAVLink_timesync_message(0, v.state.time_us * 1000)

@@ -5,26 +5,27 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from autopilot.calibration import Calibration
+from autopilot.calibration import SensorCalibration
 from autopilot.commander import Commander
-from autopilot.parameters import Parameters
-from autopilot.vehicle_state import VehicleState
+from autopilot.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
 from autopilot.vibration import Vibration
 from foundation.airframe import Airframe
+from foundation.mavlink import dialect
 
-Message: TypeAlias = Any  # dialect.MAVLink_message: pymavlink's generated classes carry no types a checker can use
+Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes carry no types a checker can use
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
+class TelemetrySource:
     """What the makers read."""
 
     airframe: Airframe
-    state: VehicleState
+    state: EstimatedState
     commander: Commander
-    parameters: Parameters
+    parameters: ParameterTable
     actuators: Any | None  # ACTUATORS record, None when nobody shares it
-    calibration: Calibration
+    calibration: SensorCalibration
     vibration: Vibration
 
 
@@ -45,16 +46,16 @@ def int32(value: float) -> int:
     return whole(value, -(1 << 31), (1 << 31) - 1)
 
 
-def boot_ms(v: Vehicle) -> int:
+def boot_ms(v: TelemetrySource) -> int:
     """Return time_boot_ms: the vehicle's time."""
     return v.state.time_us // 1000 & 0xFFFFFFFF
 
 
-def heading_cdeg(v: Vehicle) -> int:
+def heading_cdeg(v: TelemetrySource) -> int:
     """Return the heading in 0.01°, 65535 while it is unknown."""
     if not v.state.attitude_valid:
         return 65535
     return round(math.degrees(v.state.yaw) * 100.0) % 36000
 
 
-Maker = Callable[[Vehicle], Message | None]
+Maker = Callable[[TelemetrySource], Message | None]

@@ -6,7 +6,7 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 from dataclasses import dataclass, field
 
 from autopilot.mavlink.port import Port
-from autopilot.plan.items import Item
+from autopilot.plan.items import PlanItem
 from foundation.mavlink import dialect
 
 RETRY_US = 250_000
@@ -27,7 +27,7 @@ class Upload:
     count: int
     heard_us: int
     asked_us: int
-    items: list[Item] = field(default_factory=list)
+    items: list[PlanItem] = field(default_factory=list)
     taken_us: int | None = None  # when it was complete: a repeated last item is then acknowledged again
 
     def ask(self, now_us: int) -> None:

@@ -3,13 +3,13 @@
 import math
 from dataclasses import dataclass, field
 
+from autopilot.estimated_state import EstimatedState
 from autopilot.home import Home
-from autopilot.modes.setpoint import Setpoint
-from autopilot.parameters import Parameters
+from autopilot.modes.setpoint import CascadeSetpoint
+from autopilot.parameters import ParameterTable
 from autopilot.plan.checks import mission_failures
-from autopilot.plan.fence import Area, Fence, breach
+from autopilot.plan.fence import Fence, FenceArea, breach
 from autopilot.plan.plans import Plans
-from autopilot.vehicle_state import VehicleState
 from foundation.frames import Vec3
 
 
@@ -33,13 +33,13 @@ class OffboardSignal:
     """The newest valid offboard setpoint, kept whichever mode is active."""
 
     time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
-    setpoint: Setpoint = field(default_factory=Setpoint)
+    setpoint: CascadeSetpoint = field(default_factory=CascadeSetpoint)
 
     def fresh(self, now_us: int, timeout_s: float) -> bool:
         """Return whether a setpoint was heard within COM_OF_LOSS_T."""
         return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
-    def supported(self, state: VehicleState) -> bool:
+    def supported(self, state: EstimatedState) -> bool:
         """Return whether the estimate is good enough for this kind of setpoint (PX4 offboardCheck)."""
         s = self.setpoint
         if math.isfinite(s.position_ned[0]):
@@ -59,11 +59,11 @@ class FollowedTarget:
 
 
 @dataclass(slots=True)
-class Flight:
+class FlightContext:
     """Everything the modes share. Owned by the commander."""
 
-    state: VehicleState
-    parameters: Parameters
+    state: EstimatedState
+    parameters: ParameterTable
     home: Home | None = None
     landed: bool = True
     cruise_speed: float = math.nan  # m/s, set by DO_CHANGE_SPEED until the mode changes; nan = MPC_XY_CRUISE
@@ -81,7 +81,7 @@ class Flight:
         ground = self.home.position_ned[2] if self.home is not None else 0.0
         return ground - self.state.position_ned[2]
 
-    def fence_areas(self) -> tuple[Area, ...]:
+    def fence_areas(self) -> tuple[FenceArea, ...]:
         """Return the areas of the geofence in force; none before the local frame's origin is known."""
         if not self.plans.fence or not self.state.origin_set:
             return ()
@@ -106,9 +106,9 @@ class Mode:
     next_mode: str | None = None  # set by a mode that has finished
     rest: Vec3 | None = None  # m, local frame: where HOLD stays when it follows a finished mode
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         """Take over from where the vehicle is."""
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         """Return the setpoint of this tick."""
         raise NotImplementedError

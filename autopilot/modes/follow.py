@@ -2,8 +2,8 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import Setpoint
+from autopilot.modes.flight import FlightContext, Mode
+from autopilot.modes.setpoint import CascadeSetpoint
 from autopilot.modes.travel import approach_speed
 from foundation.frames import Vec3
 
@@ -23,11 +23,11 @@ class Follow(Mode):
         self._seen: Vec3 | None = None  # m, filtered place of the target
         self._time_us = 0
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._place, self._yaw = flight.state.position_ned, flight.state.yaw
         self._seen, self._course, self._time_us = None, math.nan, flight.state.time_us
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         state, p, target = flight.state, flight.parameters, flight.target
         dt = (state.time_us - self._time_us) * 1e-6
         self._time_us = state.time_us
@@ -41,7 +41,7 @@ class Follow(Mode):
         if self._seen is not None and math.hypot(self._seen[0] - n, self._seen[1] - e) > 1.0:
             self._yaw = math.atan2(self._seen[1] - e, self._seen[0] - n)
         distance = math.hypot(self._place[0] - n, self._place[1] - e)
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=self._place,
             velocity_ned=(velocity[0], velocity[1], 0.0),
             yaw=self._yaw,
@@ -50,7 +50,7 @@ class Follow(Mode):
             speed_limit_horizontal=approach_speed(distance, speed, float(p["MPC_ACC_HOR"])) + math.hypot(*velocity),
         )
 
-    def _track(self, flight: Flight, dt: float) -> None:
+    def _track(self, flight: FlightContext, dt: float) -> None:
         """Filter the target's place with the time constant FLW_TGT_RS (s), carried on by its velocity meanwhile."""
         target, age = flight.target, (flight.state.time_us - flight.target.time_us) * 1e-6
         vn, ve, vd = target.velocity_ned
@@ -68,7 +68,7 @@ class Follow(Mode):
         if math.hypot(vn, ve) > COURSE_SPEED:
             self._course = math.atan2(ve, vn)
 
-    def _wanted(self, flight: Flight) -> Vec3:
+    def _wanted(self, flight: FlightContext) -> Vec3:
         p = flight.parameters
         assert self._seen is not None
         bearing = self._course + math.radians(p["FLW_TGT_FA"])  # 0 ahead of the target, 180 behind

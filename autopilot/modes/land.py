@@ -2,14 +2,14 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import NAN, Setpoint
+from autopilot.modes.flight import FlightContext, Mode
+from autopilot.modes.setpoint import NAN, CascadeSetpoint
 from foundation.frames import Vec3
 
 STOPPED_SPEED = 0.5  # m/s
 
 
-def landing_speed(flight: Flight) -> float:
+def landing_speed(flight: FlightContext) -> float:
     """Return the sink rate (m/s): MPC_Z_V_AUTO_DN above MPC_LAND_ALT1, MPC_LAND_SPEED below MPC_LAND_ALT2."""
     p = flight.parameters
     high, low = float(p["MPC_LAND_ALT1"]), float(p["MPC_LAND_ALT2"])
@@ -25,20 +25,20 @@ class Land(Mode):
         self._place: Vec3 | None = None
         self._yaw = 0.0
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._place, self._yaw = None, flight.state.yaw
 
     def over(self, place_ned: Vec3) -> None:
         """Land over a chosen local position rather than where the vehicle stops."""
         self._place = place_ned
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         state, sink = flight.state, landing_speed(flight)
         if self._place is None and math.hypot(state.velocity_ned[0], state.velocity_ned[1]) < STOPPED_SPEED:
             self._place = state.position_ned
         if self._place is None:
-            return Setpoint(velocity_ned=(0.0, 0.0, sink), yaw=self._yaw, speed_limit_down=max(sink, 1.5))
-        return Setpoint(
+            return CascadeSetpoint(velocity_ned=(0.0, 0.0, sink), yaw=self._yaw, speed_limit_down=max(sink, 1.5))
+        return CascadeSetpoint(
             position_ned=(self._place[0], self._place[1], NAN),
             velocity_ned=(NAN, NAN, sink),
             yaw=self._yaw,
@@ -53,11 +53,11 @@ class Descend(Mode):
     def __init__(self) -> None:
         self._yaw = 0.0
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._yaw = flight.state.yaw
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         sink = float(flight.parameters["MPC_LAND_SPEED"])
         if flight.state.velocity_valid:
-            return Setpoint(velocity_ned=(0.0, 0.0, sink), yaw=self._yaw)
-        return Setpoint(velocity_ned=(NAN, NAN, sink), acceleration_ned=(0.0, 0.0, NAN), yaw=self._yaw)
+            return CascadeSetpoint(velocity_ned=(0.0, 0.0, sink), yaw=self._yaw)
+        return CascadeSetpoint(velocity_ned=(NAN, NAN, sink), acceleration_ned=(0.0, 0.0, NAN), yaw=self._yaw)

@@ -2,28 +2,28 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import FREE, NAN, Setpoint
+from autopilot.modes.flight import FlightContext, Mode
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
 from autopilot.modes.sticks import shaped, super_expo, throttle_thrust, within_circle
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import GRAVITY, Vec3, quat_from_euler
 
 
-def climb(flight: Flight) -> float:
+def climb(flight: FlightContext) -> float:
     """Return the vertical speed (m/s, NED) that the throttle asks for."""
     p = flight.parameters
     stick = shaped(2.0 * flight.sticks.throttle - 1.0, p, "MPC_Z_MAN_EXPO")
     return -stick * float(p["MPC_Z_VEL_MAX_UP"] if stick > 0.0 else p["MPC_Z_VEL_MAX_DN"])
 
 
-def turn(flight: Flight) -> float:
+def turn(flight: FlightContext) -> float:
     """Return the yaw rate (rad/s) that the yaw stick asks for."""
     return shaped(flight.sticks.yaw, flight.parameters, "MPC_YAW_EXPO") * math.radians(
         flight.parameters["MPC_MAN_Y_MAX"]
     )
 
 
-def _sticks(flight: Flight) -> tuple[float, float]:
+def _sticks(flight: FlightContext) -> tuple[float, float]:
     p, sticks = flight.parameters, flight.sticks
     return within_circle(shaped(sticks.forward, p, "MPC_XY_MAN_EXPO"), shaped(sticks.right, p, "MPC_XY_MAN_EXPO"))
 
@@ -42,7 +42,7 @@ class HeldHeight:
     def forget(self) -> None:
         self._z = NAN
 
-    def z(self, flight: Flight, asked: float) -> float:
+    def z(self, flight: FlightContext, asked: float) -> float:
         """Return the height to hold (m, NED), nan while the vertical speed `asked` (m/s) is flown."""
         if asked != 0.0 or flight.landed:
             self._z = NAN
@@ -58,11 +58,11 @@ class PositionControl(Mode):
         self._place: Vec3 = FREE
         self._height = HeldHeight()
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._place = FREE
         self._height.forget()
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         state, p = flight.state, flight.parameters
         forward, right = _sticks(flight)
         ahead, back, side = (float(p[name]) for name in ("MPC_VEL_MANUAL", "MPC_VEL_MAN_BACK", "MPC_VEL_MAN_SIDE"))
@@ -77,7 +77,7 @@ class PositionControl(Mode):
         elif not math.isfinite(held_n) and not moving:
             held_n, held_e = state.position_ned[0], state.position_ned[1]
         self._place = (held_n, held_e, self._height.z(flight, vd))
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=self._place,
             velocity_ned=(vn, ve, vd),
             yaw_rate=turn(flight),
@@ -92,16 +92,16 @@ class AltitudeControl(Mode):
     def __init__(self) -> None:
         self._height = HeldHeight()
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._height.forget()
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         p = flight.parameters
         tilt = math.radians(p["MPC_MAN_TILT_MAX"])
         forward, right = _sticks(flight)
         an, ae = _rotated(flight.state.yaw, GRAVITY * math.tan(tilt * forward), GRAVITY * math.tan(tilt * right))
         vd = climb(flight)
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=(NAN, NAN, self._height.z(flight, vd)),
             velocity_ned=(NAN, NAN, vd),
             acceleration_ned=(an, ae, NAN),
@@ -111,18 +111,18 @@ class AltitudeControl(Mode):
         )
 
 
-def _hover(flight: Flight) -> float:
+def _hover(flight: FlightContext) -> float:
     return flight.state.hover_thrust or float(flight.parameters["MPC_THR_HOVER"])
 
 
 class Stabilized(Mode):
     """Sticks command tilt and thrust."""
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         p, sticks = flight.parameters, flight.sticks
         tilt = math.radians(p["MPC_MAN_TILT_MAX"])
         forward, right = within_circle(sticks.forward, sticks.right)
-        return Setpoint(
+        return CascadeSetpoint(
             kind=KIND_ATTITUDE,
             attitude=quat_from_euler(tilt * right, -tilt * forward, flight.state.yaw),
             yaw_rate=turn(flight),
@@ -133,11 +133,11 @@ class Stabilized(Mode):
 class Acro(Mode):
     """Sticks command body rates (MC_ACRO_*_MAX) and thrust; nothing levels the vehicle."""
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         p, sticks = flight.parameters, flight.sticks
         expo, extra = float(p["MC_ACRO_EXPO"]), float(p["MC_ACRO_SUPEXPO"])
         yaw = super_expo(sticks.yaw, float(p["MC_ACRO_EXPO_Y"]), float(p["MC_ACRO_SUPEXPOY"]))
-        return Setpoint(
+        return CascadeSetpoint(
             kind=KIND_RATES,
             rates_frd=(
                 super_expo(sticks.right, expo, extra) * math.radians(p["MC_ACRO_R_MAX"]),

@@ -2,12 +2,12 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.flight import FlightContext, Mode
 from autopilot.modes.land import Land
-from autopilot.modes.setpoint import Setpoint
+from autopilot.modes.setpoint import CascadeSetpoint
 from autopilot.modes.travel import approach_speed
 from autopilot.plan import checks
-from autopilot.plan.items import Item, local_place
+from autopilot.plan.items import PlanItem, local_place
 from foundation.frames import Vec3, wrap_pi
 
 CLIMBED_M = 0.5
@@ -37,7 +37,7 @@ class Mission(Mode):
         self.current, self.complete, self.begun = item, False, item > 0
         self._jumps.clear()
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         if self.complete or self.current >= len(flight.plans.mission):
             self.rewind()
@@ -48,7 +48,7 @@ class Mission(Mode):
         self._target, self._yaw = flight.state.position_ned, flight.state.yaw
         self._seek(flight)
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         p = flight.parameters
         if not flight.plans.mission and self.next_mode is None:
             self._finish(flight.state.position_ned)
@@ -60,7 +60,7 @@ class Mission(Mode):
         place = (self._start[0], self._start[1], self._target[2]) if self._leg == "climb" else self._target
         distance = math.hypot(place[0] - n, place[1] - e)
         leaving = self._leg == "climb" and flight.landed
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=place,
             yaw=self._yaw,
             speed_limit_up=float(p["MPC_TKO_SPEED"] if leaving else p["MPC_Z_V_AUTO_UP"]),
@@ -70,7 +70,7 @@ class Mission(Mode):
 
     # from item to item
 
-    def _seek(self, flight: Flight) -> None:
+    def _seek(self, flight: FlightContext) -> None:
         """Carry out immediate items until one is found that takes time to fly."""
         items = flight.plans.mission
         for _ in range(2 * len(items) + 2):  # jumps in a circle without a waypoint end here
@@ -85,7 +85,7 @@ class Mission(Mode):
             self.current = following
         self._finish(self._target)
 
-    def _advance(self, flight: Flight) -> None:
+    def _advance(self, flight: FlightContext) -> None:
         self.reached.append(self.current)
         self.current += 1
         self._seek(flight)
@@ -94,7 +94,7 @@ class Mission(Mode):
         self.complete = True
         self.rest, self.next_mode = rest, following
 
-    def _carry_out(self, flight: Flight, item: Item) -> int:
+    def _carry_out(self, flight: FlightContext, item: PlanItem) -> int:
         """Do what takes no time; return the number of the item that follows."""
         if item.command == checks.CHANGE_SPEED:
             self._set_speed(flight, item.p[1])
@@ -107,11 +107,11 @@ class Mission(Mode):
         return self.current + 1
 
     @staticmethod
-    def _set_speed(flight: Flight, speed: float) -> None:
+    def _set_speed(flight: FlightContext, speed: float) -> None:
         if 0.0 < speed < math.inf:
             flight.cruise_speed = min(speed, float(flight.parameters["MPC_XY_VEL_MAX"]))
 
-    def _begin(self, flight: Flight, item: Item) -> None:
+    def _begin(self, flight: FlightContext, item: PlanItem) -> None:
         here = flight.state.position_ned
         self._since_us, self._start = None, here
         n, e, z = local_place(item, flight.state, flight.home)
@@ -143,7 +143,7 @@ class Mission(Mode):
 
     # within one item
 
-    def _follow(self, flight: Flight) -> None:
+    def _follow(self, flight: FlightContext) -> None:
         item = flight.plans.mission[self.current]
         n, e, z = flight.state.position_ned
         to_n, to_e, to_z = self._target
@@ -169,7 +169,7 @@ class Mission(Mode):
         if self._leg == "stay":
             self._stay(flight, item)
 
-    def _arrived(self, flight: Flight, item: Item, distance: float, height: float) -> bool:
+    def _arrived(self, flight: FlightContext, item: PlanItem, distance: float, height: float) -> bool:
         p = flight.parameters
         given = item.p[1] if item.command == checks.WAYPOINT else math.nan
         radius = given if 0.0 < given < 1e4 else float(p["NAV_ACC_RAD"])
@@ -180,7 +180,7 @@ class Mission(Mode):
         turned = abs(wrap_pi(self._yaw - flight.state.yaw)) < math.radians(p["MIS_YAW_ERR"])
         return turned or not self._forced_yaw
 
-    def _stay(self, flight: Flight, item: Item) -> None:
+    def _stay(self, flight: FlightContext, item: PlanItem) -> None:
         now = flight.state.time_us
         if self._since_us is None:
             self._since_us = now

@@ -2,12 +2,12 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import FREE, Setpoint
+from autopilot.modes.flight import FlightContext, Mode
+from autopilot.modes.setpoint import FREE, CascadeSetpoint
 from autopilot.records import KIND_TRAJECTORY
 
 
-def flyable(setpoint: Setpoint) -> bool:
+def flyable(setpoint: CascadeSetpoint) -> bool:
     """Return whether the cascade can fly a trajectory setpoint: z controlled, and north and east controlled alike."""
     finite = math.isfinite
     pn, pe, pd = setpoint.position_ned
@@ -27,13 +27,13 @@ class Offboard(Mode):
     """Passes the setpoint on with the limits of the mode; one that cannot be flown stops the vehicle, as on PX4."""
 
     def __init__(self) -> None:
-        self._source: Setpoint | None = None
-        self._setpoint = Setpoint()
+        self._source: CascadeSetpoint | None = None
+        self._setpoint = CascadeSetpoint()
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._source = None
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         source = flight.offboard.setpoint
         if source is not self._source:
             self._source = source
@@ -41,13 +41,13 @@ class Offboard(Mode):
         return self._setpoint
 
     @staticmethod
-    def _limited(flight: Flight, source: Setpoint) -> Setpoint:
+    def _limited(flight: FlightContext, source: CascadeSetpoint) -> CascadeSetpoint:
         p = flight.parameters
         if source.kind != KIND_TRAJECTORY:
             return source
         yaw_free = not math.isfinite(source.yaw) and not math.isfinite(source.yaw_rate)
         flies = flyable(source)
-        return Setpoint(
+        return CascadeSetpoint(
             source.kind,
             source.position_ned if flies else FREE,
             source.velocity_ned if flies else (0.0, 0.0, 0.0),

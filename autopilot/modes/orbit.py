@@ -2,8 +2,8 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import Setpoint
+from autopilot.modes.flight import FlightContext, Mode
+from autopilot.modes.setpoint import CascadeSetpoint
 from autopilot.modes.sticks import shaped
 from foundation.frames import Vec3, wrap_pi
 
@@ -38,12 +38,12 @@ class Orbit(Mode):
         self.speed = math.copysign(min(abs(speed), speed_limit(self.radius)), radius)
         self.yaw_behaviour = yaw_behaviour
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self._yaw, self._time_us = flight.state.yaw, flight.state.time_us
         if self.centre is None:
             self.centre = flight.state.position_ned
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         self._listen(flight)
         centre = self.centre or flight.state.position_ned
         n, e, _ = flight.state.position_ned
@@ -56,7 +56,7 @@ class Orbit(Mode):
         centripetal = tangential * tangential / max(distance, 1.0)
         turn = tangential / max(distance, 1.0)
         yaw, yaw_rate = self._heading(flight, wrap_pi(math.atan2(-ue, -un)), turn, on_circle)
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=(math.nan, math.nan, centre[2]),
             velocity_ned=(un * radial - ue * tangential, ue * radial + un * tangential, math.nan),
             acceleration_ned=(-un * centripetal, -ue * centripetal, math.nan),
@@ -66,7 +66,7 @@ class Orbit(Mode):
             speed_limit_down=float(flight.parameters["MPC_Z_V_AUTO_DN"]),
         )
 
-    def _heading(self, flight: Flight, inwards: float, turn: float, on_circle: bool) -> tuple[float, float]:
+    def _heading(self, flight: FlightContext, inwards: float, turn: float, on_circle: bool) -> tuple[float, float]:
         """Return (yaw, yaw rate) of the behaviour that was asked for; an approach looks at the centre."""
         if self.yaw_behaviour == INITIAL:
             return self._yaw, 0.0
@@ -79,7 +79,7 @@ class Orbit(Mode):
             return wrap_pi(inwards - math.copysign(0.5 * math.pi, self.speed)), turn
         return inwards, turn
 
-    def _listen(self, flight: Flight) -> None:
+    def _listen(self, flight: FlightContext) -> None:
         """Let fresh sticks change the circle: pitch its radius, roll the speed."""
         dt = min((flight.state.time_us - self._time_us) * 1e-6, 0.1)
         self._time_us = flight.state.time_us

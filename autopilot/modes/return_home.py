@@ -3,9 +3,9 @@
 import math
 
 from autopilot.home import Home
-from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.flight import FlightContext, Mode
 from autopilot.modes.land import Land
-from autopilot.modes.setpoint import IDLE, Setpoint
+from autopilot.modes.setpoint import IDLE, CascadeSetpoint
 from autopilot.modes.travel import approach_speed
 from autopilot.plan.items import local_place
 from foundation.frames import Vec3
@@ -13,7 +13,7 @@ from foundation.frames import Vec3
 ARRIVED_M = 1.0
 
 
-def return_height(flight: Flight, distance: float, height: float) -> float:
+def return_height(flight: FlightContext, distance: float, height: float) -> float:
     """Return the height above home (m) to fly home at, from the horizontal distance and the present height (m).
 
     RTL_RETURN_ALT, lowered inside the cone of half-angle RTL_CONE_ANG over home, and never below the present height.
@@ -28,7 +28,7 @@ def return_height(flight: Flight, distance: float, height: float) -> float:
     return max(wanted, height)
 
 
-def safe_places(flight: Flight) -> list[Vec3]:
+def safe_places(flight: FlightContext) -> list[Vec3]:
     """Return where the vehicle may land: home first, then the rally points that say where they are (m, NED)."""
     home: Home | None = flight.home
     places = [home.position_ned if home is not None else flight.state.position_ned]
@@ -51,14 +51,14 @@ class ReturnHome(Mode):
         self._since_us: int | None = None
         self._land = Land()
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         n, e, z = flight.state.position_ned
         self._goal = min(safe_places(flight), key=lambda place: math.hypot(place[0] - n, place[1] - e))
         distance = math.hypot(self._goal[0] - n, self._goal[1] - e)
         self._leg, self._start, self._yaw, self._since_us = "climb", (n, e, z), flight.state.yaw, None
         self._z = self._goal[2] - return_height(flight, distance, self._goal[2] - z)
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         if flight.landed:
             return IDLE  # a vehicle that stands on the ground does not take off to return
         state, goal, p = flight.state, self._goal, flight.parameters
@@ -78,7 +78,7 @@ class ReturnHome(Mode):
         if self._leg == "land":
             return self._land.setpoint(flight)
         place = self._start if self._leg == "climb" else goal
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=(place[0], place[1], self._z),
             yaw=self._yaw,
             speed_limit_up=float(p["MPC_Z_V_AUTO_UP"]),
@@ -86,7 +86,7 @@ class ReturnHome(Mode):
             speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
         )
 
-    def _wait(self, flight: Flight) -> None:
+    def _wait(self, flight: FlightContext) -> None:
         now, delay = flight.state.time_us, float(flight.parameters["RTL_LAND_DELAY"])
         if abs(flight.state.position_ned[2] - self._z) > ARRIVED_M:
             return

@@ -2,23 +2,23 @@
 
 from dataclasses import dataclass
 
-from autopilot.modes.flight import Flight, Mode
+from autopilot.modes.flight import FlightContext, Mode
 from autopilot.modes.follow import Follow
-from autopilot.modes.hold import Hold
+from autopilot.modes.hold import HoldMode
 from autopilot.modes.land import Descend, Land
 from autopilot.modes.manual import Acro, AltitudeControl, PositionControl, Stabilized
 from autopilot.modes.mission import Mission
 from autopilot.modes.offboard import Offboard
 from autopilot.modes.orbit import Orbit
 from autopilot.modes.return_home import ReturnHome
-from autopilot.modes.setpoint import IDLE, Setpoint
+from autopilot.modes.setpoint import IDLE, CascadeSetpoint
 from autopilot.modes.takeoff import Takeoff
 
 
 class Terminated(Mode):
     """Rotors idle."""
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         return IDLE
 
 
@@ -26,7 +26,7 @@ class Terminated(Mode):
 class Behaviours:
     """The modes of one vehicle; those with a target of their own also by attribute."""
 
-    hold: Hold
+    hold: HoldMode
     takeoff: Takeoff
     orbit: Orbit
     mission: Mission
@@ -35,7 +35,7 @@ class Behaviours:
 
 def behaviours() -> Behaviours:
     """Return fresh modes. PRECLAND, without a beacon to aim at, lands where it is."""
-    hold, takeoff, orbit, land, stabilized = Hold(), Takeoff(), Orbit(), Land(), Stabilized()
+    hold, takeoff, orbit, land, stabilized = HoldMode(), Takeoff(), Orbit(), Land(), Stabilized()
     mission = Mission()
     by_name: dict[str, Mode] = {
         "HOLD": hold,

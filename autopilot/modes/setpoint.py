@@ -10,7 +10,7 @@ NAN = math.nan
 FREE: Vec3 = (NAN, NAN, NAN)  # not controlled
 
 
-class Setpoint(NamedTuple):
+class CascadeSetpoint(NamedTuple):
     """What the cascade shall do; fields, units and frames as in `autopilot.records.SETPOINT`."""
 
     kind: int = KIND_TRAJECTORY
@@ -28,23 +28,23 @@ class Setpoint(NamedTuple):
     thrust_limit: float = 1.0
 
 
-IDLE = Setpoint(kind=KIND_IDLE)
+IDLE = CascadeSetpoint(kind=KIND_IDLE)
 
 
 class SetpointWriter:
-    """Writes a Setpoint into a SETPOINT record, and only when something has changed."""
+    """Writes a CascadeSetpoint into a SETPOINT record, and only when something has changed."""
 
     def __init__(self, record: Any) -> None:
         self._record = record
-        self._last: tuple[Setpoint, bool] | None = None
+        self._last: tuple[CascadeSetpoint, bool] | None = None
         self.write(IDLE, armed=False)
 
-    def write(self, setpoint: Setpoint, armed: bool) -> None:
+    def write(self, setpoint: CascadeSetpoint, armed: bool) -> None:
         """Put the setpoint and the armed flag into the record."""
         if self._last == (setpoint, armed):
             return
         record = self._record
-        for name, value in zip(Setpoint._fields, setpoint, strict=True):
+        for name, value in zip(CascadeSetpoint._fields, setpoint, strict=True):
             record[name] = value
         record["armed"] = armed
         self._last = (setpoint, armed)

@@ -2,10 +2,10 @@
 
 import math
 
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 
 
-def shaped(stick: float, parameters: Parameters, expo: str) -> float:
+def shaped(stick: float, parameters: ParameterTable, expo: str) -> float:
     """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and the cubic share named by `expo`."""
     dead = float(parameters["MPC_HOLD_DZ"])
     if abs(stick) <= dead:
@@ -27,7 +27,7 @@ def super_expo(stick: float, expo: float, extra: float) -> float:
     return x * (1.0 - extra) / (1.0 - abs(stick) * extra)
 
 
-def throttle_thrust(throttle: float, hover: float, parameters: Parameters) -> float:
+def throttle_thrust(throttle: float, hover: float, parameters: ParameterTable) -> float:
     """Return the collective thrust (0 … 1) of the throttle (0 … 1).
 
     MPC_THR_CURVE 0 puts hover thrust at mid-stick, 1 is a straight line; both from MPC_MANTHR_MIN to MPC_THR_MAX.

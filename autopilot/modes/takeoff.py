@@ -2,8 +2,8 @@
 
 import math
 
-from autopilot.modes.flight import Flight, Mode
-from autopilot.modes.setpoint import Setpoint
+from autopilot.modes.flight import FlightContext, Mode
+from autopilot.modes.setpoint import CascadeSetpoint
 from foundation.frames import Vec3
 
 ARRIVED_M = 0.3
@@ -22,7 +22,7 @@ class Takeoff(Mode):
         """Choose the local z (m, NED) to climb to; nan = MIS_TAKEOFF_ALT above the ground. Holds for the next entry."""
         self._asked_z = z_ned
 
-    def enter(self, flight: Flight) -> None:
+    def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
@@ -35,10 +35,10 @@ class Takeoff(Mode):
         self.rest = self._target = (n, e, target)
         self._yaw = flight.state.yaw
 
-    def setpoint(self, flight: Flight) -> Setpoint:
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         if not flight.landed and flight.state.position_ned[2] - self._target[2] < ARRIVED_M:
             self.next_mode = "HOLD"
-        return Setpoint(
+        return CascadeSetpoint(
             position_ned=self._target,
             yaw=self._yaw,
             speed_limit_up=float(flight.parameters["MPC_TKO_SPEED"]),

@@ -6,17 +6,17 @@ pilot's own.
 
 import math
 
-from autopilot.modes.setpoint import IDLE, NAN, Setpoint
-from autopilot.parameters import Parameters
+from autopilot.estimated_state import EstimatedState
+from autopilot.modes.setpoint import IDLE, NAN, CascadeSetpoint
+from autopilot.parameters import ParameterTable
 from autopilot.records import KIND_IDLE, KIND_TRAJECTORY
-from autopilot.vehicle_state import VehicleState
 
 WANTS_CLIMB_SPEED = 0.3  # m/s upwards
 WANTS_CLIMB_M = 0.3
 RAMP_START = 0.15  # thrust limit at which the ramp starts: far below hover for every airframe
 
 
-def wants_climb(setpoint: Setpoint, state: VehicleState) -> bool:
+def wants_climb(setpoint: CascadeSetpoint, state: EstimatedState) -> bool:
     """Return whether a setpoint asks to leave the ground."""
     if setpoint.kind == KIND_IDLE:
         return False
@@ -33,7 +33,7 @@ def wants_climb(setpoint: Setpoint, state: VehicleState) -> bool:
 class TakeoffRamp:
     """Gates every setpoint while the vehicle is on the ground."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         self._armed_us = 0
         self._ramp_us: int | None = None
@@ -42,7 +42,7 @@ class TakeoffRamp:
         """Start the spool-up."""
         self._armed_us, self._ramp_us = now_us, None
 
-    def gate(self, setpoint: Setpoint, state: VehicleState, landed: bool) -> Setpoint:
+    def gate(self, setpoint: CascadeSetpoint, state: EstimatedState, landed: bool) -> CascadeSetpoint:
         """Return the setpoint that may pass: idle on the ground, thrust-limited in the ramp, unchanged in flight."""
         if setpoint.kind != KIND_TRAJECTORY:
             return setpoint

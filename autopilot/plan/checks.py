@@ -6,11 +6,11 @@ Results are MAV_MISSION_RESULT numbers.
 import math
 from collections.abc import Sequence
 
+from autopilot.estimated_state import EstimatedState
 from autopilot.home import Home
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 from autopilot.plan import fence
-from autopilot.plan.items import FENCE, FRAME_MISSION, GLOBAL_FRAMES, MISSION, RALLY, Item, local_place
-from autopilot.vehicle_state import VehicleState
+from autopilot.plan.items import FENCE, FRAME_MISSION, GLOBAL_FRAMES, MISSION, RALLY, PlanItem, local_place
 from foundation.mavlink import dialect
 
 ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
@@ -44,7 +44,7 @@ IMMEDIATE = PAYLOAD | {CHANGE_SPEED, JUMP, SET_HOME}
 _KNOWN = {MISSION: NAVIGATION | IMMEDIATE, FENCE: fence.COMMANDS, RALLY: {int(dialect.MAV_CMD_NAV_RALLY_POINT)}}
 
 
-def refusal(kind: int, item: Item, total: int) -> int:
+def refusal(kind: int, item: PlanItem, total: int) -> int:
     """Return why one item of an upload of `total` items cannot be taken, ACCEPTED when it can."""
     if item.command not in _KNOWN[kind]:
         return UNSUPPORTED
@@ -65,13 +65,17 @@ def refusal(kind: int, item: Item, total: int) -> int:
     return ACCEPTED
 
 
-def plan_refusal(kind: int, items: tuple[Item, ...]) -> int:
+def plan_refusal(kind: int, items: tuple[PlanItem, ...]) -> int:
     """Return why a complete plan cannot be taken, ACCEPTED when it can."""
     return ACCEPTED if kind != FENCE or fence.well_formed(items) else INVALID_PARAM1
 
 
 def mission_failures(
-    items: Sequence[Item], state: VehicleState, home: Home | None, parameters: Parameters, areas: Sequence[fence.Area]
+    items: Sequence[PlanItem],
+    state: EstimatedState,
+    home: Home | None,
+    parameters: ParameterTable,
+    areas: Sequence[fence.FenceArea],
 ) -> list[str]:
     """Return why a mission cannot be flown from here: MIS_DIST_1WP, the geofence's `areas`; empty when it can."""
     if not items:

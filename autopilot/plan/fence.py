@@ -7,12 +7,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from autopilot.estimated_state import EstimatedState
 from autopilot.home import Home
-from autopilot.parameters import Parameters
-from autopilot.plan.items import Item, horizontal
-from autopilot.vehicle_state import VehicleState
+from autopilot.parameters import ParameterTable
+from autopilot.plan.items import PlanItem, horizontal
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
+from foundation.polygon import Point, contains
 
 RETURN_POINT = int(dialect.MAV_CMD_NAV_FENCE_RETURN_POINT)
 POLYGON_IN = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION)
@@ -23,11 +24,9 @@ POLYGONS = frozenset({POLYGON_IN, POLYGON_OUT})
 COMMANDS = POLYGONS | {RETURN_POINT, CIRCLE_IN, CIRCLE_OUT}
 MOST_VERTICES = 250
 
-Point = tuple[float, float]  # m north, m east
-
 
 @dataclass(frozen=True, slots=True)
-class Area:
+class FenceArea:
     """A polygon (vertices) or a circle (one centre and a radius)."""
 
     inclusion: bool
@@ -39,21 +38,10 @@ class Area:
         if len(self.vertices) == 1:
             centre = self.vertices[0]
             return math.hypot(north - centre[0], east - centre[1]) < self.radius
-        return in_polygon(self.vertices, north, east)
+        return contains(self.vertices, (north, east))
 
 
-def in_polygon(vertices: tuple[Point, ...], north: float, east: float) -> bool:
-    """Return whether a point lies in a simple polygon: a ray to the east crosses its edges an odd number of times."""
-    inside = False
-    n1, e1 = vertices[-1]
-    for n2, e2 in vertices:
-        if (n1 > north) != (n2 > north) and east < e1 + (north - n1) / (n2 - n1) * (e2 - e1):
-            inside = not inside
-        n1, e1 = n2, e2
-    return inside
-
-
-def well_formed(items: tuple[Item, ...]) -> bool:
+def well_formed(items: tuple[PlanItem, ...]) -> bool:
     """Return whether every polygon has as many consecutive vertices as its first one announces, and at least three."""
     i = 0
     while i < len(items):
@@ -70,9 +58,9 @@ def well_formed(items: tuple[Item, ...]) -> bool:
     return True
 
 
-def areas(items: tuple[Item, ...], state: VehicleState) -> tuple[Area, ...]:
+def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
     """Return the areas of a well-formed fence in the local frame."""
-    found: list[Area] = []
+    found: list[FenceArea] = []
     i = 0
     while i < len(items):
         item = items[i]
@@ -81,7 +69,7 @@ def areas(items: tuple[Item, ...], state: VehicleState) -> tuple[Area, ...]:
             # a place of (0, 0) is a real one here, though no vehicle is near it
             points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, state) for v in items[i : i + count])
             radius = item.p[0] if item.command not in POLYGONS else 0.0
-            found.append(Area(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))
+            found.append(FenceArea(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))
         i += count
     return tuple(found)
 
@@ -91,9 +79,9 @@ class Fence:
 
     def __init__(self) -> None:
         self._of: tuple[int, float, float] | None = None
-        self._areas: tuple[Area, ...] = ()
+        self._areas: tuple[FenceArea, ...] = ()
 
-    def areas(self, version: int, items: tuple[Item, ...], state: VehicleState) -> tuple[Area, ...]:
+    def areas(self, version: int, items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
         """Return the areas of the plan in force, whose `version` tells it from others."""
         key = (version, state.origin_lat_deg, state.origin_lon_deg)
         if key != self._of:
@@ -101,7 +89,7 @@ class Fence:
         return self._areas
 
 
-def breach(place_ned: Vec3, home: Home | None, p: Parameters, areas: Iterable[Area]) -> str:
+def breach(place_ned: Vec3, home: Home | None, p: ParameterTable, areas: Iterable[FenceArea]) -> str:
     """Return which limit a local place breaks: 'height', 'distance' or 'area'; empty when none."""
     if home is not None:
         n, e, z = home.position_ned

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from autopilot.estimated_state import EstimatedState
 from autopilot.home import Home
-from autopilot.vehicle_state import VehicleState
 from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import dialect
 
@@ -20,7 +20,7 @@ GLOBAL_FRAMES = ABOVE_SEA | ABOVE_HOME
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class PlanItem:
     """One item. x and y are kept as they came, so that a download returns the very bits of the upload."""
 
     command: int  # MAV_CMD
@@ -47,7 +47,7 @@ class Item:
         return NOT_GIVEN in (self.x, self.y) or (self.x == 0 and self.y == 0)
 
 
-def horizontal(lat_deg: float, lon_deg: float, state: VehicleState) -> tuple[float, float]:
+def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[float, float]:
     """Return (north, east) in m of a place in the local frame, nan for nan."""
     if not (math.isfinite(lat_deg) and math.isfinite(lon_deg)):
         return (math.nan, math.nan)
@@ -55,7 +55,7 @@ def horizontal(lat_deg: float, lon_deg: float, state: VehicleState) -> tuple[flo
     return (north, east)
 
 
-def local_place(item: Item, state: VehicleState, home: Home | None) -> Vec3:
+def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
     """Return the item's place in the local frame (m, NED), nan for what it does not say or what has no reference."""
     if item.frame not in GLOBAL_FRAMES:
         return (math.nan, math.nan, math.nan)

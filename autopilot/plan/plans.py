@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.plan.checks import ACCEPTED, plan_refusal, refusal
-from autopilot.plan.items import FENCE, KINDS, MISSION, RALLY, Item
+from autopilot.plan.items import FENCE, KINDS, MISSION, RALLY, PlanItem
 from foundation.errors import UsageError
 
 CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # items
@@ -26,7 +26,7 @@ class Plans:
     """
 
     def __init__(self, file: Path | None = None) -> None:
-        self.items: dict[int, tuple[Item, ...]] = dict.fromkeys(KINDS, ())
+        self.items: dict[int, tuple[PlanItem, ...]] = dict.fromkeys(KINDS, ())
         self.version = 0
         self.current = 0  # the mission's item that comes next, as last remembered
         self.unsaved: str | None = None
@@ -35,18 +35,18 @@ class Plans:
             self._load(file)
 
     @property
-    def mission(self) -> tuple[Item, ...]:
+    def mission(self) -> tuple[PlanItem, ...]:
         return self.items[MISSION]
 
     @property
-    def fence(self) -> tuple[Item, ...]:
+    def fence(self) -> tuple[PlanItem, ...]:
         return self.items[FENCE]
 
     @property
-    def rally(self) -> tuple[Item, ...]:
+    def rally(self) -> tuple[PlanItem, ...]:
         return self.items[RALLY]
 
-    def replace(self, kind: int, items: tuple[Item, ...]) -> bool:
+    def replace(self, kind: int, items: tuple[PlanItem, ...]) -> bool:
         """Put a plan in force. Returns whether it differs from the one before."""
         if _bits(items) == _bits(self.items[kind]):
             return False
@@ -93,7 +93,7 @@ class Plans:
             self.unsaved = error.strerror or "the disk refused"
 
 
-def _entry(item: Item) -> dict[str, Any]:
+def _entry(item: PlanItem) -> dict[str, Any]:
     """Return an item for the file. Numbers that JSON does not know (nan: not given) are texts."""
     numbers = [value if abs(value) < float("inf") else str(value) for value in (*item.p, item.z)]
     return {
@@ -102,14 +102,14 @@ def _entry(item: Item) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _item(entry: Mapping[str, Any]) -> Item:
+def _item(entry: Mapping[str, Any]) -> PlanItem:
     """Return the item of an entry. Raises KeyError, TypeError or ValueError for what is none."""
     whole = {name: entry[name] for name in ("command", "frame", "x", "y", "autocontinue")}
     if not all(isinstance(value, int) and abs(value) < 1 << 31 for value in whole.values()):
         raise ValueError("an item's whole numbers are not")
     a, b, c, d = (float(value) for value in entry["p"])
-    return Item(p=(a, b, c, d), z=float(entry["z"]), **whole)
+    return PlanItem(p=(a, b, c, d), z=float(entry["z"]), **whole)
 
 
-def _bits(items: tuple[Item, ...]) -> str:
+def _bits(items: tuple[PlanItem, ...]) -> str:
     return repr(items)  # nan parameters are equal as text, and unequal as numbers

@@ -11,7 +11,7 @@ from dronecats.rundir.writing import as_json
 from foundation.errors import UsageError
 
 
-def traced(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:
+def rejudge(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:
     """Return what `fly --json` prints, judged anew with estimate.jsonl; as it was where the logs allow no trace."""
     from dronecats.afterflight.trace import derive
 

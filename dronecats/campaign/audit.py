@@ -7,12 +7,12 @@ from typing import Any
 
 from dronecats.rundir.results import SCORED, Result
 from episodes import suites
-from episodes.blind import Flight, Table
+from episodes.blind import BlindFlight, Table
 from episodes.record import CELLS
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ScoreRow:
     """One line of the report. A share that nothing was measured for is None."""
 
     name: str  # a suite, or a map and cell
@@ -42,14 +42,14 @@ class Row:
         }
 
 
-def row(name: str, results: Iterable[Result]) -> Row:
+def row(name: str, results: Iterable[Result]) -> ScoreRow:
     """Return the line of these results."""
     results = list(results)
     scored = [r for r in results if r.outcome in SCORED]
     solved = [r for r in scored if r.outcome == "success"]
     precise = [r.declaration_precision for r in scored if r.declaration_precision is not None]
     false = [r.false_declarations for r in scored if r.false_declarations is not None]
-    return Row(
+    return ScoreRow(
         name=name,
         solved=len(solved),
         flown=len(scored),
@@ -69,7 +69,7 @@ def _count(measured: Iterable[bool | None]) -> int | None:
     return None if None in each else sum(map(bool, each))
 
 
-def table(results: Iterable[Result]) -> list[Row]:
+def table(results: Iterable[Result]) -> list[ScoreRow]:
     """Return a line per map and cell, one per suite that is among the results, and one for everything."""
     return [row(name, members) for name, members in groups(results).items()]
 
@@ -94,10 +94,10 @@ def pars(results: Iterable[Result]) -> dict[str, int]:
     return {r.episode: r.steps for r in results if r.outcome == "success"}
 
 
-def flights(results: Iterable[Result]) -> dict[str, Flight]:
+def flights(results: Iterable[Result]) -> dict[str, BlindFlight]:
     """Return the scored flights of a blind pilot by id, as they are kept."""
     return {
-        r.episode: Flight(
+        r.episode: BlindFlight(
             success=r.outcome == "success",
             first=bool(r.success_at_first),
             within_three=bool(r.success_within_three),
@@ -114,8 +114,8 @@ def flights(results: Iterable[Result]) -> dict[str, Flight]:
 class Floor:
     """The best that was reached on a line's episodes without looking."""
 
-    solved: tuple[str, Row]  # (pilot, its row), the one that solved most …
-    within_three: tuple[str, Row]  # … and the one that solved most with three declarations
+    solved: tuple[str, ScoreRow]  # (pilot, its row), the one that solved most …
+    within_three: tuple[str, ScoreRow]  # … and the one that solved most with three declarations
 
 
 def floor(blind: Table, name: str, results: Iterable[Result]) -> Floor | None:
@@ -134,7 +134,7 @@ def floor(blind: Table, name: str, results: Iterable[Result]) -> Floor | None:
     )
 
 
-def _as_result(episode: str, flight: Flight) -> Result:
+def _as_result(episode: str, flight: BlindFlight) -> Result:
     told = flight.declarations
     return Result(
         episode=episode,
@@ -160,7 +160,7 @@ def _order(group: str) -> tuple[int, str]:
     return (cells[-1] if cells else len(CELLS), group)
 
 
-def text(rows: Iterable[Row], under: Mapping[str, Floor | None]) -> str:
+def text(rows: Iterable[ScoreRow], under: Mapping[str, Floor | None]) -> str:
     """Return the report as text, under each of its lines the best blind pilots on the same episodes."""
     lines = [f"{'':38} {'solved':>8} {'at first':>8} {'in three':>8} {'precision':>9} {'false':>6} {'steps':>6}"]
     for each in rows:
@@ -176,7 +176,7 @@ def text(rows: Iterable[Row], under: Mapping[str, Floor | None]) -> str:
     return "\n".join(lines)
 
 
-def _line(name: str, each: Row) -> str:
+def _line(name: str, each: ScoreRow) -> str:
     def of_all(count: int | None) -> str:
         return "–" if count is None else f"{count}/{each.flown}"
 

@@ -8,12 +8,12 @@ from dronecats.campaign.batch import Batch
 from dronecats.campaign.config import WorkerConfig
 from dronecats.flight.spec import FlightSpec
 from dronecats.judge.episode import write_verdict
-from dronecats.processes.supervisor import ChildProcess, Kind
+from dronecats.processes.supervisor import ChildKind, ChildProcess
 from dronecats.rundir.reading import result_of
 from dronecats.rundir.results import Result
 from foundation.errors import DronecatsError, InfrastructureError
 
-WORKER = Kind("worker", "dronecats.campaign.worker", WorkerConfig)
+WORKER = ChildKind("worker", "dronecats.campaign.worker", WorkerConfig)
 
 
 class Runner:

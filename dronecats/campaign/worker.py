@@ -44,10 +44,10 @@ class Worker:
 
 def compile_all() -> None:
     """Have every kernel of flight compiled, so that workers that start later find them in the cache."""
-    from dronecats.sitl.simulation import Place, SimulatedVehicle
+    from dronecats.sitl.simulation import BootPose, SimulatedVehicle
     from vehicles import airframe
 
-    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=0, origin=(0.0, 0.0, 0.0))
+    vehicle = SimulatedVehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=0, origin=(0.0, 0.0, 0.0))
     vehicle.advance()
     vehicle.close()
 

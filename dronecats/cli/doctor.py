@@ -18,6 +18,7 @@ from pathlib import Path
 
 from dronecats import __version__
 from dronecats.agent.models.providers import PROVIDERS
+from foundation.ports import port_holder
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
@@ -46,7 +47,7 @@ DISK_WANTED_GB = 1.0  # a run keeps about 120 frames of 40 kB an episode; the re
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Diagnosis:
     """One thing that was looked at."""
 
     name: str
@@ -79,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
     return 0 if able else 1
 
 
-def examine() -> list[Finding]:
+def examine() -> list[Diagnosis]:
     """Return everything that was looked at, in reading order. Never raises: a check that breaks is a finding."""
-    checks: list[Callable[[], Finding]] = [_version, _python]
+    checks: list[Callable[[], Diagnosis]] = [_version, _python]
     checks += [partial(_package, d, m, "base") for d, m in BASE.items()]
     checks += [partial(_package, d, m, "sim") for d, m in SIM.items()]
     checks += [_jpeg, _compiler, _rays]
@@ -93,22 +94,22 @@ def examine() -> list[Finding]:
             findings.append(check())
         except Exception as error:  # a broken installation breaks in its own ways; each is worth one line
             name = getattr(check, "__name__", "check").strip("_")
-            findings.append(Finding(name, MISSING, f"{type(error).__name__}: {error}", INSTALL["sim"]))
+            findings.append(Diagnosis(name, MISSING, f"{type(error).__name__}: {error}", INSTALL["sim"]))
     return findings
 
 
-def _version() -> Finding:
-    return Finding("dronecats", OK, f"{__version__} in {Path(__file__).resolve().parents[2]}")
+def _version() -> Diagnosis:
+    return Diagnosis("dronecats", OK, f"{__version__} in {Path(__file__).resolve().parents[2]}")
 
 
-def _python() -> Finding:
+def _python() -> Diagnosis:
     detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     if sys.version_info < PYTHON:
-        return Finding("python", MISSING, detail, f"Python {PYTHON[0]}.{PYTHON[1]} or newer is needed")
-    return Finding("python", OK, detail)
+        return Diagnosis("python", MISSING, detail, f"Python {PYTHON[0]}.{PYTHON[1]} or newer is needed")
+    return Diagnosis("python", OK, detail)
 
 
-def _package(distribution: str, module: str, extra: str) -> Finding:
+def _package(distribution: str, module: str, extra: str) -> Diagnosis:
     try:
         version = metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -117,11 +118,11 @@ def _package(distribution: str, module: str, extra: str) -> Finding:
         importlib.import_module(module)
     except Exception as error:  # an ImportError, or whatever a half-installed binary raises
         detail = f"{version} does not import: {error}" if version else "not installed"
-        return Finding(distribution, MISSING, detail, INSTALL[extra])
-    return Finding(distribution, OK, version or "installed without metadata")
+        return Diagnosis(distribution, MISSING, detail, INSTALL[extra])
+    return Diagnosis(distribution, OK, version or "installed without metadata")
 
 
-def _jpeg() -> Finding:
+def _jpeg() -> Diagnosis:
     import cv2
     import numpy as np
 
@@ -129,13 +130,13 @@ def _jpeg() -> Finding:
     done, data = cv2.imencode(".jpg", picture)
     again = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else None
     if again is None or again.shape != picture.shape:
-        return Finding(
+        return Diagnosis(
             "JPEG", MISSING, "OpenCV cannot write and read JPEG", "pip install --force-reinstall opencv-python-headless"
         )
-    return Finding("JPEG", OK, "OpenCV writes and reads it")
+    return Diagnosis("JPEG", OK, "OpenCV writes and reads it")
 
 
-def _compiler() -> Finding:
+def _compiler() -> Diagnosis:
     """Compile one function, and see whether the results are kept for the next start."""
     import numba
 
@@ -143,15 +144,15 @@ def _compiler() -> Finding:
 
     started = time.perf_counter()
     if numba.njit(lambda x: 2.0 * x + 1.0)(3.0) != 7.0:
-        return Finding("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
+        return Diagnosis("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
     detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
     if compiled.KEEPS:
-        return Finding("compiler", OK, f"{detail} and keeps its work")
+        return Diagnosis("compiler", OK, f"{detail} and keeps its work")
     kept = f"{compiled.cache_folder().parent} cannot be written to, so every start compiles for a minute"
-    return Finding("compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder that can be")
+    return Diagnosis("compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder that can be")
 
 
-def _rays() -> Finding:
+def _rays() -> Diagnosis:
     """Hit one triangle with one ray."""
     import numpy as np
     from embreex import rtcore_scene
@@ -161,13 +162,13 @@ def _rays() -> Finding:
     TriangleMesh(scene, np.array([[[-1, -1, 1], [1, -1, 1], [0, 1, 1]]], np.float32))
     hit = scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
     if list(hit) != [0]:
-        return Finding(
+        return Diagnosis(
             "rays", MISSING, "Embree misses a triangle in front of it", "pip install --force-reinstall embreex"
         )
-    return Finding("rays", OK, "Embree hits what is in front of it")
+    return Diagnosis("rays", OK, "Embree hits what is in front of it")
 
 
-def port(number: int, purpose: str) -> Finding:
+def port(number: int, purpose: str) -> Diagnosis:
     """Return whether a UDP port of the loopback is free, and who has it when it is not.
 
     A taken port is no obstacle to a simulated flight, which takes whatever port the system gives it.
@@ -177,48 +178,37 @@ def port(number: int, purpose: str) -> Finding:
         try:
             probe.bind(("127.0.0.1", number))
         except OSError:
-            return Finding(
-                name, NOTE, f"taken by {_owner(number)} ({purpose})", "stop that program, or give another port"
-            )
-    return Finding(name, OK, f"free ({purpose})")
+            by = port_holder("UDP", number) or "another program"
+            return Diagnosis(name, NOTE, f"taken by {by} ({purpose})", "stop that program, or give another port")
+    return Diagnosis(name, OK, f"free ({purpose})")
 
 
-def _owner(number: int) -> str:
-    try:
-        import psutil
-
-        for connection in psutil.net_connections("udp"):
-            if connection.laddr and connection.laddr.port == number and connection.pid:
-                return f"{psutil.Process(connection.pid).name()} (process {connection.pid})"
-    except Exception:  # without psutil or without the right to ask, nobody is named
-        return "another program"
-    return "another program"
-
-
-def _disk() -> Finding:
+def _disk() -> Diagnosis:
     here = Path.cwd()
     free = shutil.disk_usage(here).free / 1e9
     detail = f"{free:.1f} GB free for runs"
     if not os.access(here, os.W_OK):
-        return Finding(
+        return Diagnosis(
             "disk", NOTE, "this folder cannot be written to", f"fly with --out below {tempfile.gettempdir()}"
         )
     if free < DISK_WANTED_GB:
-        return Finding("disk", NOTE, detail, f"make room for {DISK_WANTED_GB:g} GB, or fly with --out on another disk")
-    return Finding("disk", OK, detail)
+        return Diagnosis(
+            "disk", NOTE, detail, f"make room for {DISK_WANTED_GB:g} GB, or fly with --out on another disk"
+        )
+    return Diagnosis("disk", OK, detail)
 
 
-def _cores() -> Finding:
+def _cores() -> Diagnosis:
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if count < 2:
-        return Finding("cores", NOTE, f"{count}", "real time wants two; lockstep flights only take longer")
-    return Finding("cores", OK, f"{count}")
+        return Diagnosis("cores", NOTE, f"{count}", "real time wants two; lockstep flights only take longer")
+    return Diagnosis("cores", OK, f"{count}")
 
 
-def _keys() -> Finding:
+def _keys() -> Diagnosis:
     """Return which model keys are set; their values are never read into the finding."""
     present = [f"{name} ({provider})" for name, provider in KEYS.items() if os.environ.get(name)]
     if present:
-        return Finding("model keys", OK, "set: " + ", ".join(present))
+        return Diagnosis("model keys", OK, "set: " + ", ".join(present))
     wanted = "set " + " or ".join(HOSTED) + " to fly hosted models; local models and the built-in pilots need none"
-    return Finding("model keys", NOTE, "none set", wanted)
+    return Diagnosis("model keys", NOTE, "none set", wanted)

@@ -13,7 +13,7 @@ from dronecats.cli import signals
 if TYPE_CHECKING:
     from dronecats.flight.spec import FlightSpec
     from dronecats.rundir.results import Result
-    from episodes.blind import Flight
+    from episodes.blind import BlindFlight
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -158,7 +158,7 @@ def _keep(steps: dict[str, int]) -> None:
     write_json(par.FILE, {episode: table[episode] for episode in known if episode in table})
 
 
-def _keep_blind(pilot: str, flown: "dict[str, Flight]") -> None:
+def _keep_blind(pilot: str, flown: "dict[str, BlindFlight]") -> None:
     """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
     from dronecats.rundir.folder import write_json
     from episodes import blind, catalogue

@@ -8,7 +8,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from episodes.check.finding import Finding
+    from episodes.check.finding import RuleFinding
     from episodes.check.many import Report
 
 
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if rejected or uneven else 0
 
 
-def _about_suite(reports: "list[Report]") -> "list[Finding]":
+def _about_suite(reports: "list[Report]") -> "list[RuleFinding]":
     from episodes.check import spread
 
     return list(spread.rules([report.layout for report in reports if report.layout is not None]))
@@ -81,5 +81,5 @@ def _table(reports: "list[Report]", rules: bool) -> None:
     print(f"{len(reports)} checked, {rejected} rejected")
 
 
-def _print(found: "Finding") -> None:
+def _print(found: "RuleFinding") -> None:
     print(f"    {'ok ' if found.passed else 'RED'} {found.rule}: {found.measured} (wanted {found.wanted})")

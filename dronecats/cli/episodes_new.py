@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         if not (args.map and args.cell):
             raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")
         first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
-        task = proposals.Batch(args.map, args.cell, first, args.count, args.seed, args.map_seed)
+        task = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
         proposals.must_be_possible(task)
         batches = (proposals.propose(each) for each in [task])
     try:

@@ -87,11 +87,11 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.run.fly import fly
 
     if spec.connected and not spec.connected.truth:
-        from dronecats.afterflight.rejudge import traced
+        from dronecats.afterflight.rejudge import rejudge
         from dronecats.afterflight.surveyed_target import target_from
 
         target = target_from(args.target, args.target_std) if args.target else None
-        return _report(traced(fly(spec, args.out, _say), target, say=_say), args.json)
+        return _report(rejudge(fly(spec, args.out, _say), target, say=_say), args.json)
     return _report(fly(spec, args.out, _say), args.json)
 
 

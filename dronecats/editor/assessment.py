@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.check import rules
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.fleet import Fleet, hovering
 from episodes.record import EpisodeRecord, TargetRecord, parse
 from episodes.render import Renderer
@@ -22,16 +22,16 @@ from foundation.frames import quat_from_euler
 PREVIEW = CameraModel(width=640, height=360)
 
 
-def findings(record: EpisodeRecord) -> list[Finding]:
+def findings(record: EpisodeRecord) -> list[RuleFinding]:
     """Return what `dronecats episodes check` would find; a record that cannot even be read is one red finding."""
     try:
         return rules.check(World(parse(record.to_json(), record.id or "the draft")))
     except UsageError as error:
-        return [Finding("the record", False, str(error).split(": ", 1)[-1].rstrip("."), "one that can be read")]
+        return [RuleFinding("the record", False, str(error).split(": ", 1)[-1].rstrip("."), "one that can be read")]
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Appearance:
     """All of a record that a renderer must be built for; what only moves is not of it."""
 
     map: str
@@ -47,7 +47,7 @@ class Previews:
     def __init__(self, threads: int = 2) -> None:
         """Take the number of threads that draw."""
         self._threads = threads
-        self._look: Look | None = None
+        self._look: Appearance | None = None
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
         self._fleet: Fleet | None = None
@@ -66,7 +66,7 @@ class Previews:
 
     def _ready(self, record: EpisodeRecord) -> Renderer:
         others = tuple(_look(one) for one in record.candidates)
-        look = Look(record.map, record.map_seed, _look(record.target), others, len(record.starts))
+        look = Appearance(record.map, record.map_seed, _look(record.target), others, len(record.starts))
         if self._renderer is None or look != self._look:
             if self._renderer is not None:
                 self._renderer.close()

@@ -22,7 +22,7 @@ from episodes.record import (
     VERSION,
     EpisodeRecord,
     Path3D,
-    Start,
+    StartPose,
     TargetRecord,
 )
 from episodes.scene import Instance, Mesh, Scene
@@ -67,7 +67,7 @@ class Drafting:
             cell="approaching",
             instruction="go to the cyan SUV",
             target=TargetRecord("suv", "cyan", None, self.on_ground(north + 16.0, east), 0.0),
-            starts=(Start(self.on_ground(north, east, HEIGHT_M), 0.0),),
+            starts=(StartPose(self.on_ground(north, east, HEIGHT_M), 0.0),),
             start_distance_m=0.0,
             bearing_deg=0.0,
             visible_at_start=True,
@@ -171,7 +171,7 @@ class Drafting:
         start = draft.record.starts[which]
         yaw = start.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         place = self.on_ground(north, east, self.height(start))
-        return self._started(draft, which, Start(place, yaw))
+        return self._started(draft, which, StartPose(place, yaw))
 
     def raise_start(self, draft: Draft, which: int, height_m: float) -> Draft:
         """Return the draft with one drone at another height above the ground."""
@@ -179,7 +179,7 @@ class Drafting:
         place = self.on_ground(start.position_ned[0], start.position_ned[1], height_m)
         return self._started(draft, which, replace(start, position_ned=place))
 
-    def height(self, start: Start) -> float:
+    def height(self, start: StartPose) -> float:
         """Return the height (m) of a start above the ground."""
         north, east, down = start.position_ned
         return self.scene.terrain.at(north, east) - down
@@ -209,7 +209,7 @@ class Drafting:
         (north, east, _), yaw = starts[-1].position_ned, starts[-1].yaw_deg
         right = math.radians(yaw + 90.0)
         place = self.on_ground(north + GRID_SIDE_M * math.cos(right), east + GRID_SIDE_M * math.sin(right), HEIGHT_M)
-        return self.settled(replace(draft, record=replace(draft.record, starts=(*starts, Start(place, yaw)))))
+        return self.settled(replace(draft, record=replace(draft.record, starts=(*starts, StartPose(place, yaw)))))
 
     def drop_start(self, draft: Draft) -> Draft:
         """Return the draft without its last drone; one stays."""
@@ -223,7 +223,7 @@ class Drafting:
         corners = ((0.0, 0.0), (0.0, GRID_SIDE_M), (-GRID_SIDE_M, 0.0), (-GRID_SIDE_M, GRID_SIDE_M))
         spots = [(north + turned[0, 0] * x + turned[0, 1] * y, east + turned[1, 0] * x + turned[1, 1] * y)
                  for x, y in corners]  # fmt: skip
-        starts = tuple(Start(self.on_ground(n, e, height), yaw) for n, e in spots)
+        starts = tuple(StartPose(self.on_ground(n, e, height), yaw) for n, e in spots)
         return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
 
     # ---- look-alikes
@@ -337,7 +337,7 @@ class Drafting:
             record = replace(record, instruction=suggest.instruction(record))
         return replace(draft, record=record)
 
-    def _started(self, draft: Draft, which: int, start: Start) -> Draft:
+    def _started(self, draft: Draft, which: int, start: StartPose) -> Draft:
         starts = (*draft.record.starts[:which], start, *draft.record.starts[which + 1 :])
         return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
 

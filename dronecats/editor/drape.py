@@ -9,11 +9,11 @@ from foundation.frames import Vec3
 OFF_M = 0.005  # how far a path may leave the ground between two of its waypoints
 STEP_M = 0.25  # between the places at which the ground is looked at
 
-Place = tuple[float, float]  # m north, m east
-Knots = tuple[Place, ...]  # a path as it was clicked
+Knot = tuple[float, float]  # m north, m east
+Knots = tuple[Knot, ...]  # a path as it was clicked
 
 
-def draped(knots: Sequence[Place], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
+def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
     """Return waypoints (m, NED) through knots, with more where the ground between two leaves the straight line."""
     points = [on_ground(*knots[0])]
     for a, b in itertools.pairwise(knots):
@@ -28,7 +28,7 @@ def draped(knots: Sequence[Place], on_ground: Callable[[float, float], Vec3]) ->
     return tuple(points)
 
 
-def corners(points: Sequence[Place], off_m: float = 0.002) -> Knots:
+def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
     """Return the points of a line seen from above that are needed to keep within `off_m` of all of them.
 
     Two millimetres, since places are rounded to one, keep the shape. Source: Douglas and Peucker, 1973.

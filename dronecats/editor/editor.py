@@ -17,10 +17,10 @@ from dronecats.editor.assessment import Previews, findings
 from dronecats.editor.draft import Draft, Drafting
 from dronecats.editor.latest import Latest
 from dronecats.editor.panels import Panels
+from dronecats.editor.scene_view import SceneView
 from dronecats.editor.session import Session
-from dronecats.editor.stage import Stage
 from episodes import catalogue, maps
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
 
@@ -48,7 +48,7 @@ class Editor:
         session, scene_name = opened(what, folder)
         self.session = session
         self.drafting = session.drafting
-        self.findings: tuple[Finding, ...] = ()  # of the newest record that was checked
+        self.findings: tuple[RuleFinding, ...] = ()  # of the newest record that was checked
         self.checked: EpisodeRecord | None = None
         with contextlib.redirect_stdout(io.StringIO()):
             self._server = LoopbackServer(host=HOST, port=port, label=f"DroneCATS · {scene_name}", verbose=False)
@@ -58,8 +58,8 @@ class Editor:
         self._picker = display.Picker(self.drafting.scene)
         self._previews = Previews()
         self._panels = Panels(self._server, self, f"DroneCATS · {scene_name}")
-        self._stage = Stage(self._server, self.drafting, self)
-        self._stage.frame(session.draft)
+        self._view = SceneView(self._server, self.drafting, self)
+        self._view.frame(session.draft)
         self._pictures = Latest(self._draw, "editor-picture")
         self._checks = Latest(self._check, "editor-checks")
         session.changed = self._changed
@@ -111,7 +111,7 @@ class Editor:
         self._panels.show(self.session.draft)
         self._pictures.put(_Sight(self.session.record, drone))
 
-    # ---- hands on the stage
+    # ---- hands on the scene
 
     def moved(self, thing: str, north: float, east: float, yaw_deg: float) -> None:
         """Move what is being dragged."""
@@ -154,7 +154,7 @@ class Editor:
         """Show the draft of now, which may be a later one than `draft`: changes come from several threads."""
         with self._showing:
             now = self.session.draft
-            self._stage.show(now)
+            self._view.show(now)
             self._panels.show(now)
             self._panels.show_checks(self.findings, fresh=self.checked == now.record)
             if not gesture:
@@ -167,7 +167,7 @@ class Editor:
         with contextlib.suppress(UsageError):  # the checks say what is wrong with the record
             picture = self._previews.picture(sight.record, drone)
             self._panels.show_picture(picture)
-            self._stage.show_view(drone, picture)
+            self._view.show_view(drone, picture)
 
     def _check(self, record: EpisodeRecord) -> None:
         found = tuple(findings(record))

@@ -10,7 +10,7 @@ from dronecats.editor import report
 from dronecats.editor.assessment import PREVIEW
 from dronecats.editor.draft import Draft, Drafting
 from episodes import assets
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.check.limits import ALTITUDE_M
 from episodes.record import CELLS, MAX_SEED
 
@@ -138,7 +138,7 @@ class Panels:
         """Show what the camera sees."""
         self._picture.image = picture
 
-    def show_checks(self, findings: Sequence[Finding], fresh: bool) -> None:
+    def show_checks(self, findings: Sequence[RuleFinding], fresh: bool) -> None:
         """Show the findings."""
         self._checks.content = report.checks_html(findings, fresh)
 

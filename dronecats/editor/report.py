@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from html import escape
 
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 
 GREEN, RED, GREY = "#2b8a3e", "#c92a2a", "#868e96"
 
 
-def checks_html(findings: Sequence[Finding], fresh: bool) -> str:
+def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
     """Return the list of checks, red ones first; a stale one, of the draft before the last change, is dimmed."""
     failed = [f for f in findings if not f.passed]
     title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
@@ -21,7 +21,7 @@ def checks_html(findings: Sequence[Finding], fresh: bool) -> str:
     )
 
 
-def _row(found: Finding) -> str:
+def _row(found: RuleFinding) -> str:
     color, mark = (GREEN, "✓") if found.passed else (RED, "✗")
     wanted = f'<div style="opacity:0.65">wanted {escape(found.wanted)}</div>' if not found.passed else ""
     measured = f"<b>{escape(found.measured)}</b>{wanted}"

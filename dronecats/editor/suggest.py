@@ -4,7 +4,7 @@ import itertools
 import math
 
 from dronecats.editor import drape
-from dronecats.editor.drape import Knots, Place
+from dronecats.editor.drape import Knot, Knots
 from episodes import maps
 from episodes.check.nouns import nouns
 from episodes.record import HIDDEN, MOVING, EpisodeRecord
@@ -14,7 +14,7 @@ from foundation.errors import UsageError
 LANE_OFF_M = 0.25  # a proposed path may cut a lane's corners by so much, and has few points to drag for it
 
 
-def way(scene: Scene, record: EpisodeRecord, here: Place, yaw: float, length_m: float) -> Knots:
+def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: float) -> Knots:
     """Return a first path: the long enough lane that begins nearest, or straight ahead to the end of the ground."""
     try:
         lanes = [one for one in maps.places(record.map, record.map_seed).lanes if one.length_m >= length_m]

@@ -3,7 +3,7 @@
 import math
 
 from episodes import maps
-from episodes.record import VERSION, EpisodeRecord, Start, TargetRecord
+from episodes.record import VERSION, EpisodeRecord, StartPose, TargetRecord
 from foundation.errors import UsageError
 
 HEIGHT_M = 2.5  # of the start over the map's spawn: PX4's MIS_TAKEOFF_ALT
@@ -31,7 +31,7 @@ def free_flight(name: str, instruction: str) -> EpisodeRecord:
         target=TargetRecord(
             thing.kind, position_ned=thing.position_ned, yaw_deg=math.degrees(thing.yaw), native=thing.name
         ),
-        starts=(Start((spawn[0], spawn[1], spawn[2] - HEIGHT_M), math.degrees(yaw)),),
+        starts=(StartPose((spawn[0], spawn[1], spawn[2] - HEIGHT_M), math.degrees(yaw)),),
         start_distance_m=math.hypot(north, east, down + HEIGHT_M),
         bearing_deg=math.degrees(math.atan2(east, north)) % 360.0,
         visible_at_start=True,

@@ -8,7 +8,7 @@ from foundation.frames import Vec3
 from foundation.truth import TruthSample
 
 
-class Measured(Protocol):
+class TruthMeasurement(Protocol):
     """`episodes.world.Measurement` is one."""
 
     @property
@@ -28,4 +28,4 @@ class Measured(Protocol):
 
 
 # (t in s, where the drone is, its camera, where the fleet's others are at that time)
-Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], Measured]
+Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TruthMeasurement]

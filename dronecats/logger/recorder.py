@@ -5,7 +5,7 @@ from collections import deque
 from pathlib import Path
 from typing import overload
 
-from dronecats.logger.measure import Measure, Measured
+from dronecats.logger.measure import Measure, TruthMeasurement
 from dronecats.rundir import layout
 from dronecats.rundir.rows import Begin, End, FrameTruth, Pose
 from dronecats.rundir.writing import LineLog, TelemetryLog
@@ -129,7 +129,7 @@ class Recorder:
             )
         )
 
-    def _measured(self, sample: TruthSample) -> Measured:
+    def _measured(self, sample: TruthSample) -> TruthMeasurement:
         others = [nearest(heard, sample.time_us) for k, heard in self._samples.items() if k != sample.drone]
         return self._measure(self._t(sample.time_us), sample, self._camera, others)
 

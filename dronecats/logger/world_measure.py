@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from dronecats.logger.measure import Measure, Measured
+from dronecats.logger.measure import Measure, TruthMeasurement
 from episodes.fleet import DronePose
 from episodes.world import World
 from foundation.camera import CameraModel
@@ -12,7 +12,9 @@ from foundation.truth import TruthSample
 def measured_in(world: World) -> Measure:
     """Return the measure of an episode's world, in which the other drones stand before the target, too."""
 
-    def measure(t_s: float, sample: TruthSample, camera: CameraModel, others: Sequence[TruthSample]) -> Measured:
+    def measure(
+        t_s: float, sample: TruthSample, camera: CameraModel, others: Sequence[TruthSample]
+    ) -> TruthMeasurement:
         around = [DronePose(one.position_ned, one.attitude) for one in others]
         return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
 

@@ -30,7 +30,7 @@ _SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in fli
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class BoundingBox:
     """A rectangle in the picture, all in fractions of the picture WIDTH from its centre, x right, y down."""
 
     left: float
@@ -49,7 +49,7 @@ class Range:
     fit: float  # 0 … 1: how well the best assumption explains the rectangle; small = not this kind of thing
 
 
-def measure(box: Box, size: Size, aspect: float) -> Range:
+def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
     half = 0.5 * aspect
     grid = _grid(size, round(half, 4))
@@ -76,7 +76,7 @@ def measure(box: Box, size: Size, aspect: float) -> Range:
     return Range(float((weight * depth).sum()), mean, spread, math.exp(-0.5 * max(0.0, best) / 4.0))
 
 
-def _shift(box: Box, grid: "_Grid") -> NDArray[np.float64] | float:
+def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
     """Return how far the predictions move sideways to lie on the seen rectangle, by the sides that are not cut off."""
     cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
     if cut_left and not cut_right:

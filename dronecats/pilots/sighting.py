@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots import paint, ranging
-from dronecats.pilots.ranging import Box, Range
+from dronecats.pilots.ranging import BoundingBox, Range
 from dronecats.pilots.referent import Referent, Size
 
 _SMALLEST_PX = 20  # of 640 × 360; a vehicle is that small at about 60 m
@@ -24,7 +24,7 @@ _HORIZON_SLACK = 0.05  # fraction of the width that a thing on the ground may en
 class Sighting:
     """The thing, or what is taken for it."""
 
-    box: Box
+    box: BoundingBox
     range: Range
     score: float  # 0 … 1
 
@@ -113,7 +113,7 @@ def _judge(
     blob: _Blob, where: paint.Mask, saturation: NDArray[np.uint8], named: Referent, width: int, height: int
 ) -> Sighting | None:
     left, top, right, bottom = _core(blob, where)
-    box = Box(
+    box = BoundingBox(
         (left - 0.5 * width) / width,
         (top - 0.5 * height) / width,
         (right - 0.5 * width) / width,

@@ -79,7 +79,7 @@ def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAct
     return _approach(seen, picture.shape[0] / picture.shape[1])
 
 
-def _fills(box: ranging.Box, aspect: float) -> bool:
+def _fills(box: ranging.BoundingBox, aspect: float) -> bool:
     """Return whether the thing is cut off by the lower edge and wide: then its size says little, but it is here.
 
     Even a car of 4.7 m that is seen from the side is within 4 m when it is wider than 0.6 of a 90° picture.

@@ -30,7 +30,7 @@ C = TypeVar("C")
 
 
 @dataclass(frozen=True, slots=True)
-class Kind(Generic[C]):
+class ChildKind(Generic[C]):
     """What a child process is."""
 
     name: str  # in sentences, and of its log
@@ -41,7 +41,7 @@ class Kind(Generic[C]):
 class ChildProcess:
     """One supervised process. Raises InfrastructureError, in one sentence, when it is not what it should be."""
 
-    def __init__(self, kind: Kind[C], config: C, log: Path, answer_s: float = ANSWER_S) -> None:
+    def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = ANSWER_S) -> None:
         """`answer_s` without an answer, and the process hangs."""
         self.kind, self.log, self._answer_s = kind.name, log, answer_s
         with log.open("ab") as errors:
@@ -180,7 +180,7 @@ class Supervisor:
         self._log_dir, self._answer_s = log_dir, answer_s
         self.children: list[ChildProcess] = []
 
-    def start(self, kind: Kind[C], config: C) -> ChildProcess:
+    def start(self, kind: ChildKind[C], config: C) -> ChildProcess:
         child = ChildProcess(kind, config, self._log_dir / f"{kind.name}.log", self._answer_s)
         self.children.append(child)
         return child

@@ -47,7 +47,7 @@ class Span:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class PathComparison:
     """Two paths of one drone, laid over one another."""
 
     drone: int
@@ -69,7 +69,7 @@ class Comparison:
         return float(self.distance_m[-1])
 
 
-def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[Comparison, ...]:
+def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[PathComparison, ...]:
     """Return the comparison of every drone that both flights have, judged over the first `seconds`.
 
     Raises UsageError when they have none in common or share no stretch of time.
@@ -116,7 +116,7 @@ def _into_nose(yaw: float) -> Array:
 
 def _compare(
     drone: int, paths: tuple[Trace, Trace], steps: tuple[list[float], list[float]], seconds: float
-) -> Comparison:
+) -> PathComparison:
     a, b = paths
     at_a, at_b = _instants(a, b, *steps)
     if len(at_a) < 2:
@@ -131,7 +131,7 @@ def _compare(
     first = t <= seconds + 1e-9
     beside_m = max(_farthest(here[first], there), _farthest(there[first], here))
     whole = _span(t, distance_m, 0.0, min(seconds, float(t[-1])))
-    return Comparison(drone, a, b, t, here, there, distance_m, spans, whole, beside_m)
+    return PathComparison(drone, a, b, t, here, there, distance_m, spans, whole, beside_m)
 
 
 def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
@@ -188,7 +188,7 @@ def logs_of(path: Path) -> Logs:
     return read(episode_folder(path))
 
 
-def figures(comparisons: tuple[Comparison, ...], within_m: float, seconds: float) -> dict[str, Any]:
+def figures(comparisons: tuple[PathComparison, ...], within_m: float, seconds: float) -> dict[str, Any]:
     """Return the comparison as JSON, with `agree`: within `within_m` over all of the first `seconds`, every drone."""
 
     def span(s: Span) -> dict[str, float]:

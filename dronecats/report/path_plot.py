@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
-from dronecats.report.path_comparison import Comparison
+from dronecats.report.path_comparison import PathComparison
 from foundation.errors import UsageError
 
 
-def draw(comparisons: tuple[Comparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str) -> None:
+def draw(
+    comparisons: tuple[PathComparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str
+) -> None:
     """Write the picture; `axes` says what the plane's axes are. Raises UsageError when it cannot be written."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -23,20 +23,20 @@ LEVELLINGS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class StartOffset:
     """Where a drone begins its episode, relative to where it stands at boot."""
 
     offset_ned: Vec3  # m, start pose less the place of the body's origin as it stands below it
     yaw: float | None  # rad; None: as it stands
 
 
-def start_of(record_start: Any, ground_down: float, standing_m: float = 0.0) -> Start:
+def start_of(record_start: Any, ground_down: float, standing_m: float = 0.0) -> StartOffset:
     """Return the start of a record's drone, whose body's origin stands `standing_m` above the ground at its place."""
     height_m = ground_down - standing_m - record_start.position_ned[2]
-    return Start((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
+    return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
 
 
-def ascend(links: Sequence[Link], starts: Sequence[Start], say: Callable[[str], None]) -> None:
+def ascend(links: Sequence[Link], starts: Sequence[StartOffset], say: Callable[[str], None]) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in offboard, all at a time. Raises LinkError.
 
     Where the heading matters, every drone turns round once on the way: the iron that turns with its compass shows
@@ -97,7 +97,7 @@ def _ground(link: Link) -> _Ground:
     return _Ground(place, link.track.mean_range(AVERAGE_S))
 
 
-def _send(link: Link, ground: _Ground, start: Start) -> _Sent:
+def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
     """Send a drone to its start pose in offboard."""
     north, east, down = (g + o for g, o in zip(ground.position_ned, start.offset_ned, strict=True))
     euler = link.state.euler
@@ -107,7 +107,7 @@ def _send(link: Link, ground: _Ground, start: Start) -> _Sent:
     return _Sent((north, east, down), yaw, arrival)
 
 
-def _levelled(link: Link, sent: _Sent, ground: _Ground, start: Start) -> _Sent:
+def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _Sent:
     """Bring a drone to its height over the ground by its rangefinder, where it has one: a barometer wanders."""
     range_m = link.track.mean_range(RANGED_S)
     place = link.track.mean_place(RANGED_S)

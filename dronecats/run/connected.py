@@ -6,9 +6,9 @@ from typing import Any
 from dronecats.flight.flight import look_up
 from dronecats.flight.spec import Connected, FlightSpec
 from dronecats.report.intent import draw as draw_intent
-from dronecats.run.ascent import Start
+from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
-from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
+from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, opened, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
@@ -60,7 +60,7 @@ def fly_connected(
         try:
             with opened(flight, stage, folder) as pilot:
                 return fly(
-                    stage, [Start((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, agent), folder,
+                    stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, agent), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
                     check=pilot.check, on_step=progress(say, camera.model), say=say,
                 )  # fmt: skip
@@ -72,7 +72,7 @@ def fly_connected(
         if dry:
             say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
 
-    return conclude(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
+    return fly_and_judge(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:

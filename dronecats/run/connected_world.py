@@ -6,11 +6,11 @@ from typing import Any
 from dronecats.flight.flight import CAMERA, look_up
 from dronecats.flight.spec import Connected, FlightSpec
 from dronecats.report.intent import draw as draw_intent
-from dronecats.run.ascent import Start, start_of
+from dronecats.run.ascent import StartOffset, start_of
 from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
 from dronecats.run.oracle import opened_in
-from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
+from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.run.simulated import draw
@@ -65,7 +65,7 @@ def fly_world(
         stage = WorldStage(link, drawn, truth, folder, say, frame_s=frame_s, judged=judged)
         try:
             ground = world.ground_down(*record.starts[0].position_ned[:2])
-            start = Start(start_of(record.starts[0], ground).offset_ned, stage.yaw)
+            start = StartOffset(start_of(record.starts[0], ground).offset_ned, stage.yaw)
             with opened_in(world, flight, stage, folder) as pilot:
                 return fly(
                     stage, [start], pilot.agent(flight, agent), folder,
@@ -82,4 +82,4 @@ def fly_world(
         if dry:
             say(f"drew {draw_intent(folder, CameraModel())} decisions into {folder / layout.INTENT}")
 
-    return conclude(fly_it, folder, record.id, spec.pilot_name, afterwards)
+    return fly_and_judge(fly_it, folder, record.id, spec.pilot_name, afterwards)

@@ -9,7 +9,7 @@ from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
-from dronecats.run.ascent import Start, ascend
+from dronecats.run.ascent import StartOffset, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.rundir import layout
@@ -37,7 +37,7 @@ class Flown:
 
 def fly(
     stage: Stage,
-    starts: list[Start],
+    starts: list[StartOffset],
     make_agent: AgentFactory,
     folder: Path,
     *,
@@ -58,7 +58,7 @@ def fly(
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
-    watch = Watch(folder, full)
+    watch = VerdictWatch(folder, full)
     SafetyLog(folder / layout.SAFETY, stage.links, say)
     try:
         for link in stage.links:
@@ -153,7 +153,7 @@ def _begin(
     )
 
 
-class Watch:
+class VerdictWatch:
     """Looks, after each declaration, whether the verdict is decided: what the first qualifying one settles is settled.
 
     It reads the logger's files with the verifier's own function. The agent learns nothing of it but that time is up.

@@ -26,7 +26,7 @@ DECLARED = CameraModel()
 Written = TypeVar("Written")
 
 
-def conclude(
+def fly_and_judge(
     flight: Callable[[], Flown],
     folder: Path,
     episode: str,

@@ -9,7 +9,7 @@ from dronecats.flight.flight import Flight, look_up
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
-from dronecats.run.outcome import Say, conclude, progress, served_rate_hz
+from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
@@ -53,7 +53,7 @@ def fly_in(
         (folder / layout.EPISODE).write_text(record.to_json(), encoding="utf-8")
     except OSError as full:
         raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
-    return conclude(
+    return fly_and_judge(
         lambda: _fly(flight, record, folder, say, found, agent), folder, record.id, flight.spec.pilot_name, afterwards
     )
 

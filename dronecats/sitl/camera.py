@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dronecats.sitl.scenario import origin
 from episodes.fleet import DronePose
-from episodes.optics.camera import Motion, OpticalRenderer
+from episodes.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.optics.options import Optics
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
@@ -110,7 +110,7 @@ class WorldCamera:
             pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
             return self._renderer.render(pose, self.world.moved(t_s, _after(others, 0.0))).rgb
         rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
-        motion = Motion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
+        motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
         return self._renderer.picture(
             motion, lambda t: self.world.moved(max(0.0, t), _after(others, t - t_s)), frame_id
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.config import AIRFRAME
-from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation, V
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation, V
 from episodes import catalogue
 from episodes.assets.multirotor import outline
 from episodes.obstacles import obstacles
@@ -26,12 +26,12 @@ def origin(world: World) -> Origin:
     return world.scene.latitude_deg, world.scene.longitude_deg, world.scene.altitude_m
 
 
-def ground_places(world: World) -> list[Place]:
+def ground_places(world: World) -> list[BootPose]:
     """Return where each drone of the record stands before it takes off: on the ground below its start pose."""
     places = []
     for start in world.record.starts:
         north, east, _ = start.position_ned
-        places.append(Place((north, east, world.ground_down(north, east)), math.radians(start.yaw_deg)))
+        places.append(BootPose((north, east, world.ground_down(north, east)), math.radians(start.yaw_deg)))
     return places
 
 
@@ -75,7 +75,7 @@ def built_of(
     while count is not None and len(places) < count:  # more than the record has: beside one another, two metres apart
         last = places[-1].position_ned
         north, east = last[0], last[1] + 2.0
-        places.append(Place((north, east, world.ground_down(north, east)), places[-1].yaw))
+        places.append(BootPose((north, east, world.ground_down(north, east)), places[-1].yaw))
     return Simulation(
         [
             make(

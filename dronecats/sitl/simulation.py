@@ -10,7 +10,7 @@ from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import Encounters, Traffic
 from dronecats.sitl.failures import Failures
 from dronecats.sitl.fused import Fused
-from dronecats.sitl.vehicle import STEP_US, TICK_US, Place, Vehicle
+from dronecats.sitl.vehicle import STEP_US, TICK_US, BootPose, Vehicle
 from dronecats.sitl.vehicle_port import VehiclePort
 from foundation.airframe import Airframe
 from foundation.obstacles import OPEN, Obstacles
@@ -19,7 +19,7 @@ from foundation.truth import Origin
 from vehicles.faults import Fault
 from vehicles.wind import CALM, Wind
 
-__all__ = ["STEP_US", "TICK_US", "Place", "SimulatedVehicle", "Simulation"]
+__all__ = ["STEP_US", "TICK_US", "BootPose", "SimulatedVehicle", "Simulation"]
 
 FINER_US = (5_000, 2_000)  # steps within a tick, while a client wants messages at more than 100 Hz
 TRUTH_US = 20_000  # 50 Hz
@@ -33,7 +33,7 @@ class SimulatedVehicle(Vehicle):
         self,
         index: int,
         airframe: Airframe,
-        place: Place,
+        place: BootPose,
         *,
         seed: int,
         origin: Origin,

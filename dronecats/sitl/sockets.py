@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from hil.link.transport import BUFFER_BYTES, bind_error
 
-Address = tuple[str, int]
+SocketAddress = tuple[str, int]
 MAVLINK_2 = 0xFD  # first byte of a frame
 
 
@@ -15,8 +15,8 @@ class UdpPort:
 
     def __init__(
         self,
-        local: Address,
-        remote: Address | None,
+        local: SocketAddress,
+        remote: SocketAddress | None,
         take: Callable[[], bytes],
         give: Callable[[bytes], None],
         *,
@@ -33,7 +33,7 @@ class UdpPort:
             self._socket.close()
             raise bind_error(error, "UDP", *local) from None
         self._socket.setblocking(False)
-        self._peers: list[Address] = [remote] if remote else []
+        self._peers: list[SocketAddress] = [remote] if remote else []
         self._take, self._give = take, give
 
     @property
@@ -55,7 +55,7 @@ class UdpPort:
                     self._send(data, but=peer)
         self._send(self._take())
 
-    def _send(self, data: bytes, but: Address | None = None) -> None:
+    def _send(self, data: bytes, but: SocketAddress | None = None) -> None:
         for packet in packets(data):
             for peer in self._peers:
                 if peer != but:

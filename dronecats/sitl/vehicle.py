@@ -21,7 +21,7 @@ TICK_US = 10_000  # commander, MAVLink and truth
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BootPose:
     """Where a vehicle stands at boot."""
 
     position_ned: Vec3  # m, map frame, on the ground
@@ -35,7 +35,7 @@ class Vehicle:
         self,
         index: int,
         airframe: Airframe,
-        place: Place,
+        place: BootPose,
         *,
         seed: int,
         origin: Origin,

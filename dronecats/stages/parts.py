@@ -5,16 +5,16 @@ from pathlib import Path
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.pilots.config import PilotConfig
-from dronecats.processes.supervisor import Kind
+from dronecats.processes.supervisor import ChildKind
 from dronecats.rundir import layout
 from dronecats.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig
 
-SIMULATOR = Kind("simulator", "dronecats.sitl.simulator_process", SimulatorConfig)
-CAMERA = Kind("camera", "dronecats.sitl.camera_process", CameraConfig)
-TRUTH_BRIDGE = Kind("truth-bridge", "dronecats.sitl.truth_bridge", TruthBridgeConfig)
-LOGGER = Kind("logger", "dronecats.logger.logger_process", LoggerConfig)
-ESTIMATE_LOGGER = Kind("estimate-logger", "dronecats.logger.estimate_process", EstimateLoggerConfig)
-PILOT = Kind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
+SIMULATOR = ChildKind("simulator", "dronecats.sitl.simulator_process", SimulatorConfig)
+CAMERA = ChildKind("camera", "dronecats.sitl.camera_process", CameraConfig)
+TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.sitl.truth_bridge", TruthBridgeConfig)
+LOGGER = ChildKind("logger", "dronecats.logger.logger_process", LoggerConfig)
+ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.logger.estimate_process", EstimateLoggerConfig)
+PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
 
 
 def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> SimulatorConfig:

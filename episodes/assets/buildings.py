@@ -13,7 +13,7 @@ from episodes.assets import campus_textures as textures
 from episodes.assets import paint as colors
 from episodes.assets.paint import linear
 from episodes.assets.textures import surface
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Material, Mesh
 
 FLOOR_M = 0.45  # of the ground floor above the ground: three steps
@@ -93,7 +93,7 @@ def _foot_of(plan: HallPlan, y: float, front: bool) -> float:
     return FLOOR_M + (plan.storey_m if front and abs(y) < 2.8 else 0.0)
 
 
-def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Material) -> Part:
+def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Material) -> MeshPart:
     """Return an upright picture that faces forward."""
     (y0, y1), (z0, z1) = y, z
     return g.quad([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)], look)
@@ -101,7 +101,7 @@ def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Materi
 
 def _band(
     y: tuple[float, float], z: tuple[float, float], out: float, look: Material, tile: float, door: bool
-) -> list[Part]:
+) -> list[MeshPart]:
     """Return a level band that stands out of a wall, interrupted where the entrance is."""
     ends = ((y[0], -2.3), (2.3, y[1])) if door else (y,)
     return [g.box((-0.1, a, z[0]), (out, b, z[1]), look, tile) for a, b in ends]
@@ -112,7 +112,7 @@ def _blind(column: int, storey: int) -> float:
     return (0.0, 0.0, 0.28, 0.0, 0.55, 0.0, 0.28)[(column * 3 + storey * 5) % 7]
 
 
-def _brick_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
+def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a brick wall: piers and bands of brick and stone stand out, sashes lie behind them."""
     brick, stone = surface("brick"), surface("concrete", (0.98, 0.94, 0.86))
     edges, half = _bays(plan, width), width / 2
@@ -137,7 +137,7 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
     return parts
 
 
-def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
+def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a concrete wall: bands of glass between spandrels, cut by upright fins."""
     panel, fin = textures.material("panels", linear(TINTS[plan.tint])), colors.plain("fin", (210, 208, 200))
     edges, half = _bays(plan, width), width / 2
@@ -165,7 +165,7 @@ def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
     return parts
 
 
-def _stone_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
+def _stone_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a wall of dressed stone: flat pilasters, tall windows with hoods, a heavy cornice."""
     stone = _stone(plan)
     edges, half = _bays(plan, width), width / 2
@@ -190,7 +190,7 @@ def _stone_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
     return parts
 
 
-def _glass_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
+def _glass_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a glass wall: floor slabs show as bands, fins stand before it."""
     band, fin = colors.plain("slab-band", (214, 214, 208), 0.1), colors.plain("glass-fin", (92, 98, 104), 0.4)
     half = width / 2
@@ -204,7 +204,7 @@ def _glass_face(plan: HallPlan, width: float, front: bool) -> list[Part]:
     return parts
 
 
-def _steps(front: float, half: float, count: int = 3) -> list[Part]:
+def _steps(front: float, half: float, count: int = 3) -> list[MeshPart]:
     """Return a landing and steps down to the ground, forward of x = front."""
     stone, rise = surface("concrete", (0.9, 0.88, 0.84)), FLOOR_M / count
     found = [g.box((front - 0.1, -half, -FOOT_M), (front + 1.7, half, FLOOR_M), stone, 1.5)]
@@ -214,7 +214,7 @@ def _steps(front: float, half: float, count: int = 3) -> list[Part]:
     return found
 
 
-def _entrance(plan: HallPlan) -> list[Part]:
+def _entrance(plan: HallPlan) -> list[MeshPart]:
     """Return doors in their surround, steps, a canopy, and the hall's name above, on the plane x = 0."""
     floor, pale = FLOOR_M, surface("concrete", (0.98, 0.94, 0.86))
     door = textures.material("doors", specular=0.4)
@@ -248,7 +248,7 @@ def _entrance(plan: HallPlan) -> list[Part]:
     return parts
 
 
-def _portico(plan: HallPlan) -> list[Part]:
+def _portico(plan: HallPlan) -> list[MeshPart]:
     """Return six columns on a broad stair, an entablature and a pediment before the front."""
     stone, front, half = _stone(plan), plan.depth / 2, 8.2
     beam = plan.top - 2.6
@@ -268,7 +268,7 @@ def _portico(plan: HallPlan) -> list[Part]:
     return parts
 
 
-def _roof(plan: HallPlan) -> list[Part]:
+def _roof(plan: HallPlan) -> list[MeshPart]:
     """Return what shows above the eaves."""
     d, w, top = plan.depth / 2, plan.width / 2, plan.top
     plant, deck = colors.plain("roof-plant", (132, 136, 138), 0.2), colors.plain("roof-deck", (120, 118, 114))

@@ -9,7 +9,7 @@ from episodes import geometry as g
 from episodes.assets import lettering
 from episodes.assets import paint as colors
 from episodes.assets.vehicles import CarShape, body, plan_at, plates, wheel
-from episodes.geometry import Part
+from episodes.geometry import MeshPart
 from episodes.scene import Material, Mesh
 
 LENGTH, WIDTH, ROOF = 10.2, 2.35, 2.92
@@ -24,20 +24,20 @@ DOORS = ((3.72, 4.72), (-0.30, 0.95))  # x reach of the doors, on the right
 PROUD = 0.012
 
 
-def _pane(x0: float, x1: float, z0: float, z1: float, side: float, look: Material, proud: float = PROUD) -> Part:
+def _pane(x0: float, x1: float, z0: float, z1: float, side: float, look: Material, proud: float = PROUD) -> MeshPart:
     """Return a flat piece set on the body's flank, `side` +1 on the left."""
     y0, y1 = (side * (float(plan_at(SHAPE, np.array([x]))[0]) + proud) for x in (x0, x1))
     ring = [(x0, y0, z0), (x1, y1, z0), (x1, y1, z1), (x0, y0, z1)]
     return g.quad(ring if side < 0 else [ring[1], ring[0], ring[3], ring[2]], look)
 
 
-def _across(x: float, half: float, z0: float, z1: float, look: Material) -> Part:
+def _across(x: float, half: float, z0: float, z1: float, look: Material) -> MeshPart:
     """Return a flat piece set on the nose (x > 0) or the tail."""
     s = 1.0 if x > 0 else -1.0
     return g.quad([(x, -s * half, z0), (x, s * half, z0), (x, s * half, z1), (x, -s * half, z1)], look)
 
 
-def _flanks() -> list[Part]:
+def _flanks() -> list[MeshPart]:
     """Return windows, doors and trim of both sides."""
     parts = []
     for a, b in itertools.pairwise(PANES):
@@ -63,7 +63,7 @@ def _flanks() -> list[Part]:
     return parts
 
 
-def _ends(text: str) -> list[Part]:
+def _ends(text: str) -> list[MeshPart]:
     """Return screens, lamps, bumpers, mirrors, and the destination at the front."""
     nose, tail = LENGTH / 2 + PROUD, -LENGTH / 2 - PROUD
     half = float(plan_at(SHAPE, np.array([LENGTH / 2]))[0])

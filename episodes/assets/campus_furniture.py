@@ -13,7 +13,7 @@ from episodes.assets import campus_textures as textures
 from episodes.assets import paint as colors
 from episodes.assets.paint import linear
 from episodes.assets.textures import surface
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Mesh
 
 IRON = colors.plain("campus-iron", (48, 52, 54), 0.3)
@@ -81,7 +81,7 @@ def bin() -> Mesh:
     return g.assemble(parts)
 
 
-def _bicycle(at: tuple[float, float], lean: float) -> list[Part]:
+def _bicycle(at: tuple[float, float], lean: float) -> list[MeshPart]:
     """Return a bicycle whose front wheel points forward, seen as thin rods."""
     tyre, frame = colors.RUBBER, colors.plain("bicycle", (64, 68, 74), 0.4)
     turn = np.linspace(0, 2 * np.pi, 13)

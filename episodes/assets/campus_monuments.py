@@ -10,7 +10,7 @@ from episodes.assets import campus_textures as textures
 from episodes.assets import paint as colors
 from episodes.assets.campus_furniture import CAST, IRON, SINK, SLATS
 from episodes.assets.textures import surface
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Material, Mesh
 
 WATER = colors.plain("water", (84, 124, 138), 0.85)
@@ -22,7 +22,7 @@ def _stone(tint: float = 1.0) -> Material:
     return textures.material("ashlar", (0.74 * tint, 0.71 * tint, 0.66 * tint))
 
 
-def _basin(radius: float, height: float) -> list[Part]:
+def _basin(radius: float, height: float) -> list[MeshPart]:
     """Return a round basin with a broad rim and water in it."""
     outline = [(radius - 0.1, -SINK), (radius, 0.08), (radius - 0.06, height - 0.12), (radius + 0.06, height - 0.1)]
     outline += [(radius + 0.06, height), (radius - 0.42, height), (radius - 0.42, height - 0.25)]
@@ -30,7 +30,7 @@ def _basin(radius: float, height: float) -> list[Part]:
     return [g.lathe(outline, _stone(), 32, 1.2), g.lathe(water, WATER, 32)]
 
 
-def _bowl(radius: float, foot: float, rim: float) -> list[Part]:
+def _bowl(radius: float, foot: float, rim: float) -> list[MeshPart]:
     """Return a bowl on its stem, full of water, from the height of its foot to that of its rim."""
     deep = 0.32 * radius
     outline = [(0.0, foot), (0.26, foot), (0.17, foot + 0.2), (0.15, rim - deep - 0.12), (0.3, rim - deep)]
@@ -41,7 +41,7 @@ def _bowl(radius: float, foot: float, rim: float) -> list[Part]:
     ]
 
 
-def _curtain(radius: float, top: float, bottom: float, seed: int) -> list[Part]:
+def _curtain(radius: float, top: float, bottom: float, seed: int) -> list[MeshPart]:
     """Return water that falls from a rim in separate strands."""
     rng, parts = np.random.default_rng(seed), []
     for a in 2 * np.pi * (np.arange(14) + rng.uniform(-0.2, 0.2, 14)) / 14:
@@ -115,7 +115,7 @@ def statue() -> Mesh:
     return g.assemble(parts)
 
 
-def _hip(half: tuple[float, float], eave: float, top: float, material: Material) -> Part:
+def _hip(half: tuple[float, float], eave: float, top: float, material: Material) -> MeshPart:
     """Return a four-sided roof over a rectangle of half extents."""
     a, b = half
     low = [(-a, -b, eave), (a, -b, eave), (a, b, eave), (-a, b, eave)]

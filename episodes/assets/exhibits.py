@@ -8,7 +8,7 @@ import numpy as np
 from episodes import geometry as g
 from episodes.assets import lettering
 from episodes.assets import paint as colors
-from episodes.geometry import Part
+from episodes.geometry import MeshPart
 from episodes.scene import Material, Mesh
 
 LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
@@ -18,7 +18,7 @@ QUADROTOR_SIZE = 1.16  # of the drawing below: 2.8 m over the propellers, as tho
 PAPER, INK = (242, 242, 238), (24, 26, 30)
 
 
-def _rotor(x: float, y: float, z: float, turn: float) -> list[Part]:
+def _rotor(x: float, y: float, z: float, turn: float) -> list[MeshPart]:
     """Return a motor with its propeller at rest."""
     parts = [
         g.rod((x, y, z - 0.10), (x, y, z + 0.06), (0.085, 0.075), colors.TRIM, 12),

@@ -10,7 +10,7 @@ from episodes import geometry as g
 from episodes.assets import campus_furniture, campus_monuments
 from episodes.assets import paint as colors
 from episodes.assets.textures import surface
-from episodes.geometry import Part
+from episodes.geometry import MeshPart
 from episodes.scene import Mesh
 
 # kind → its maker: everything of one kind looks the same
@@ -31,7 +31,7 @@ MAKERS: dict[str, Callable[[], Mesh]] = {
 }
 
 
-def _wheel(x: float, y: float, radius: float, width: float) -> list[Part]:
+def _wheel(x: float, y: float, radius: float, width: float) -> list[MeshPart]:
     """Return a wheel that touches the ground, its hub outwards."""
     out = np.sign(y) * width / 2
     return [

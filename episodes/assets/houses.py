@@ -7,7 +7,7 @@ import numpy as np
 from episodes import geometry as g
 from episodes.assets import paint as colors
 from episodes.assets.textures import surface
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Material, Mesh
 
 WALLS = {
@@ -73,7 +73,7 @@ def _wall(plan: HousePlan) -> Material:
 
 
 def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, along_y: bool,
-          wall: Material, tile: float, roof: Material, overhang: float = 0.45) -> list[Part]:  # fmt: skip
+          wall: Material, tile: float, roof: Material, overhang: float = 0.45) -> list[MeshPart]:  # fmt: skip
     """Return the walls' triangles and two roof slabs over the rectangle low … high, ridge along y or x."""
     thick = 0.16
     (x0, y0), (x1, y1) = low, high
@@ -99,7 +99,9 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
     return parts
 
 
-def hip(low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, roof: Material) -> list[Part]:
+def hip(
+    low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, roof: Material
+) -> list[MeshPart]:
     """Return a roof that slopes on all four sides of the rectangle low … high, its ridge along the longer one."""
     overhang, thick = 0.45, 0.16
     (x0, y0), (x1, y1) = (low[0] - overhang, low[1] - overhang), (high[0] + overhang, high[1] + overhang)
@@ -118,9 +120,9 @@ def hip(low: tuple[float, float], high: tuple[float, float], eave: float, pitch:
     ]
 
 
-def _dormers(plan: HousePlan, eave: float, wall: Material, tile: float, roof: Material) -> list[Part]:
+def _dormers(plan: HousePlan, eave: float, wall: Material, tile: float, roof: Material) -> list[MeshPart]:
     """Return gabled dormers on the front slope, each with its window."""
-    parts: list[Part] = []
+    parts: list[MeshPart] = []
     front, run = plan.depth / 2 - 1.1, 1.5 / plan.pitch
     base = eave + plan.pitch * 1.1 + 0.1
     for y in np.linspace(-0.25, 0.25, plan.dormers) * plan.width if plan.dormers > 1 else (0.0,):
@@ -133,7 +135,7 @@ def _dormers(plan: HousePlan, eave: float, wall: Material, tile: float, roof: Ma
 
 def window(
     centre: tuple[float, float], sill: float, width: float, height: float, face: str, shutter: Material | None = None
-) -> list[Part]:
+) -> list[MeshPart]:
     """Return a framed sash window on the plane `face` ('+x', '-x', '+y', '-y') through `centre` (x, y)."""
     frame, glass = colors.WHITE_WOOD, colors.WINDOW
     half, top, bar = width / 2, sill + height, 0.075
@@ -156,7 +158,7 @@ def window(
     return [g.placed(p, (*centre, 0.0), turn) for p in parts]
 
 
-def _door(x: float, y: float, floor: float, material: Material) -> list[Part]:
+def _door(x: float, y: float, floor: float, material: Material) -> list[MeshPart]:
     """Return a front door with its frame, knob and step."""
     return [
         g.box((x - 0.05, y - 0.58, floor), (x + 0.05, y + 0.58, floor + 2.22), colors.WHITE_WOOD),
@@ -166,7 +168,7 @@ def _door(x: float, y: float, floor: float, material: Material) -> list[Part]:
     ]
 
 
-def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Part]:
+def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[MeshPart]:
     """Return a deck, steps, posts, railings and a lean-to roof before the door."""
     reach, half, high = 1.9, plan.porch / 2, FOUNDATION_M + 2.45
     stone = surface("concrete")
@@ -211,7 +213,7 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Part
     return parts
 
 
-def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> list[Part]:
+def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> list[MeshPart]:
     """Return the garage wing: a lower block whose door stands at ground level."""
     side = float(plan.garage)
     y0, y1 = sorted((side * plan.width / 2, side * (plan.width / 2 + plan.garage_width)))
@@ -236,7 +238,7 @@ def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> lis
     return parts
 
 
-def _windows(plan: HousePlan, door: float) -> list[Part]:
+def _windows(plan: HousePlan, door: float) -> list[MeshPart]:
     """Return the windows of every free wall."""
     front, half, parts = plan.depth / 2, plan.width / 2, []
     shutter = None if plan.shutters == "none" else colors.plain(f"shutter-{plan.shutters}", SHUTTERS[plan.shutters])
@@ -263,7 +265,7 @@ def house(plan: HousePlan) -> Mesh:
     door = door_y(plan)
     stone = surface("concrete")
     middle = FOUNDATION_M + STOREY_M if plan.band and plan.storeys == 2 else FOUNDATION_M
-    parts: list[Part] = [
+    parts: list[MeshPart] = [
         g.box((-front - 0.03, -half - 0.03, FOOTING_M), (front + 0.03, half + 0.03, FOUNDATION_M), stone, 1.5),
         g.box((-front, -half, middle), (front, half, eave), wall, tile),
         *_door(front, door, FOUNDATION_M, colors.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from episodes import geometry as g
 from episodes.assets import paint as colors
-from episodes.geometry import Part
+from episodes.geometry import MeshPart
 from episodes.scene import Material, Mesh
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
@@ -72,7 +72,7 @@ def multirotor(shape: Outline) -> Mesh:
     return g.assemble(parts)
 
 
-def _hull(shape: Outline) -> list[Part]:
+def _hull(shape: Outline) -> list[MeshPart]:
     """Return shell, battery and mast."""
     half = 0.36 * shape.arm_m
     outer = [(1.25, 0.5), (0.7, 0.85), (-0.9, 0.8), (-1.15, 0.0), (-0.9, -0.8), (0.7, -0.85), (1.25, -0.5)]
@@ -94,7 +94,7 @@ def _hull(shape: Outline) -> list[Part]:
     return parts
 
 
-def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[Part]:
+def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[MeshPart]:
     """Return a motor and its two blades, which is how a propeller looks from near in a short exposure."""
     x, y, z = hub
     first, step = STOPPED_RAD
@@ -106,7 +106,7 @@ def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[Part
     return parts + [g.placed(blade, hub, first + step * number + half) for half in (0.0, np.pi)]
 
 
-def _legs(shape: Outline, thin: float) -> list[Part]:
+def _legs(shape: Outline, thin: float) -> list[MeshPart]:
     """Return a leg to each foot, and a skid along the feet of either side."""
     feet = [(x, -y, -z) for x, y, z in shape.touching if z > 0.0]
     parts = [g.rod((0.4 * x, 0.4 * y, 0.0), (x, y, z + thin), (thin, thin), CARBON, 6) for x, y, z in feet]
@@ -118,7 +118,7 @@ def _legs(shape: Outline, thin: float) -> list[Part]:
     return parts
 
 
-def _camera(shape: Outline, thin: float) -> list[Part]:
+def _camera(shape: Outline, thin: float) -> list[MeshPart]:
     """Return the camera on its boom."""
     x, y, z = CameraModel().offset_frd
     size = 0.2 * min(shape.radius_m, 0.15)

@@ -8,29 +8,28 @@ import numpy as np
 
 from episodes import geometry as g
 from episodes.assets import paint as colors
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Material, Mesh
+from foundation.frames import Vec3
 
 SKIN = colors.plain("skin", (198, 152, 122), 0.1)
 HAIR = colors.plain("hair", (52, 40, 32), 0.1)
 TROUSERS = colors.plain("trousers", (50, 54, 64), 0.03)
 SHOES = colors.plain("shoes", (36, 34, 34), 0.15)
 
-Point = tuple[float, float, float]
-
 
 @dataclass(frozen=True, slots=True)
 class Pose:
     """Where the joints of a body are (m, FLU); the right side is first in every pair."""
 
-    hip: Point  # middle of the pelvis
-    chest: Point  # middle of the shoulders
-    head: Point  # middle of the head
-    knees: tuple[Point, Point]
-    ankles: tuple[Point, Point]
-    elbows: tuple[Point, Point]
-    hands: tuple[Point, Point]
-    toes: tuple[Point, Point]  # unit-ish direction in which each foot points
+    hip: Vec3  # middle of the pelvis
+    chest: Vec3  # middle of the shoulders
+    head: Vec3  # middle of the head
+    knees: tuple[Vec3, Vec3]
+    ankles: tuple[Vec3, Vec3]
+    elbows: tuple[Vec3, Vec3]
+    hands: tuple[Vec3, Vec3]
+    toes: tuple[Vec3, Vec3]  # unit-ish direction in which each foot points
 
 
 FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
@@ -48,16 +47,16 @@ WALKING = Pose(
 )  # fmt: skip
 
 
-def limb(joints: Sequence[Point], radii: Sequence[float], material: Material, segments: int = 10) -> list[Part]:
+def limb(joints: Sequence[Vec3], radii: Sequence[float], material: Material, segments: int = 10) -> list[MeshPart]:
     """Return a limb: tapered rods through the joints, rounded where they meet and at both ends."""
-    parts: list[Part] = []
+    parts: list[MeshPart] = []
     for a, b, ra, rb in zip(joints, joints[1:], radii, radii[1:], strict=False):
         parts.append(g.rod(a, b, (ra, rb), material, segments))
     parts += [g.ball(p, (r, r, r), material, 1) for p, r in zip(joints, radii, strict=True)]
     return parts
 
 
-def _torso(pose: Pose, material: Material) -> Part:
+def _torso(pose: Pose, material: Material) -> MeshPart:
     """Return the trunk from the hem of the jacket to the neck: ellipses along the spine."""
     low, high = np.array(pose.hip), np.array(pose.chest)
     spine = high - low
@@ -74,7 +73,7 @@ def _torso(pose: Pose, material: Material) -> Part:
     return g.grid(np.stack(rings, axis=1), material, 60.0)
 
 
-def body(pose: Pose, paint: str, helmet: Material | None = None) -> list[Part]:
+def body(pose: Pose, paint: str, helmet: Material | None = None) -> list[MeshPart]:
     """Return a person of 1.75 m in a pose, bare-headed or with a helmet. Raises UsageError for an unknown paint."""
     jacket = colors.paint(paint)
     cloth = Material(f"cloth-{paint}", jacket.color, specular=0.05)
@@ -103,7 +102,7 @@ def body(pose: Pose, paint: str, helmet: Material | None = None) -> list[Part]:
     return parts
 
 
-def _grounded(parts: list[Part]) -> Mesh:
+def _grounded(parts: list[MeshPart]) -> Mesh:
     """Return the parts as a mesh whose lowest point touches the ground."""
     low = min(float(p.corners[..., 2].min()) for p in parts)
     return g.assemble([g.placed(p, (0.0, 0.0, -low)) for p in parts])

@@ -7,7 +7,7 @@ import numpy as np
 from episodes import geometry as g
 from episodes.assets.paint import linear
 from episodes.assets.textures import surface
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Material, Mesh
 
 LEAVES = {
@@ -23,7 +23,7 @@ def _foliage(species: str) -> Material:
     return surface("foliage", linear(LEAVES[species]))
 
 
-def _leaves(clump: Part, count: int, size: float, rng: np.random.Generator, material: Material) -> Part:
+def _leaves(clump: MeshPart, count: int, size: float, rng: np.random.Generator, material: Material) -> MeshPart:
     """Return loose leaf sprays scattered over a clump, lit as the clump is where they grow."""
     at = rng.integers(0, len(clump.corners), count)
     middle, normal = clump.corners[at].mean(axis=1), clump.normals[at].mean(axis=1)
@@ -31,14 +31,14 @@ def _leaves(clump: Part, count: int, size: float, rng: np.random.Generator, mate
     spread = rng.normal(size=(count, 3, 3)) * size + middle[:, None, :] + normal[:, None, :] * size * 0.5
     both = np.concatenate([spread, spread[:, ::-1]])
     normals = np.repeat(np.concatenate([normal, normal])[:, None, :], 3, axis=1)
-    return Part(both, normals, g.slope_uv(both, 1.2), material)
+    return MeshPart(both, normals, g.slope_uv(both, 1.2), material)
 
 
-def _clump(centre: Array, radii: Array, seed: int, material: Material, sprays: int, level: int = 2) -> list[Part]:
+def _clump(centre: Array, radii: Array, seed: int, material: Material, sprays: int, level: int = 2) -> list[MeshPart]:
     rng = np.random.default_rng(seed)
     ball = g.ball(centre, radii, material, level)
     rough = g.roughened(ball, 0.13 * float(np.mean(radii)), seed, float(np.mean(radii)) * 0.8)
-    rough = Part(rough.corners, rough.normals, g.slope_uv(ball.corners, 1.2), material)
+    rough = MeshPart(rough.corners, rough.normals, g.slope_uv(ball.corners, 1.2), material)
     return [rough, _leaves(rough, sprays, 0.12 * min(1.0, float(np.mean(radii))), rng, material)]
 
 

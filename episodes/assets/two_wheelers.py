@@ -10,7 +10,7 @@ from episodes import geometry as g
 from episodes.assets import paint as colors
 from episodes.assets.people import FORWARD, Pose, body
 from episodes.assets.vehicles import about_y, plates
-from episodes.geometry import Part
+from episodes.geometry import MeshPart
 from episodes.scene import Material, Mesh
 
 MOTORCYCLE_SIZE = 1.06  # of the drawing below: 2.4 m long, as the largest tourers are
@@ -29,14 +29,14 @@ BIKER = Pose(
 )  # fmt: skip
 
 
-def tyre(radius: float, thick: float, material: Material = colors.RUBBER, segments: int = 28) -> Part:
+def tyre(radius: float, thick: float, material: Material = colors.RUBBER, segments: int = 28) -> MeshPart:
     """Return a ring of round section about the y axis through the origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, 9)
     middle = radius - thick / 2
     return about_y(g.lathe([(middle + thick / 2 * np.cos(a), thick / 2 * np.sin(a)) for a in turn], material, segments))
 
 
-def _spoked(x: float, radius: float, spokes: int) -> list[Part]:
+def _spoked(x: float, radius: float, spokes: int) -> list[MeshPart]:
     """Return a bicycle wheel that touches the ground at x."""
     parts = [tyre(radius, 0.045), tyre(radius - 0.035, 0.028, ALLOY, 24)]
     for k in range(spokes):
@@ -80,7 +80,7 @@ def cyclist(paint: str) -> Mesh:
     return g.assemble(parts + body(RIDER, paint, frame))
 
 
-def _motor_wheel(x: float, radius: float, thick: float) -> list[Part]:
+def _motor_wheel(x: float, radius: float, thick: float) -> list[MeshPart]:
     parts = [tyre(radius, thick), tyre(radius - 0.7 * thick, 0.4 * thick, colors.RIM, 24)]
     for k in range(5):
         a = 2 * np.pi * k / 5

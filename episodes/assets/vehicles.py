@@ -9,7 +9,7 @@ import numpy as np
 from episodes import geometry as g
 from episodes.assets import lettering
 from episodes.assets import paint as colors
-from episodes.geometry import Array, Part
+from episodes.geometry import Array, MeshPart
 from episodes.scene import Material, Mesh
 
 
@@ -69,7 +69,7 @@ def plan_at(shape: CarShape, x: Array) -> Array:
     return shape.width / 2 * (1.0 - 0.10 * reach**5 - 0.06 * np.clip((reach - 0.93) / 0.07, 0, 1) ** 2)
 
 
-def body(shape: CarShape, material: Material) -> list[Part]:
+def body(shape: CarShape, material: Material) -> list[MeshPart]:
     """Return the lower body: cross-sections lofted from tail to nose, the underside raised over the wheels."""
     half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
     around = arch * np.cos(np.linspace(0.0, np.pi, 11))
@@ -123,7 +123,7 @@ def _edge(shape: CarShape, end: int, z: float) -> float:
     return shape.cabin_low[end] + (shape.cabin_high[end] - shape.cabin_low[end]) * up
 
 
-def _cabin(shape: CarShape, material: Material) -> list[Part]:
+def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
     """Return the greenhouse: painted shell and crowned roof, with glass set a finger's breadth proud of it."""
     levels = (shape.belt - 0.11, shape.roof - 0.09, shape.roof - 0.03, shape.roof)
     inset = (0.0, 0.0, 0.045, 0.16)
@@ -172,7 +172,7 @@ def _cabin(shape: CarShape, material: Material) -> list[Part]:
     return parts
 
 
-def _rear_doors(shape: CarShape) -> list[Part]:
+def _rear_doors(shape: CarShape) -> list[MeshPart]:
     """Return the split rear doors of a panel van, a window in each, and the rail of the sliding door on either side."""
     low, high, proud = shape.roof - 0.72, shape.roof - 0.26, 0.012
     parts = []
@@ -201,7 +201,7 @@ def _facing(points: list[tuple[float, float, float]], outward: tuple[float, floa
     return p if np.dot(normal, outward) > 0.0 else p[[1, 0, 3, 2]]
 
 
-def wheel(radius: float, width: float) -> list[Part]:
+def wheel(radius: float, width: float) -> list[MeshPart]:
     """Return a wheel about the y axis through the origin, its rim on the +y side."""
     half = width / 2
     outline = [
@@ -224,13 +224,13 @@ def wheel(radius: float, width: float) -> list[Part]:
     return [about_y(p) for p in parts]
 
 
-def about_y(part: Part) -> Part:
+def about_y(part: MeshPart) -> MeshPart:
     """Return a part whose z axis has become +y."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     return replace(part, corners=part.corners @ turn, normals=part.normals @ turn)
 
 
-def _wheels(shape: CarShape) -> list[Part]:
+def _wheels(shape: CarShape) -> list[MeshPart]:
     """Return four wheels, their housings and the dark underbody."""
     parts = []
     one = wheel(shape.wheel_radius, 0.23)
@@ -243,7 +243,7 @@ def _wheels(shape: CarShape) -> list[Part]:
     return parts
 
 
-def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) -> list[Part]:
+def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) -> list[MeshPart]:
     """Return grille, bumpers and lamps; `end` is the half width at nose and tail."""
     half, mid = shape.length / 2, shape.clearance + 0.42 * (nose - shape.clearance)
     parts = [
@@ -264,7 +264,7 @@ def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) ->
     return parts + pair + [g.mirrored(p) for p in pair]
 
 
-def _flank(shape: CarShape, material: Material) -> list[Part]:
+def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
     """Return the left side's door gaps, handles, mirror and cladding."""
     side, axle, arch = shape.width / 2, shape.wheelbase / 2, shape.wheel_radius * 1.22
     sill, belt = shape.clearance + 0.16, shape.belt - 0.05
@@ -305,7 +305,7 @@ def _flank(shape: CarShape, material: Material) -> list[Part]:
     return parts
 
 
-def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> list[Part]:
+def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> list[MeshPart]:
     """Return a pickup's load bed: a dark floor between raised sides."""
     (x0, x1), side = reach, shape.width / 2
     z = float(np.interp(x0, *np.array(shape.deck).T)) + 0.036
@@ -321,7 +321,7 @@ def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> lis
 DIGIT_M = 0.10  # height of a plate's letters (paper, appendix "Maps and Episodes")
 
 
-def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> list[Part]:
+def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> list[MeshPart]:
     """Return both number plates, given (x, height of the lower edge) of each."""
     picture = lettering.plate(text)
     sign = Material(f"plate-{text}", (1.0, 1.0, 1.0), picture, emission=0.05)

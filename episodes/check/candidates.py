@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.assets import exhibits, vehicles
-from episodes.check.finding import Finding, at_least, between
+from episodes.check.finding import RuleFinding, at_least, between
 from episodes.check.footing import LIFT_M
 from episodes.check.limits import (
     CANDIDATES,
@@ -24,7 +24,7 @@ from episodes.check.limits import (
 )
 from episodes.check.pixels import patch
 from episodes.check.sight import CAMERA, level
-from episodes.check.solid import Standing, box_of
+from episodes.check.solid import StandingObstacles, box_of
 from episodes.record import TargetRecord
 from episodes.scene import Instance
 from episodes.visibility import Hides, Solids, Together, turn
@@ -35,18 +35,18 @@ LETTER_M = {"sign": exhibits.LETTER_M}  # height of an inscription's letters, by
 PLATE_LETTER_M = vehicles.DIGIT_M  # … and of every other
 
 
-def rules(world: World, standing: Standing) -> Iterator[Finding]:
+def rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the candidates of a commanding record."""
     record = world.record
     if record.cell != "commanding":
         return
     everyone = (record.target, *record.candidates)
-    yield Finding("the number of candidates", len(everyone) == CANDIDATES, str(len(everyone)), str(CANDIDATES))
+    yield RuleFinding("the number of candidates", len(everyone) == CANDIDATES, str(len(everyone)), str(CANDIDATES))
     looks = {f"{one.paint} {one.asset}" for one in everyone}
-    yield Finding("the candidates' look", len(looks) == 1, ", ".join(sorted(looks)), "one asset in one paint")
+    yield RuleFinding("the candidates' look", len(looks) == 1, ", ".join(sorted(looks)), "one asset in one paint")
     texts = [one.inscription or "none" for one in everyone]
     alone = len(set(texts)) == len(texts) and "none" not in texts
-    yield Finding("the inscriptions", alone, ", ".join(texts), "one for each, no two the same")
+    yield RuleFinding("the inscriptions", alone, ", ".join(texts), "one for each, no two the same")
     things = [i for i in world.scene.instances if i is world.target or i.name.startswith("candidate-")]
     yield from spread(world, [centre(one) for one in things])
     for one in things:
@@ -55,7 +55,7 @@ def rules(world: World, standing: Standing) -> Iterator[Finding]:
             met = standing.met(box_of(one, one.position_ned, one.yaw, 0.0, LIFT_M), one.name)
             says = f"{off:.3f} m off the ground, in {met or 'nothing'}"
             fine = off <= OFF_GROUND_M and not met
-            yield Finding(f"{one.name}'s footing", fine, says, f"≤ {OFF_GROUND_M:g} m, in nothing")
+            yield RuleFinding(f"{one.name}'s footing", fine, says, f"≤ {OFF_GROUND_M:g} m, in nothing")
     yield from legibility(world, things, everyone)
 
 
@@ -66,7 +66,7 @@ def centre(one: Instance) -> Vec3:
     return (float(n), float(e), float(d))
 
 
-def spread(world: World, centres: list[Vec3]) -> Iterator[Finding]:
+def spread(world: World, centres: list[Vec3]) -> Iterator[RuleFinding]:
     """Yield how far the candidates stand from each other and from the drones."""
     pairs = [math.dist(a, b) for a, b in itertools.combinations(centres, 2)] or [0.0]
     yield between("the nearest pair of candidates", min(pairs), NEAREST_PAIR_M, "m")
@@ -79,14 +79,14 @@ def spread(world: World, centres: list[Vec3]) -> Iterator[Finding]:
     yield between("the grid's distance from its farthest candidate", max(ways), GRID_TO_CANDIDATES_M, "m")
 
 
-def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecord, ...]) -> Iterator[Finding]:
+def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecord, ...]) -> Iterator[RuleFinding]:
     """Yield whether every candidate is spotted from every start, and no inscription can be read from any."""
     texts = {"target": everyone[0].inscription or ""}
     texts |= {f"candidate-{k}": one.inscription or "" for k, one in enumerate(everyone[1:], 1)}
     blank = [one.name for one in things if len(_written(one, texts[one.name])) == 0]
     if blank:
         says = f"not shown by {', '.join(blank)}, a {things[0].kind}"
-        yield Finding("the inscription", False, says, "an asset that shows it")
+        yield RuleFinding("the inscription", False, says, "an asset that shows it")
         return
     fewest, highest, standing = math.inf, 0.0, solids(world.record.map, world.record.map_seed)
     for one in things:
@@ -101,7 +101,9 @@ def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecor
     yield at_least("the least that a drone sees of a candidate", fewest, SPOTTED_PX, "pixels", 0)
     says = f"{highest:.2f} px high" if highest else "turned away"
     fine = highest < READABLE_PX
-    yield Finding("the best view of an inscription from a start", fine, says, f"< {READABLE_PX:g} px high at 640 px")
+    yield RuleFinding(
+        "the best view of an inscription from a start", fine, says, f"< {READABLE_PX:g} px high at 640 px"
+    )
 
 
 def letters_px(one: Instance, text: str, past: Hides, origin: Vec3, yaw_deg: float) -> float:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class RuleFinding:
     """One rule, applied."""
 
     rule: str  # what is demanded, a few words
@@ -20,17 +20,17 @@ class Finding:
         return f"{about}{self.rule} is {self.measured}, wanted {self.wanted}"
 
 
-def between(rule: str, value: float, limits: tuple[float, float], unit: str, digits: int = 2) -> Finding:
+def between(rule: str, value: float, limits: tuple[float, float], unit: str, digits: int = 2) -> RuleFinding:
     """Return whether a value lies within limits, both included."""
     low, high = limits
-    return Finding(rule, low <= value <= high, f"{value:.{digits}f} {unit}", f"{low:g} … {high:g} {unit}")
+    return RuleFinding(rule, low <= value <= high, f"{value:.{digits}f} {unit}", f"{low:g} … {high:g} {unit}")
 
 
-def at_least(rule: str, value: float, least: float, unit: str, digits: int = 2) -> Finding:
+def at_least(rule: str, value: float, least: float, unit: str, digits: int = 2) -> RuleFinding:
     """Return whether a value reaches a limit."""
-    return Finding(rule, value >= least, f"{value:.{digits}f} {unit}", f"≥ {least:g} {unit}")
+    return RuleFinding(rule, value >= least, f"{value:.{digits}f} {unit}", f"≥ {least:g} {unit}")
 
 
-def at_most(rule: str, value: float, most: float, unit: str, digits: int = 2) -> Finding:
+def at_most(rule: str, value: float, most: float, unit: str, digits: int = 2) -> RuleFinding:
     """Return whether a value stays within a limit."""
-    return Finding(rule, value <= most, f"{value:.{digits}f} {unit}", f"≤ {most:g} {unit}")
+    return RuleFinding(rule, value <= most, f"{value:.{digits}f} {unit}", f"≤ {most:g} {unit}")

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from episodes.check.finding import Finding, at_least, at_most
+from episodes.check.finding import RuleFinding, at_least, at_most
 from episodes.check.limits import OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M
-from episodes.check.solid import Standing, box_of
+from episodes.check.solid import StandingObstacles, box_of
 from episodes.target import motion
 from episodes.world import World
 from foundation.protocol import CAP_S
@@ -20,7 +20,7 @@ MARGIN_M = 0.05  # kept to everything by what stands or passes
 LIFT_M = 0.12  # kerbs and roots lower than this stop no wheel
 
 
-def rules(world: World, standing: Standing) -> Iterator[Finding]:
+def rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the target's footing and its path."""
     record = world.record
     if record.target.native is not None:
@@ -30,7 +30,7 @@ def rules(world: World, standing: Standing) -> Iterator[Finding]:
         off = abs(down - world.ground_down(north, east))
         yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
         met = standing.met(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
-        yield Finding("what the target stands in", not met, met or "nothing", "nothing")
+        yield RuleFinding("what the target stands in", not met, met or "nothing", "nothing")
         return
     yield off_ground(world)
     yield swept(world, standing)
@@ -42,7 +42,7 @@ def rules(world: World, standing: Standing) -> Iterator[Finding]:
     yield at_least("the path's distance from the start", nearest, START_TO_PATH_M, "m")
 
 
-def off_ground(world: World) -> Finding:
+def off_ground(world: World) -> RuleFinding:
     """Return whether the path, as far as the target comes and between its waypoints too, lies on the ground."""
     path = world.record.target.path
     if path is None:
@@ -59,10 +59,10 @@ def off_ground(world: World) -> Finding:
                 worst, where = off, (n, e, d)
         gone += leg
     says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-    return Finding("the path off the ground", worst <= OFF_GROUND_M, says, f"≤ {OFF_GROUND_M:g} m")
+    return RuleFinding("the path off the ground", worst <= OFF_GROUND_M, says, f"≤ {OFF_GROUND_M:g} m")
 
 
-def swept(world: World, standing: Standing) -> Finding:
+def swept(world: World, standing: StandingObstacles) -> RuleFinding:
     """Return whether the target's box, moved along its path, meets nothing that stands."""
     way = motion(world.record.target)
     last = min(CAP_S, way.length_m / way.speed_mps)
@@ -72,21 +72,21 @@ def swept(world: World, standing: Standing) -> Finding:
         met = standing.met(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
         if met:
             says = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
-            return Finding("what the target meets on its path", False, says, "nothing")
-    return Finding("what the target meets on its path", True, "nothing", "nothing")
+            return RuleFinding("what the target meets on its path", False, says, "nothing")
+    return RuleFinding("what the target meets on its path", True, "nothing", "nothing")
 
 
-def long_enough(world: World) -> Finding:
+def long_enough(world: World) -> RuleFinding:
     """Return whether the target is still on its way when the episode ends."""
     way = motion(world.record.target)
     least = way.speed_mps * CAP_S
     says = f"{way.length_m:.1f} m"
-    return Finding("the path's length", way.length_m > least, says, f"> {least:g} m, what it covers in {CAP_S:g} s")
+    return RuleFinding("the path's length", way.length_m > least, says, f"> {least:g} m, what it covers in {CAP_S:g} s")
 
 
-def pace(world: World) -> Iterator[Finding]:
+def pace(world: World) -> Iterator[RuleFinding]:
     """Yield whether the target moves at its map's speed."""
     wanted = RULES.get(world.record.map, OF_OTHER_MAPS).speed_mps
     speed = motion(world.record.target).speed_mps
     if wanted is not None:
-        yield Finding("the target's speed", abs(speed - wanted) < 1e-9, f"{speed:g} m/s", f"{wanted:g} m/s")
+        yield RuleFinding("the target's speed", abs(speed - wanted) < 1e-9, f"{speed:g} m/s", f"{wanted:g} m/s")

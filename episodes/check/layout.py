@@ -8,7 +8,7 @@ import numpy as np
 from episodes.check.pixels import patch
 from episodes.check.sight import CAMERA, bearing_deg, level
 from episodes.geometry import assemble, box
-from episodes.record import Start
+from episodes.record import StartPose
 from episodes.scene import Instance, Material
 from episodes.visibility import Solids, Together
 from episodes.world import World, solids
@@ -61,7 +61,7 @@ def layout(world: World) -> Layout:
     )
 
 
-def _in_picture(start: Start, goal: Vec3) -> tuple[float, float]:
+def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
     """Return the column and the row (0 … 1) of a point before a level drone."""
     yaw = math.radians(start.yaw_deg)
     north, east = goal[0] - start.position_ned[0], goal[1] - start.position_ned[1]
@@ -117,7 +117,7 @@ def past_each_other(world: World) -> int:
     return int(fewest)
 
 
-def _drone(number: int, start: Start) -> Instance:
+def _drone(number: int, start: StartPose) -> Instance:
     """Return a drone that hovers at a start, as the box around it."""
     reach = np.array(DRONE_M)
     mesh = assemble([box(-reach, reach, Material("drone", (0.2, 0.2, 0.2)))])

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-Limits = tuple[float, float]  # least and most, both allowed
+Bounds = tuple[float, float]  # least and most, both allowed
 
-OCCUPANCY_PERCENT: Limits = (0.40, 12.0)  # of the picture, when the target is faced from the start
+OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # of the picture, when the target is faced from the start
 # The paper has 0.40 % in its words on the residential map. At the 48 m that it has on the campus no fixture takes so
 # much; a kiosk takes 0.27 %, which is 25 pixels either way of the picture that a model gets.
-CAMPUS_OCCUPANCY_PERCENT: Limits = (0.25, 12.0)
-ALTITUDE_M: Limits = (1.2, 2.2)  # above the ground under the start, on the maps that ship
+CAMPUS_OCCUPANCY_PERCENT: Bounds = (0.25, 12.0)
+ALTITUDE_M: Bounds = (1.2, 2.2)  # above the ground under the start, on the maps that ship
 DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # between what a record says and what is measured
 REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
 LEVEL_M = 0.10  # of ground under a start, across REACH_M: from a kerb a vehicle tips over before it lifts
@@ -18,11 +18,11 @@ START_TO_PATH_M = 6.0  # a drone that waits at its start must not be passed with
 
 # Commanding
 CANDIDATES = 4
-NEAREST_PAIR_M: Limits = (5.5, 11.2)
-WIDEST_PAIR_M: Limits = (18.0, 32.0)
+NEAREST_PAIR_M: Bounds = (5.5, 11.2)
+WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02
-GRID_TO_TARGET_M: Limits = (12.0, 32.0)
-GRID_TO_CANDIDATES_M: Limits = (7.0, 37.0)
+GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
+GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
 SPOTTED_PX = 90  # of 1280×720: 22 of the picture that the model sees, a dot that can be told from none
 
 # How high letters stand in the 640 px picture (focal length 320 px). By the paper's reading probe no model reads a
@@ -37,11 +37,11 @@ FACING = 0.17  # cosine of the angle at which an inscription is seen: flatter th
 class MapRules:
     """What differs from map to map."""
 
-    start_distance_m: Limits  # one drone, first frame, in three dimensions
+    start_distance_m: Bounds  # one drone, first frame, in three dimensions
     speed_mps: float | None = None  # of moving targets; None: any
     off_axes_deg: float = 0.0  # the least angle between the target's bearing and the map's axes
-    altitude_m: Limits = ALTITUDE_M
-    occupancy_percent: Limits = OCCUPANCY_PERCENT
+    altitude_m: Bounds = ALTITUDE_M
+    occupancy_percent: Bounds = OCCUPANCY_PERCENT
 
 
 RULES = {

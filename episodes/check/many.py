@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from episodes import catalogue
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.check.layout import Layout, layout
 from episodes.check.rules import check
 from episodes.processes import share_out
@@ -19,7 +19,7 @@ class Report:
 
     name: str  # its id; where it cannot be read, what it was asked for by
     asked: str  # id, file or folder
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[RuleFinding, ...] = ()
     refused: str | None = None  # why it could not be read or built at all
     layout: Layout | None = None  # for the rules about a suite
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from foundation.frames import Vec3
+from foundation.polygon import Point
 
-Point = tuple[float, float]  # m, north and east
 COMPACT_M = 4.0  # half the width of the largest landmark that has a left, a right, a front and a back for a passer-by
 BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # from a landmark, the farthest that is called beside, before or behind it
 NEAREST_M = 25.0  # … and that is called the nearest to it

@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from episodes.check import candidates, footing, sight, start, words
-from episodes.check.finding import Finding
-from episodes.check.solid import Standing
+from episodes.check.finding import RuleFinding
+from episodes.check.solid import StandingObstacles
 from episodes.world import World
 
 
-def check(world: World) -> list[Finding]:
+def check(world: World) -> list[RuleFinding]:
     """Return every rule's finding about a world's record, in a fixed order."""
-    standing = Standing(world.scene.instances)
+    standing = StandingObstacles(world.scene.instances)
     place = "target.position_ned" if world.record.target.path is None else "target.path"
     return [
         *_about("starts", start.rules(world, standing)),
@@ -22,6 +22,6 @@ def check(world: World) -> list[Finding]:
     ]
 
 
-def _about(field: str, findings: Iterable[Finding]) -> list[Finding]:
+def _about(field: str, findings: Iterable[RuleFinding]) -> list[RuleFinding]:
     """Return findings with the field they are about, where they do not name it themselves."""
     return [found if found.field else replace(found, field=field) for found in findings]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from episodes.check.finding import Finding, at_least, between
+from episodes.check.finding import RuleFinding, at_least, between
 from episodes.check.limits import BODY_M, OF_OTHER_MAPS, RULES
 from episodes.check.pixels import Patch, patch
 from episodes.world import World
@@ -24,7 +24,7 @@ def level(yaw_deg: float) -> Quat:
     return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
 
 
-def rules(world: World) -> Iterator[Finding]:
+def rules(world: World) -> Iterator[RuleFinding]:
     """Yield the findings about sight. Occupancy is that of the box around the target's pixels, as a detector has it."""
     record, start = world.record, world.record.starts[0]
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
@@ -32,7 +32,9 @@ def rules(world: World) -> Iterator[Finding]:
     if record.cell != "commanding":
         allowed = RULES.get(record.map, OF_OTHER_MAPS).occupancy_percent
         said = between("the occupancy of the faced target", 100.0 * faced.box_share, allowed, "%")
-        yield Finding(said.rule, said.passed, f"{said.measured} ({100 * faced.share:.2f} % of the pixels)", said.wanted)
+        yield RuleFinding(
+            said.rule, said.passed, f"{said.measured} ({100 * faced.share:.2f} % of the pixels)", said.wanted
+        )
     others = world.fleet.others(0).values()
     fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, others).visible_fraction
     yield at_least("the share of the faced target that nothing hides", fraction, FACED_FRACTION, "of it")
@@ -40,13 +42,13 @@ def rules(world: World) -> Iterator[Finding]:
     m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA, others)
     if record.visible_at_start:
         says = f"{m.visible_fraction:.2f} of it"
-        yield Finding("the target at the first frame", m.visible, says, "visible, as recorded", "visible_at_start")
+        yield RuleFinding("the target at the first frame", m.visible, says, "visible, as recorded", "visible_at_start")
         if record.cell != "commanding":
             cut = seen(world, start.position_ned, start.yaw_deg).cut
-            yield Finding("the target in the first picture", not cut, "cut off" if cut else "whole", "whole")
+            yield RuleFinding("the target in the first picture", not cut, "cut off" if cut else "whole", "whole")
         return
     shown = seen(world, start.position_ned, start.yaw_deg).pixels
-    yield Finding(
+    yield RuleFinding(
         "the target at the first frame", shown == 0, f"{shown} pixels", "0 pixels, as recorded", "visible_at_start"
     )
 
@@ -58,7 +60,7 @@ def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
     return patch(world.target, place, yaw, past, origin, level(yaw_deg), CAMERA)
 
 
-def way(world: World) -> Finding:
+def way(world: World) -> RuleFinding:
     """Return whether a drone may fly straight at the target, as far as the radius of success."""
     start, goal = world.record.starts[0].position_ned, world.target_centre(0.0)
     span = math.dist(start, goal)

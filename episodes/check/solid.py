@@ -30,7 +30,7 @@ def box_of(one: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m
     return Box(np.array(place) + turn(yaw) @ ((low + high) / 2), np.maximum((high - low) / 2, 0.01), yaw)
 
 
-class Standing:
+class StandingObstacles:
     """Everything solid that does not move, its ground excepted."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:

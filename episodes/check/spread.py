@@ -8,7 +8,7 @@ the rule names no pilot.
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 
-from episodes.check.finding import Finding, at_least, at_most, between
+from episodes.check.finding import RuleFinding, at_least, at_most, between
 from episodes.check.framing import HALF_VIEW_DEG
 from episodes.check.layout import Layout
 from episodes.check.limits import SPOTTED_PX
@@ -25,11 +25,11 @@ AHEAD = {True: 2, False: 1}  # of ten in sight or hidden, passed by flying strai
 ANY_HEADING = {True: 4, False: 2}  # … and on the one heading from the nose that passes most
 
 
-def rules(layouts: Sequence[Layout]) -> Iterator[Finding]:
+def rules(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
     """Yield the findings about a suite."""
     seeds = Counter(one.seed for one in layouts)
     twice = [one.id for one in layouts if seeds[one.seed] > 1]
-    yield Finding("the seeds", not twice, ", ".join(twice[:4]) or "all distinct", "one for each record", "seed")
+    yield RuleFinding("the seeds", not twice, ", ".join(twice[:4]) or "all distinct", "one for each record", "seed")
     cells: dict[tuple[str, str], list[Layout]] = defaultdict(list)
     for one in layouts:
         cells[one.map, one.cell].append(one)
@@ -41,7 +41,7 @@ def rules(layouts: Sequence[Layout]) -> Iterator[Finding]:
         yield from of_suite(flown)
 
 
-def of_suite(flown: Sequence[Layout]) -> Iterator[Finding]:
+def of_suite(flown: Sequence[Layout]) -> Iterator[RuleFinding]:
     """Yield the findings about the one-drone records together."""
     campus = [one.distance_m for one in flown if one.map == "campus"]
     if campus:
@@ -57,7 +57,7 @@ def of_suite(flown: Sequence[Layout]) -> Iterator[Finding]:
         )
 
 
-def of_cell(name: str, found: Sequence[Layout]) -> Iterator[Finding]:
+def of_cell(name: str, found: Sequence[Layout]) -> Iterator[RuleFinding]:
     """Yield the findings about the records of one cell on one map."""
     if found[0].fewest_px is not None:
         least = min(one.fewest_px or 0 for one in found)

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from episodes.check.finding import Finding, at_least, at_most, between
+from episodes.check.finding import RuleFinding, at_least, at_most, between
 from episodes.check.limits import (
     BEARING_OFF_DEG,
     DISTANCE_OFF_M,
@@ -15,15 +15,15 @@ from episodes.check.limits import (
     REACH_M,
     RULES,
 )
-from episodes.check.solid import Standing
-from episodes.record import Start
+from episodes.check.solid import StandingObstacles
+from episodes.record import StartPose
 from episodes.world import World
 
 CLIMB_STEP_M = 0.2
 RIM = 16  # points around a start at which the ground is looked at
 
 
-def rules(world: World, standing: Standing) -> Iterator[Finding]:
+def rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the starts."""
     yield from distance_and_bearing(world)
     yield from altitude(world)
@@ -31,17 +31,17 @@ def rules(world: World, standing: Standing) -> Iterator[Finding]:
     yield formation(world)
 
 
-def distance_and_bearing(world: World) -> Iterator[Finding]:
+def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
     """Yield whether the record says what is measured, and whether that is what its map demands."""
     record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
     distance = math.dist(here, goal)
     bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
     off = abs(distance - record.start_distance_m)
     says, told = f"{distance:.3f} m", f"{record.start_distance_m:g} m, as recorded"
-    yield Finding("the distance measured in the scene", off <= DISTANCE_OFF_M, says, told, "start_distance_m")
+    yield RuleFinding("the distance measured in the scene", off <= DISTANCE_OFF_M, says, told, "start_distance_m")
     turned = abs(math.remainder(bearing - record.bearing_deg, 360.0))
     says, told = f"{bearing:.2f}°", f"{record.bearing_deg:g}°, as recorded"
-    yield Finding("the bearing measured in the scene", turned <= BEARING_OFF_DEG, says, told, "bearing_deg")
+    yield RuleFinding("the bearing measured in the scene", turned <= BEARING_OFF_DEG, says, told, "bearing_deg")
     if record.cell == "commanding":
         return
     of_map = RULES.get(record.map, OF_OTHER_MAPS)
@@ -51,7 +51,7 @@ def distance_and_bearing(world: World) -> Iterator[Finding]:
         yield at_least("the bearing's angle to the map's axes", from_axis, of_map.off_axes_deg, "°", 1)
 
 
-def altitude(world: World) -> Iterator[Finding]:
+def altitude(world: World) -> Iterator[RuleFinding]:
     """Yield whether every drone starts at a fair height above the ground under it, and that is level."""
     heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
     limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
@@ -69,7 +69,7 @@ def unevenness_m(world: World, north: float, east: float) -> float:
     return max(downs) - min(downs)
 
 
-def free(world: World, standing: Standing) -> Iterator[Finding]:
+def free(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     """Yield whether nothing stands where a drone spawns and climbs to its start."""
     worst, name = REACH_M, ""
     for start in world.record.starts:
@@ -78,10 +78,10 @@ def free(world: World, standing: Standing) -> Iterator[Finding]:
             if met:
                 worst, name = gap, met
     says = f"{worst:.2f} m, to {name}" if name else f"more than {REACH_M:g} m"
-    yield Finding("the room of a drone at its start and on its climb to it", not name, says, f"≥ {REACH_M:g} m")
+    yield RuleFinding("the room of a drone at its start and on its climb to it", not name, says, f"≥ {REACH_M:g} m")
 
 
-def climb(world: World, start: Start) -> Iterator[tuple[float, float, float]]:
+def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]]:
     """Yield the points (m, NED) of a drone's way from the ground up to its start."""
     north, east, top = start.position_ned
     ground = world.ground_down(north, east)
@@ -90,15 +90,15 @@ def climb(world: World, start: Start) -> Iterator[tuple[float, float, float]]:
         yield (north, east, ground + (top - ground) * k / steps)
 
 
-def formation(world: World) -> Finding:
+def formation(world: World) -> RuleFinding:
     """Return whether the drones are as many as the cell has, and a fleet of four in its grid."""
     starts, commanding = world.record.starts, world.record.cell == "commanding"
     if not commanding:
-        return Finding("the number of drones", len(starts) == 1, str(len(starts)), "1")
+        return RuleFinding("the number of drones", len(starts) == 1, str(len(starts)), "1")
     if len(starts) != 4:
-        return Finding("the number of drones", False, str(len(starts)), "4")
+        return RuleFinding("the number of drones", False, str(len(starts)), "4")
     gaps = sorted(math.dist(a.position_ned[:2], b.position_ned[:2]) for a, b in itertools.combinations(starts, 2))
     wanted = [GRID_SIDE_M] * 4 + [GRID_SIDE_M * math.sqrt(2.0)] * 2
     off = max(abs(gap - want) for gap, want in zip(gaps, wanted, strict=True))
     says = ", ".join(f"{gap:.2f}" for gap in gaps)
-    return Finding("the distances among the drones", off <= GRID_OFF_M, f"{says} m", "a square of 2 m sides")
+    return RuleFinding("the distances among the drones", off <= GRID_OFF_M, f"{says} m", "a square of 2 m sides")

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from episodes import assets
 from episodes.check import referring, scenery
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.check.nouns import kind_of, nouns
 from episodes.record import EpisodeRecord
 from episodes.world import World
@@ -16,7 +16,7 @@ def says(text: str, words: str) -> bool:
     return re.search(rf"(?<![\w-]){re.escape(words)}(?![\w-])", text, re.IGNORECASE) is not None
 
 
-def rules(world: World) -> Iterator[Finding]:
+def rules(world: World) -> Iterator[RuleFinding]:
     """Yield the findings about the instruction."""
     record = world.record
     kinds = nouns(record.target.asset)
@@ -24,27 +24,27 @@ def rules(world: World) -> Iterator[Finding]:
         yield from inscription(record)
         return
     named = any(says(record.instruction, word) for word in kinds)
-    yield Finding("the instruction's noun", named, f"'{record.instruction}'", " or ".join(f"'{k}'" for k in kinds))
+    yield RuleFinding("the instruction's noun", named, f"'{record.instruction}'", " or ".join(f"'{k}'" for k in kinds))
     if record.map == "residential" and record.target.native is None:
         yield from paint(world)
     elif named and scenery.places(record.map, record.map_seed).landmarks:
         yield place(world)
 
 
-def inscription(record: EpisodeRecord) -> Iterator[Finding]:
+def inscription(record: EpisodeRecord) -> Iterator[RuleFinding]:
     """Yield whether the instruction of a commanding record tells its inscription and no look-alike's."""
     text = record.target.inscription or ""
     named = bool(text) and says(record.instruction, text)
-    yield Finding("the instruction's inscription", named, f"'{record.instruction}'", f"'{text}'")
+    yield RuleFinding("the instruction's inscription", named, f"'{record.instruction}'", f"'{text}'")
     others = [c.inscription for c in record.candidates if c.inscription and says(record.instruction, c.inscription)]
-    yield Finding("other inscriptions in the instruction", not others, ", ".join(others) or "none", "none")
+    yield RuleFinding("other inscriptions in the instruction", not others, ", ".join(others) or "none", "none")
 
 
-def paint(world: World) -> Iterator[Finding]:
+def paint(world: World) -> Iterator[RuleFinding]:
     """Yield whether the paint is named, no other one is, and it is worn by no other vehicle."""
     record = world.record
     told = [name for name in assets.PAINTS if says(record.instruction, name)]
-    yield Finding(
+    yield RuleFinding(
         "the instruction's colour", told == [record.target.paint], ", ".join(told) or "none", str(record.target.paint)
     )
     others = [
@@ -54,11 +54,11 @@ def paint(world: World) -> Iterator[Finding]:
         and i.kind in assets.names()
         and any(m.name == f"paint-{record.target.paint}" for m in i.mesh.materials)
     ]
-    alone = Finding("others in the target's colour", not others, ", ".join(others[:3]) or "none", "none")
+    alone = RuleFinding("others in the target's colour", not others, ", ".join(others[:3]) or "none", "none")
     yield alone
 
 
-def place(world: World) -> Finding:
+def place(world: World) -> RuleFinding:
     """Return whether the instruction tells the target from its near-duplicates by where it stands."""
     record = world.record
     kind = kind_of(record.target.asset)
@@ -71,7 +71,7 @@ def place(world: World) -> Finding:
     if told is None:
         alone = list(things) == [world.target.name]
         hint = "nearest, left of, right of, in front of, behind or between landmarks"
-        return Finding(rule, alone, f"none of {len(things)}", f"{wanted}, by {hint}")
+        return RuleFinding(rule, alone, f"none of {len(things)}", f"{wanted}, by {hint}")
     clear, loose = referring.denotes(told, things, marks, viewer)
     fine = clear == loose == [world.target.name]
-    return Finding(rule, fine, ", ".join(dict.fromkeys([*clear, *loose])) or "nothing", wanted)
+    return RuleFinding(rule, fine, ", ".join(dict.fromkeys([*clear, *loose])) or "nothing", wanted)

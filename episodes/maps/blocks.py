@@ -13,7 +13,7 @@ import numpy as np
 
 from episodes import geometry as g
 from episodes.assets.paint import plain
-from episodes.geometry import Part
+from episodes.geometry import MeshPart
 from episodes.maps.daylight import sun_at
 from episodes.maps.places import Lane, Places, Spot
 from episodes.scene import Instance, Material, Mesh, Scene
@@ -90,7 +90,7 @@ def _floor() -> Mesh:
     return g.assemble([g.grid(np.stack([n, w, 0.0 * n], axis=2), _floor_look(), tile_m=5.0)])
 
 
-def _arch(wide: float, high: float, deep: float, thick: float, look: Material) -> list[Part]:
+def _arch(wide: float, high: float, deep: float, thick: float, look: Material) -> list[MeshPart]:
     """Return an arch one walks through along the forward axis, `wide` and `high` inside."""
     spring, radius = high - wide / 2, wide / 2
     turn = np.linspace(0.0, np.pi, 17)

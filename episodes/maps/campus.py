@@ -24,7 +24,7 @@ MAY, HOUR = 135, 10.4  # day of the year and true solar hour
 STEP_M = 1.0  # between the waypoints of a lane: the ground bends less than a millimetre in between
 SPOT_GRID_M = 4.0  # between the free places that are looked at
 SPOT_CLEAR_M = 1.6  # from the edge of anything that stands
-Row = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
+PlacedMesh = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
 
 
 def _movers() -> dict[str, Mesh]:
@@ -36,7 +36,7 @@ def _movers() -> dict[str, Mesh]:
     }
 
 
-def _standing(seed: int) -> Iterator[Row]:
+def _standing(seed: int) -> Iterator[PlacedMesh]:
     """Yield everything that stands on the campus but its halls, in the order that gives it its name."""
     makers, movers = fixtures.MAKERS, _movers()
     yield "fountain", campus_monuments.fountain(3), *campus_plan.TIERED, 0.0
@@ -55,7 +55,7 @@ def _standing(seed: int) -> Iterator[Row]:
         yield row
 
 
-def _shrubs(rng: np.random.Generator) -> Iterator[Row]:
+def _shrubs(rng: np.random.Generator) -> Iterator[PlacedMesh]:
     """Yield shrubs before the blind corners of the halls, wherever no fixture stands there."""
     taken = np.array([(north, east) for _, north, east, _ in campus_plan.FIXTURES])
     for plan, north, east, facing in campus_plan.HALLS:
@@ -69,7 +69,7 @@ def _shrubs(rng: np.random.Generator) -> Iterator[Row]:
                     yield "shrub", plants.bush((0.5, 0.58, 0.42)[k % 3], k % 3 + 1), n, e, float(rng.uniform(0, 6))
 
 
-def _backdrop() -> Iterator[Row]:
+def _backdrop() -> Iterator[PlacedMesh]:
     """Yield the woods around the campus, so that no view ends in a bare horizon."""
     for side in (-1, 1):
         for k, along in enumerate((-90.0, -30.0, 30.0, 90.0)):

@@ -37,7 +37,7 @@ MOUNDS = (  # north, east, height, spread in m: all in lawns
 
 
 @dataclass(frozen=True, slots=True)
-class Area:
+class Paving:
     """A piece of paved ground."""
 
     use: str  # 'plaza', 'walk', 'court', 'edging'
@@ -45,13 +45,13 @@ class Area:
     yaw: float = 0.0  # rad, along which its slabs are laid
 
 
-def rect(use: str, north: tuple[float, float], east: tuple[float, float]) -> Area:
+def rect(use: str, north: tuple[float, float], east: tuple[float, float]) -> Paving:
     """Return the area between two norths and two easts."""
     (n0, n1), (e0, e1) = north, east
-    return Area(use, ((n0, e0), (n1, e0), (n1, e1), (n0, e1)))
+    return Paving(use, ((n0, e0), (n1, e0), (n1, e1), (n0, e1)))
 
 
-def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width: float) -> Area:
+def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width: float) -> Paving:
     """Return the straight walk between two places."""
     yaw = math.atan2(end[1] - start[1], end[0] - start[0])
     n, e = -math.sin(yaw) * width / 2, math.cos(yaw) * width / 2
@@ -61,7 +61,7 @@ def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width
         (end[0] + n, end[1] + e),
         (start[0] + n, start[1] + e),
     )
-    return Area(use, ring, yaw)
+    return Paving(use, ring, yaw)
 
 
 # in order of precedence: where two overlap, the first one is seen
@@ -176,7 +176,7 @@ def _triangles() -> Array:
     return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 2) for t in ((a, b, c), (a, c, d))])
 
 
-def _part(tri: Array, yaw: float, look: Material, tile: float) -> g.Part:
+def _part(tri: Array, yaw: float, look: Material, tile: float) -> g.MeshPart:
     """Return triangles in plan as a part that lies on the surface, textured in plan along `yaw`."""
     up = -height(tri[..., 0], tri[..., 1])
     # authored in FLU: forward north, left west; turned over by the change of hand, hence the reversal

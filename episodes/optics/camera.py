@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from episodes.optics import rain, weather
 from episodes.optics.lens import BentLens
 from episodes.optics.light import Codes, Light
-from episodes.optics.options import Lens, Optics, Rain, Sensor
+from episodes.optics.options import LensModel, Optics, Rain, Sensor
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.render.sky import WHITE, daylight
@@ -20,7 +20,7 @@ from foundation.frames import Quat, Vec3, quat_integrate
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class VehicleMotion:
     """A vehicle at the instant of a frame."""
 
     time_s: float  # s, of the scene's own motion
@@ -29,7 +29,7 @@ class Motion:
     attitude: Quat  # FRD → NED
     rates_frd: Vec3  # rad/s, body
 
-    def after(self, seconds: float) -> "Motion":
+    def after(self, seconds: float) -> "VehicleMotion":
         """Return where it is a little later, at constant velocity and rates."""
         p, v, w = self.position_ned, self.velocity_ned, self.rates_frd
         return dataclasses.replace(
@@ -51,12 +51,12 @@ class OpticalRenderer:
         """Raises UsageError as `Renderer` does, ValueError for a lens or a sun that cannot be."""
         sun = lit(scene.sun, optics)
         self._optics, self._camera = optics, camera
-        self._lens = BentLens(optics.lens or Lens(), camera)
+        self._lens = BentLens(optics.lens or LensModel(), camera)
         self._renderer = Renderer(dataclasses.replace(scene, sun=sun), self._lens.wide, threads)
         self._codes = Codes()
         self._air = weather.haze_color(optics.haze, daylight(sun).horizon)
 
-    def picture(self, motion: Motion, moved: Callable[[float], Moved], frame_id: int) -> NDArray[np.uint8]:
+    def picture(self, motion: VehicleMotion, moved: Callable[[float], Moved], frame_id: int) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB picture of a frame; `moved` tells what stands where at a time (s)."""
         optics, rng = self._optics, np.random.default_rng((self._optics.seed, frame_id))
         exposure = optics.exposure
@@ -77,10 +77,10 @@ class OpticalRenderer:
         """Let the renderer's threads go."""
         self._renderer.close()
 
-    def _pose(self, motion: Motion) -> CameraPose:
+    def _pose(self, motion: VehicleMotion) -> CameraPose:
         return camera_pose(motion.position_ned, motion.attitude, self._camera)
 
-    def _seen(self, motion: Motion, moved: Callable[[float], Moved]) -> tuple[Light, NDArray[np.float32]]:
+    def _seen(self, motion: VehicleMotion, moved: Callable[[float], Moved]) -> tuple[Light, NDArray[np.float32]]:
         """Return the light of the scene at one instant, through the air, and its planar depth (m)."""
         haze, drops, pose = self._optics.haze, self._optics.rain, self._pose(motion)
         view = self._renderer.render(pose, moved(motion.time_s))
@@ -98,7 +98,7 @@ class OpticalRenderer:
         self,
         light: Light,
         depth: NDArray[np.float32],
-        motion: Motion,
+        motion: VehicleMotion,
         drops: Rain,
         shutter_s: float,
         rng: np.random.Generator,

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+from episodes.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
 SECTIONS: dict[str, type] = {
-    "lens": Lens,
+    "lens": LensModel,
     "sensor": Sensor,
     "exposure": Exposure,
     "sun": SunPlace,

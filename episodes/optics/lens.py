@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.optics.light import Light
-from episodes.optics.options import Lens
+from episodes.optics.options import LensModel
 from foundation.camera import CameraModel
 
 WIDEST = 2.0  # times the camera's width and height may be drawn to feed the lens
@@ -16,7 +16,7 @@ FARTHEST = 10.0  # focal lengths from the middle: 84° off the axis
 MISS_PX = 0.05  # at 1280 px: how well the inversion must hold
 
 
-def pinhole_rays(lens: Lens, camera: CameraModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (H, W) x / z and y / z of the undistorted ray behind every pixel's middle.
 
     Inverts OpenCV's model, x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²) and y' alike, by
@@ -46,7 +46,7 @@ def pinhole_rays(lens: Lens, camera: CameraModel) -> tuple[NDArray[np.float64], 
     return x, y
 
 
-def _terms(lens: Lens, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _terms(lens: LensModel, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     r2 = x * x + y * y
     radial = 1.0 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
     dx = 2.0 * lens.p1 * x * y + lens.p2 * (r2 + 2.0 * x * x)
@@ -54,14 +54,14 @@ def _terms(lens: Lens, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[
     return radial, dx, dy
 
 
-def _folds(lens: Lens, r_max: float) -> bool:
+def _folds(lens: LensModel, r_max: float) -> bool:
     """Return whether the radial part stops growing somewhere within `r_max`."""
     r = np.linspace(0.0, r_max, 1000)
     r2 = r * r
     return bool((1.0 + r2 * (3.0 * lens.k1 + r2 * (5.0 * lens.k2 + 7.0 * r2 * lens.k3)) <= 0.0).any())
 
 
-def wide_camera(lens: Lens, camera: CameraModel) -> CameraModel:
+def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
     """Return the pinhole of the same focal length that sees everything that the lens shows.
 
     Raises ValueError for a lens that folds the picture or shows more than `WIDEST` times the camera's view.
@@ -80,7 +80,7 @@ def wide_camera(lens: Lens, camera: CameraModel) -> CameraModel:
 class BentLens:
     """The lens before a camera: takes the wide pinhole's light, gives the camera's."""
 
-    def __init__(self, lens: Lens, camera: CameraModel) -> None:
+    def __init__(self, lens: LensModel, camera: CameraModel) -> None:
         """Raises ValueError as `wide_camera` does."""
         self.wide = wide_camera(lens, camera)
         self._map: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
@@ -99,7 +99,7 @@ class BentLens:
         return light if self._shade is None else light * self._shade
 
 
-def _fall_off(lens: Lens, camera: CameraModel) -> NDArray[np.float32] | None:
+def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | None:
     """Return (H, W, 1): the share of light that reaches each pixel, cos⁴ of its angle when vignetting is one."""
     if not lens.vignetting:
         return None

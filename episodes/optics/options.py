@@ -12,7 +12,7 @@ def _within(low: float, high: float, default: float | None = 0.0) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
+class LensModel:
     """Brown's lens model with OpenCV's names and order of terms, on coordinates divided by the focal length."""
 
     k1: float = _within(-1.0, 1.0)  # radial, of r²; negative bends lines outwards (barrel)
@@ -75,7 +75,7 @@ class Rain:
 class Optics:
     """All options; None switches one off. `Optics()` shows what the benchmark sees."""
 
-    lens: Lens | None = None
+    lens: LensModel | None = None
     sensor: Sensor | None = None
     exposure: Exposure | None = None
     sun: SunPlace | None = None

@@ -10,16 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes import assets
-from episodes import geometry as g
 from episodes.assets import fixtures, scenery
 from episodes.assets.multirotor import X500, multirotor
-from episodes.assets.textures import surface
+from episodes.pictures.studio import alone
 from episodes.render.renderer import Renderer
-from episodes.scene import Instance, Mesh, Scene, Sun
+from episodes.scene import Mesh, Sun
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
-from foundation.terrain import FLAT
 
 DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the edge of the asset's box, towards its middle
 WIDTHS_PX = (448, 320, 192, 128)  # of each distance's tile, cut from the middle of the picture
@@ -31,7 +29,6 @@ SEEN_PX = (640, 360)  # of the reduced frame
 SHADE = Sun((0.22, 0.62, -0.753))  # over the viewer's shoulder
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # in turn, row by row
 INSCRIPTIONS = {"sign": "GATE 7"}
-GROUND_M = 160.0
 DRONE, HOVER_M = "drone", 1.3  # of a fleet, which no record names; above the ground
 QUALITY = 80
 INK, PAGE = (36, 38, 42), (246, 246, 244)
@@ -74,19 +71,10 @@ def _mesh(name: str, paint: str) -> Mesh:
     return (fixtures.MAKERS.get(name) or scenery.MAKERS[name])()
 
 
-def _stage(name: str, mesh: Mesh) -> Scene:
-    """Return the asset alone on a wide level ground; a drone hovers over it."""
-    corner = [(GROUND_M * x, GROUND_M * y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    flat = g.soup([[corner[i] for i in (0, 1, 2)], [corner[i] for i in (0, 2, 3)]], surface("asphalt"), tile_m=4.0)
-    ground = Instance(1, "ground", "ground", g.assemble([flat]), (0.0, 0.0, 0.0))
-    place = (0.0, 0.0, -HOVER_M if name == DRONE else 0.0)
-    return Scene("stage", (ground, Instance(2, name, name, mesh, place)), FLAT, SHADE, 47.0, 8.0, 400.0)
-
-
 def _row(name: str, paint: str) -> Picture:
     """Return the tiles of one asset side by side, its name above the first."""
     mesh = _mesh(name, paint)
-    renderer = Renderer(_stage(name, mesh), FRAME, shadow_cells=2048)
+    renderer = Renderer(alone(name, mesh, SHADE, HOVER_M if name == DRONE else 0.0), FRAME, shadow_cells=2048)
     turn = math.radians(QUARTER_DEG)
     ahead, right = mesh.vertices[:, :2].max(axis=0).astype(float)
     reach = min(ahead / math.cos(turn), right / math.sin(turn))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes import catalogue
-from episodes.optics.camera import Motion, OpticalRenderer
-from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+from episodes.optics.camera import OpticalRenderer, VehicleMotion
+from episodes.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
@@ -18,14 +18,14 @@ from foundation.frames import quat_from_euler
 
 SHOWN: dict[str, Optics] = {
     "all off": Optics(),
-    "lens: k1 -0.25, vignetting 1": Optics(lens=Lens(k1=-0.25, k2=0.05, vignetting=1.0)),
+    "lens: k1 -0.25, vignetting 1": Optics(lens=LensModel(k1=-0.25, k2=0.05, vignetting=1.0)),
     "sensor: 300 e, read 12 e": Optics(sensor=Sensor(300.0, 12.0)),
     "exposure: 50 ms at 1 m/s, 60 deg/s": Optics(exposure=Exposure(0.05, 12)),
     "sun: hour 18.5": Optics(sun=SunPlace(hour=18.5)),
     "haze: 0.02 per m": Optics(haze=Haze(0.02)),
     "rain: 40 mm/h": Optics(rain=Rain(40.0)),
     "haze, rain, lens, noise": Optics(
-        Lens(k1=-0.2, k2=0.03, vignetting=0.7),
+        LensModel(k1=-0.2, k2=0.03, vignetting=0.7),
         Sensor(2000.0, 8.0),
         Exposure(0.008, 2),
         haze=Haze(0.01),
@@ -39,7 +39,7 @@ def tile(name: str, optics: Optics, world: World) -> NDArray[np.uint8]:
     """Return one labelled picture from the episode's start, (H, W, 3) RGB."""
     start = world.record.starts[0]
     turning = name.startswith("exposure")
-    motion = Motion(
+    motion = VehicleMotion(
         time_s=0.0,
         position_ned=start.position_ned,
         velocity_ned=(1.0, 0.0, 0.0),

@@ -15,21 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes import assets, catalogue
-from episodes import geometry as g
 from episodes.assets.exhibits import LETTER_M
-from episodes.assets.textures import surface
 from episodes.assets.vehicles import DIGIT_M
+from episodes.pictures.studio import alone
 from episodes.render.renderer import Renderer
-from episodes.scene import Instance, Mesh, Scene, Sun
+from episodes.scene import Mesh, Sun
 from foundation import picture
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
-from foundation.terrain import FLAT
 
 DISTANCES_M = (4, 6, 8, 10, 12, 14, 16)  # from the camera to the inscription's plane
 LEAST_EYE_M = 1.2  # above the ground: no lower than an episode's camera starts
-GROUND_M = 160.0
 SUN = Sun((-0.60, 0.35, -0.7194))  # over the camera's shoulder: what is read is an asset's rear, which faces south
 CROP_PX, CELL_PX, LABEL_PX = (160, 90), (320, 180), 22  # of the contact sheet: cut out, and twice enlarged
 LETTERS, DIGITS = "ABCDEFGHJKLMNPRSTUVWXYZ", "0123456789"  # without I, O and Q, as on most plates
@@ -37,7 +34,7 @@ CAMERA = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class InscriptionKind:
     """One type of inscription and the asset that carries it."""
 
     name: str
@@ -48,8 +45,8 @@ class Kind:
 
 
 KINDS = (
-    Kind("sign", "sign", "white", LETTER_M, "sign-"),
-    Kind("plate", "suv", "cyan", DIGIT_M, "plate-"),
+    InscriptionKind("sign", "sign", "white", LETTER_M, "sign-"),
+    InscriptionKind("plate", "suv", "cyan", DIGIT_M, "plate-"),
 )
 
 
@@ -105,7 +102,7 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
     return probes
 
 
-def letter_px(kind: Kind, distance_m: float) -> float:
+def letter_px(kind: InscriptionKind, distance_m: float) -> float:
     """Return the height of a letter in the model's picture, px, by the pinhole."""
     scale = min(1.0, picture.WIDTH_MAX / CAMERA.width)
     return round(CAMERA.focal_px * scale * kind.letter_m / distance_m, 2)
@@ -130,14 +127,14 @@ def invent(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
             return text
 
 
-def view(kind: Kind, text: str, distance_m: float) -> NDArray[np.uint8]:
+def view(kind: InscriptionKind, text: str, distance_m: float) -> NDArray[np.uint8]:
     """Return the camera's (720, 1280, 3) RGB frame of an inscription straight ahead at a distance.
 
     The camera is level, at the inscription's own height where that is not below `LEAST_EYE_M`.
     """
     mesh = assets.build(kind.asset, kind.paint, text)
     face = face_of(mesh, kind.material)
-    renderer = Renderer(_stage(mesh), CAMERA, shadow_cells=4096)
+    renderer = Renderer(alone(kind.asset, mesh, SUN), CAMERA, shadow_cells=4096)
     side = math.copysign(1.0, face.ahead)
     eye = (face.ahead + side * distance_m, face.right, -max(LEAST_EYE_M, face.height))
     try:
@@ -154,15 +151,6 @@ def face_of(mesh: Mesh, material: str) -> Face:
     places = corners[np.abs(corners[..., 0] - rear).max(axis=1) < 0.01].reshape(-1, 3).astype(float)
     middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
     return Face(rear, float(middle[1]), float(-middle[2]))
-
-
-def _stage(mesh: Mesh) -> Scene:
-    """Return the asset alone on a wide level ground, its rear in the sun."""
-    corner = [(GROUND_M * x, GROUND_M * y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    flat = g.soup([[corner[i] for i in (0, 1, 2)], [corner[i] for i in (0, 2, 3)]], surface("asphalt"), tile_m=4.0)
-    ground = Instance(1, "ground", "ground", g.assemble([flat]), (0.0, 0.0, 0.0))
-    thing = Instance(2, "probe", "probe", mesh, (0.0, 0.0, 0.0))
-    return Scene("probe", (ground, thing), FLAT, SUN, 47.0, 8.0, 400.0)
 
 
 def _cell(data: bytes, probe: Probe) -> NDArray[np.uint8]:

@@ -22,8 +22,8 @@ from episodes.check.sight import CAMERA, bearing_deg
 from episodes.check.solid import box_of
 from episodes.maps.places import Spot
 from episodes.propose import phrases
-from episodes.propose.draft import Draft, flight_seed
-from episodes.propose.site import Site, Thing, start
+from episodes.propose.draft import Proposal, flight_seed
+from episodes.propose.site import PlacedTarget, Site, start
 from episodes.propose.spread import Share
 from episodes.record import TargetRecord
 from episodes.scene import Instance
@@ -45,7 +45,7 @@ SEEN = 0.3  # of every candidate, from every drone …
 FACED = 0.6  # … and of the named one, from the first
 
 
-def drafts(site: Site, rng: random.Random) -> Generator[Draft | None, Share, None]:
+def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Share, None]:
     """Yield drafts without end, each for the share that is sent: looks in turn, places at random."""
     share = yield None
     signs = site.name != "residential"
@@ -69,7 +69,7 @@ def drafts(site: Site, rng: random.Random) -> Generator[Draft | None, Share, Non
 
 def _groups(
     site: Site, spots: tuple[Spot, ...], asset: str, paint: str, texts: list[str], share: Share, rng: random.Random
-) -> Iterator[Draft]:
+) -> Iterator[Proposal]:
     for _ in range(GROUPS):
         group = four(spots, rng)
         if group is None:
@@ -128,11 +128,11 @@ def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> b
 def _draft(
     site: Site,
     everyone: list[TargetRecord],
-    things: list[Thing],
+    things: list[PlacedTarget],
     middle: tuple[float, float],
     share: Share,
     rng: random.Random,
-) -> Draft | None:
+) -> Proposal | None:
     """Return the draft of a fleet before four things; None when none is at the target's distance or one is hidden."""
     height = ALTITUDES_M[0] + share.height * (ALTITUDES_M[1] - ALTITUDES_M[0])
     bearings = [math.atan2(t.centre_ned[1] - middle[1], t.centre_ned[0] - middle[0]) for t in things]
@@ -162,7 +162,7 @@ def _draft(
     named = rng.choice(near)
     target, others = everyone[named], tuple(one for k, one in enumerate(everyone) if k != named)
     words = phrases.inscribed(target.asset, str(target.inscription), rng)
-    return Draft(
+    return Proposal(
         target=target,
         place_ned=things[named].position_ned,
         goal_ned=things[named].centre_ned,
@@ -174,13 +174,13 @@ def _draft(
     )
 
 
-def _yaw_deg(site: Site, things: list[Thing], middle: Vec3, share: float) -> float | None:
+def _yaw_deg(site: Site, things: list[PlacedTarget], middle: Vec3, share: float) -> float | None:
     """Return a yaw (deg) that shows every thing whole from the middle of the fleet; None when there is none."""
     framings = [site.framed(thing, middle) for thing in things]
     return across_all(framings, [bearing_deg(middle, thing.centre_ned) for thing in things], share)
 
 
-def _in_the_way(drone: int, places: list[Vec3], things: list[Thing], yaw_deg: float) -> bool:
+def _in_the_way(drone: int, places: list[Vec3], things: list[PlacedTarget], yaw_deg: float) -> bool:
     """Return whether another drone of the fleet stands before most of a thing in a drone's picture."""
     yaw, lever = math.radians(yaw_deg), CAMERA.offset_frd[0]
     eye = (places[drone][0] + lever * math.cos(yaw), places[drone][1] + lever * math.sin(yaw))
@@ -208,7 +208,7 @@ def _candidate(
     return TargetRecord(asset, paint, text, place, round(math.remainder(yaw, 360.0), 1))
 
 
-def _blocked(site: Site, asset: str, thing: Thing) -> bool:
+def _blocked(site: Site, asset: str, thing: PlacedTarget) -> bool:
     one = Instance(1, "candidate", asset, thing.mesh, thing.position_ned, thing.yaw)
     return bool(site.standing.met(box_of(one, one.position_ned, one.yaw, 0.2, 0.12)))
 

@@ -4,18 +4,18 @@ import random
 from dataclasses import dataclass
 
 from episodes.check.framing import Framing, across, away
-from episodes.record import HIDDEN, MAX_SEED, Start, TargetRecord
+from episodes.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
-class Draft:
+class Proposal:
     """A record without its name and its derived numbers."""
 
     target: TargetRecord
     place_ned: Vec3  # m, where the target is at the beginning
     goal_ned: Vec3  # m, the middle of its box then
-    starts: tuple[Start, ...]
+    starts: tuple[StartPose, ...]
     visible: bool
     instruction: str
     seed: int  # of everything random in the flight

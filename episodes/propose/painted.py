@@ -10,7 +10,7 @@ from episodes.check.limits import OF_OTHER_MAPS, RULES
 from episodes.check.sight import bearing_deg
 from episodes.check.solid import box_of
 from episodes.propose import phrases
-from episodes.propose.draft import Draft, flight_seed, yaw_deg
+from episodes.propose.draft import Proposal, flight_seed, yaw_deg
 from episodes.propose.lanes import stretch
 from episodes.propose.site import ALTITUDES_M, Site, start
 from episodes.propose.spread import Share
@@ -32,7 +32,7 @@ ANY_GROUND = ("kerb", "drive")
 FOOTWAY = "pavement"  # in the name of a lane that nothing with wheels takes
 
 
-def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None, Share, None]:
+def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
     """Yield drafts without end, each for the share that is sent: assets and paints in turn, places at random."""
     share = yield None
     moving = cell in MOVING
@@ -79,7 +79,7 @@ def _moving(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
     return TargetRecord(asset, paint, path=Path3D(points, speed))
 
 
-def _around(site: Site, cell: str, target: TargetRecord, share: Share, rng: random.Random) -> Iterator[Draft]:
+def _around(site: Site, cell: str, target: TargetRecord, share: Share, rng: random.Random) -> Iterator[Proposal]:
     thing = site.placed(target)
     low, high = RULES.get(site.name, OF_OTHER_MAPS).start_distance_m
     distance = (low + high) / 2 if high - low < 2.0 else low + 0.5 + share.distance * (min(high, 30.0) - low - 0.5)
@@ -90,7 +90,7 @@ def _around(site: Site, cell: str, target: TargetRecord, share: Share, rng: rand
         yaw = yaw_deg(cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
         if yaw is None:
             continue
-        yield Draft(
+        yield Proposal(
             target=target,
             place_ned=thing.position_ned,
             goal_ned=thing.centre_ned,

@@ -12,7 +12,7 @@ from episodes.check.limits import SPOTTED_PX
 from episodes.check.rules import check
 from episodes.check.sight import bearing_deg
 from episodes.propose import commanding, painted, referred
-from episodes.propose.draft import Draft, flight_seed, yaw_deg
+from episodes.propose.draft import Proposal, flight_seed, yaw_deg
 from episodes.propose.site import Site, no_room, start
 from episodes.propose.spread import Share, shares
 from episodes.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
@@ -20,14 +20,14 @@ from episodes.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-MOST = 99  # records of one batch: their ids have two digits
-APART_M = 6.0  # between the targets of a batch
-EAGER = 40  # drafts after which targets may stand where another record of the batch has one
+MOST = 99  # records of one request: their ids have two digits
+APART_M = 6.0  # between the targets of a request
+EAGER = 40  # drafts after which targets may stand where another record of the request has one
 TRIES = 160  # drafts of one record
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class RecordRequest:
     """A request for records."""
 
     map: str
@@ -39,41 +39,41 @@ class Batch:
     kept: str | None = None  # id of a shipped record whose target, place and words the first one takes over
 
 
-def propose(batch: Batch) -> list[EpisodeRecord]:
+def propose(request: RecordRequest) -> list[EpisodeRecord]:
     """Return as many records as are asked for, all of which pass the checks; equal requests give equal records.
 
     Raises UsageError for a request that cannot be, or when the map has no room for so many.
     """
-    must_be_possible(batch)
-    site = Site(batch.map, batch.map_seed)
-    rng = random.Random(f"{batch.map} {batch.map_seed} {batch.cell} {batch.seed}")
-    drafts = _source(site, batch.cell, rng)
+    must_be_possible(request)
+    site = Site(request.map, request.map_seed)
+    rng = random.Random(f"{request.map} {request.map_seed} {request.cell} {request.seed}")
+    drafts = _source(site, request.cell, rng)
     next(drafts, None)
     found: list[EpisodeRecord] = []
     places: list[Vec3] = []
     layouts: list[Layout] = []
-    for number, share in enumerate(shares(batch.count, rng), batch.first):
+    for number, share in enumerate(shares(request.count, rng), request.first):
         for tried in range(TRIES):
-            if batch.kept and number == batch.first:
-                draft = _kept(site, catalogue.load(batch.kept), share, rng)
+            if request.kept and number == request.first:
+                draft = _kept(site, catalogue.load(request.kept), share, rng)
             else:
                 draft = _sent(drafts, share)
             if draft is None:
-                raise no_room(f"{batch.cell} episode on {batch.map}")
+                raise no_room(f"{request.cell} episode on {request.map}")
             if tried < EAGER and any(math.dist(draft.place_ned, other) < APART_M for other in places):
                 continue
-            record = _record(batch, number, draft)
+            record = _record(request, number, draft)
             world = World(record)
             if not all(finding.passed for finding in check(world)):
                 continue
             layouts.append(layout(world))
-            if _evens(batch, layouts):
+            if _evens(request, layouts):
                 found.append(record)
                 places.append(draft.place_ned)
                 break
             layouts.pop()
         else:
-            raise no_room(f"{batch.cell} episode on {batch.map}")
+            raise no_room(f"{request.cell} episode on {request.map}")
     return found
 
 
@@ -83,34 +83,34 @@ def first_free(name: str, cell: str) -> int:
     return max((int(number) for number in numbers if number.isdigit()), default=0) + 1
 
 
-def must_be_possible(batch: Batch) -> None:
+def must_be_possible(request: RecordRequest) -> None:
     """Raise UsageError for a request that no map and no search could fulfil."""
-    if batch.cell not in CELLS:
-        raise UsageError(f"cell '{batch.cell}' does not exist: use one of {', '.join(CELLS)}.")
-    if batch.map not in maps.names():
-        raise UsageError(f"map '{batch.map}' does not exist: use one of {', '.join(maps.names())}.")
-    if not 1 <= batch.count <= MOST or not 1 <= batch.first <= MOST or batch.first + batch.count - 1 > MOST:
+    if request.cell not in CELLS:
+        raise UsageError(f"cell '{request.cell}' does not exist: use one of {', '.join(CELLS)}.")
+    if request.map not in maps.names():
+        raise UsageError(f"map '{request.map}' does not exist: use one of {', '.join(maps.names())}.")
+    if not 1 <= request.count <= MOST or not 1 <= request.first <= MOST or request.first + request.count - 1 > MOST:
         raise UsageError(f"--count and --first want numbers so that ids run within 01 … {MOST}.")
-    if not 0 <= batch.seed <= MAX_SEED or not 0 <= batch.map_seed <= MAX_SEED:
+    if not 0 <= request.seed <= MAX_SEED or not 0 <= request.map_seed <= MAX_SEED:
         raise UsageError(f"--seed and --map-seed want a whole number from 0 to {MAX_SEED}.")
 
 
-def _evens(batch: Batch, layouts: list[Layout]) -> bool:
-    """Return whether a batch that is judged by its spread may still come to be even with these among its records."""
-    if batch.cell == "commanding":
+def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
+    """Return whether a request that is judged by its spread may still come to be even with these among its records."""
+    if request.cell == "commanding":
         return (layouts[-1].fewest_px or 0) >= SPOTTED_PX
-    limits = spread.passable(batch.cell not in HIDDEN, batch.count)
+    limits = spread.passable(request.cell not in HIDDEN, request.count)
     within = all(count <= limit for count, limit in zip(spread.passed(layouts), limits, strict=True))
-    return batch.count < spread.ENOUGH or within
+    return request.count < spread.ENOUGH or within
 
 
-def _kept(site: Site, record: EpisodeRecord, share: Share, rng: random.Random) -> Draft | None:
+def _kept(site: Site, record: EpisodeRecord, share: Share, rng: random.Random) -> Proposal | None:
     """Return the draft of a record that stands, with a yaw that is drawn; None where the target fits no picture."""
     thing, place = site.placed(record.target), record.starts[0].position_ned
     yaw = yaw_deg(record.cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
     if yaw is None:
         return None
-    return Draft(
+    return Proposal(
         target=record.target,
         place_ned=thing.position_ned,
         goal_ned=thing.centre_ned,
@@ -121,7 +121,7 @@ def _kept(site: Site, record: EpisodeRecord, share: Share, rng: random.Random) -
     )
 
 
-def _sent(drafts: Generator[Draft | None, Share, None], share: Share) -> Draft | None:
+def _sent(drafts: Generator[Proposal | None, Share, None], share: Share) -> Proposal | None:
     """Return the next draft for a share; None when there are no more."""
     try:
         return drafts.send(share)
@@ -129,7 +129,7 @@ def _sent(drafts: Generator[Draft | None, Share, None], share: Share) -> Draft |
         return None
 
 
-def _source(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None, Share, None]:
+def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
     """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
     if cell == "commanding":
         return commanding.drafts(site, rng)
@@ -138,14 +138,14 @@ def _source(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None
     return painted.drafts(site, cell, rng)
 
 
-def _record(batch: Batch, number: int, draft: Draft) -> EpisodeRecord:
+def _record(request: RecordRequest, number: int, draft: Proposal) -> EpisodeRecord:
     here, goal = draft.starts[0].position_ned, draft.goal_ned
     return EpisodeRecord(
         version=VERSION,
-        id=f"{batch.map}-{batch.cell}-{number:02d}",
-        map=batch.map,
-        map_seed=batch.map_seed,
-        cell=batch.cell,
+        id=f"{request.map}-{request.cell}-{number:02d}",
+        map=request.map,
+        map_seed=request.map_seed,
+        cell=request.cell,
         instruction=draft.instruction,
         target=draft.target,
         starts=draft.starts,

@@ -11,9 +11,9 @@ from episodes.check.limits import OF_OTHER_MAPS, RULES
 from episodes.check.nouns import kind_of, nouns
 from episodes.check.sight import CAMERA, bearing_deg
 from episodes.propose import phrases
-from episodes.propose.draft import Draft, flight_seed, yaw_deg
+from episodes.propose.draft import Proposal, flight_seed, yaw_deg
 from episodes.propose.lanes import stretch
-from episodes.propose.site import ALTITUDES_M, Site, Thing, start
+from episodes.propose.site import ALTITUDES_M, PlacedTarget, Site, start
 from episodes.propose.spread import Share
 from episodes.record import HIDDEN, MOVING, Path3D, TargetRecord
 from episodes.scene import Instance
@@ -30,7 +30,7 @@ NEARER_SAID = 0.8  # of the things that only nearness tells are passed over
 STARTS = 12  # looked at before one thing
 
 
-def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None, Share, None]:
+def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
     """Yield drafts without end, each for the share that is sent: kinds in turn, things, starts and words at random."""
     if cell in MOVING:
         yield from _walking(site, cell, rng)
@@ -59,7 +59,7 @@ def _native(one: Instance) -> TargetRecord:
     return TargetRecord(one.kind, None, None, (round(n, 3), round(e, 3), round(d, 3)), yaw, native=one.name)
 
 
-def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Draft | None, Share, None]:
+def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
     share = yield None
     movers = list(MOVERS)
     speed = RULES.get(site.name, OF_OTHER_MAPS).speed_mps or 0.15
@@ -86,12 +86,12 @@ def _before(
     site: Site,
     cell: str,
     target: TargetRecord,
-    thing: Thing,
+    thing: PlacedTarget,
     name: str,
     kind: str,
     share: Share,
     rng: random.Random,
-) -> Draft | None:
+) -> Proposal | None:
     """Return a draft of a start before a thing from which words can tell it; None when none is found.
 
     The distance is the share's, of the map's whole range for what stands and of what it is large enough for where it
@@ -109,7 +109,7 @@ def _before(
     things[name] = thing.position_ned
     hidden = cell in HIDDEN
     asked = rng.choice(ANYWHERE if hidden else tuple(referring.WORDS))
-    best: tuple[int, Draft] | None = None
+    best: tuple[int, Proposal] | None = None
     for place in itertools.islice(site.starts(thing, distance, height, rng, rules.off_axes_deg), STARTS):
         yaw = yaw_deg(cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
         if yaw is None:
@@ -121,7 +121,7 @@ def _before(
         for said in rng.sample(found, len(found)):
             worth = 2 if said.relation == asked else int(said.relation != "nearest")
             if best is None or worth > best[0]:
-                draft = Draft(
+                draft = Proposal(
                     target=target,
                     place_ned=thing.position_ned,
                     goal_ned=thing.centre_ned,
@@ -138,7 +138,7 @@ def _before(
     return best[1] if best else None
 
 
-def farthest_m(thing: Thing, percent: float) -> float:
+def farthest_m(thing: PlacedTarget, percent: float) -> float:
     """Return from how far a thing can fill so many percent of the picture, from its broad side."""
     wide, high = thing.size_m
     least = percent / 100.0 * CAMERA.width * CAMERA.height

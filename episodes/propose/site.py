@@ -11,9 +11,9 @@ from episodes import assets, maps, world
 from episodes.check import scenery
 from episodes.check.framing import Framing, box_corners, framing
 from episodes.check.limits import ALTITUDE_M, BODY_M, REACH_M
-from episodes.check.solid import Standing
+from episodes.check.solid import StandingObstacles
 from episodes.maps.places import Places
-from episodes.record import Start, TargetRecord
+from episodes.record import StartPose, TargetRecord
 from episodes.scene import Instance, Mesh
 from episodes.target import motion
 from episodes.visibility import TargetView, Without, turn
@@ -29,7 +29,7 @@ CLEAR_FRACTION = 0.8  # of the faced target that a proposal wants unhidden: more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Thing:
+class PlacedTarget:
     """A target where it is at the beginning."""
 
     mesh: Mesh
@@ -67,9 +67,9 @@ class Site:
         self.name, self.seed = name, seed
         self.scene = maps.build(name, seed)
         self.solids = world.solids(name, seed)
-        self.standing = Standing(self.scene.instances)
+        self.standing = StandingObstacles(self.scene.instances)
         self.places: Places = scenery.places(name, seed)
-        self._natives: dict[str, Thing] = {}
+        self._natives: dict[str, PlacedTarget] = {}
 
     def free_paints(self) -> list[str]:
         """Return the paints that no thing of a target's kind wears on this map, in the catalogue's order."""
@@ -77,19 +77,19 @@ class Site:
         worn = {m.name for i in self.scene.instances if i.kind in kinds for m in i.mesh.materials}
         return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
 
-    def placed(self, target: TargetRecord) -> Thing:
+    def placed(self, target: TargetRecord) -> PlacedTarget:
         """Return a target that a record adds."""
         if target.paint is None:
             raise ValueError("only what is placed has a paint")
         mesh = assets.build(target.asset, target.paint, target.inscription)
         place, yaw = motion(target).pose(0.0)
-        return Thing(mesh, place, yaw, TargetView(mesh, self.solids))
+        return PlacedTarget(mesh, place, yaw, TargetView(mesh, self.solids))
 
-    def native(self, one: Instance) -> Thing:
+    def native(self, one: Instance) -> PlacedTarget:
         """Return a target that the map brings."""
         if one.name not in self._natives:
             view = TargetView(one.mesh, Without(self.solids, one))
-            self._natives[one.name] = Thing(one.mesh, one.position_ned, one.yaw, view)
+            self._natives[one.name] = PlacedTarget(one.mesh, one.position_ned, one.yaw, view)
         return self._natives[one.name]
 
     def ground(self, north: float, east: float) -> float:
@@ -112,12 +112,12 @@ class Site:
         heights = [down + k * (ground - down) / 6 for k in range(6)]
         return all(not self.standing.nearest((north, east, z), REACH_M + 0.05)[1] for z in heights)
 
-    def framed(self, thing: Thing, place: Vec3) -> Framing:
+    def framed(self, thing: PlacedTarget, place: Vec3) -> Framing:
         """Return what becomes of a thing in the picture as a drone at a place turns."""
         return framing(box_corners(thing.mesh, thing.position_ned, thing.yaw), place)
 
     def starts(
-        self, thing: Thing, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
+        self, thing: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
     ) -> Iterator[Vec3]:
         """Yield places (m) at a 3-D distance from a thing from which it is seen well and the way to it is clear."""
         goal = thing.centre_ned
@@ -132,7 +132,7 @@ class Site:
             if self.seen(thing, place, angle) >= CLEAR_FRACTION and self.clear(place, goal):
                 yield place
 
-    def seen(self, thing: Thing, place: Vec3, yaw_deg: float) -> float:
+    def seen(self, thing: PlacedTarget, place: Vec3, yaw_deg: float) -> float:
         """Return how much (0 … 1) of a thing a level drone at a place sees."""
         attitude = level(yaw_deg)
         lever = rotate(attitude, CAMERA.offset_frd)
@@ -173,9 +173,9 @@ def level(yaw_deg: float) -> Quat:
     return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
 
 
-def start(place: Vec3, yaw_deg: float) -> Start:
+def start(place: Vec3, yaw_deg: float) -> StartPose:
     """Return a start with its yaw in tenths of a degree, -180 … 180."""
-    return Start(place, round(math.remainder(yaw_deg, 360.0), 1))
+    return StartPose(place, round(math.remainder(yaw_deg, 360.0), 1))
 
 
 def no_room(what: str) -> UsageError:

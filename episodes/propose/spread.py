@@ -1,4 +1,4 @@
-"""How the draws of a batch are spread: evenly over what is allowed, each dimension dealt out on its own."""
+"""How the draws of a request are spread: evenly over what is allowed, each dimension dealt out on its own."""
 
 import random
 from dataclasses import dataclass

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from episodes.render.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.render.pose import depth_per_metre, eye_of
 from episodes.render.resolve import resolve_rows
 from episodes.render.shading import shade_rows
 from episodes.render.shadow import CELLS, cast_movable, restore, sun_map
 from episodes.render.sky import daylight, display_table
 from episodes.render.triangles import lay_out, place_all
-from episodes.render.visibility import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError

@@ -5,12 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from episodes.render.coverage import Drawn
 from episodes.render.pose import Eye
 from episodes.render.shadow import SunMap, sun_slopes, sunlight
 from episodes.render.sky import HAZE_LENGTH_M, WHITE, Daylight, sky_color
 from episodes.render.textures import Atlas, footprint, texture_color
 from episodes.render.triangles import Surfaces, Triangles
-from episodes.render.visibility import Drawn
 from foundation.compiled import njit
 from foundation.frames import Vec3
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.render.triangles import Layout, MovablePart, Triangles
+from episodes.render.triangles import MovablePart, SceneArrays, Triangles
 from episodes.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3
@@ -38,7 +38,7 @@ class SunMap(NamedTuple):
     per_cell: float  # 1/m
 
 
-def sun_map(layout: Layout, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
+def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
     """Return the map of the things that never move, fitted around what stands on the ground and its shadows."""
     toward = np.asarray(sun.toward_ned, float) / np.linalg.norm(sun.toward_ned)
     helper = np.array([1.0, 0.0, 0.0]) if abs(toward[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

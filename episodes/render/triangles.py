@@ -56,7 +56,7 @@ class MovablePart:
 
 
 @dataclass(frozen=True)
-class Layout:
+class SceneArrays:
     """A scene ready for the kernels."""
 
     triangles: Triangles
@@ -66,7 +66,7 @@ class Layout:
     static_count: int  # the triangles that never move are the first ones
 
 
-def lay_out(scene: Scene) -> Layout:
+def lay_out(scene: Scene) -> SceneArrays:
     """Return `scene` as arrays. Raises UsageError for ids that repeat or are below 1, or a corner not finite."""
     ids = [instance.id for instance in scene.instances]
     if len(set(ids)) != len(ids) or min(ids, default=1) < 1:
@@ -130,7 +130,7 @@ def lay_out(scene: Scene) -> Layout:
         else:
             static_count = filled
     surfaces, atlas = _surfaces(materials)
-    return Layout(triangles, surfaces, atlas, tuple(movable), static_count)
+    return SceneArrays(triangles, surfaces, atlas, tuple(movable), static_count)
 
 
 def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: float | Quat) -> None:
@@ -153,7 +153,7 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
         triangles.chunk_radius[chunk] = np.sqrt(((corners - center) ** 2).sum(axis=1).max()) * 1.0001 + 1e-3
 
 
-def place_all(layout: Layout, moved: Moved) -> list[MovablePart]:
+def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
     """Put every movable instance at its pose in `moved`, or where the scene has it, and return those that are there.
 
     Raises UsageError when `moved` names an instance that the scene lacks or that is not movable.

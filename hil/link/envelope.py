@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from foundation.errors import LinkError
 from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
+from foundation.polygon import contains
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
@@ -164,7 +165,7 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     if distance > reach:
         north, east = north * reach / distance, east * reach / distance
         limited.append("radius")
-    if any(inside((north, east), p) or crosses((at[0], at[1]), (north, east), p) for p in limits.exclusions):
+    if any(contains(p, (north, east)) or crosses((at[0], at[1]), (north, east), p) for p in limits.exclusions):
         north, east = at[0], at[1]
         limited.append("exclusion")
     away = (north - at[0], east - at[1], -height - at[2])
@@ -195,7 +196,7 @@ def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
     if distance > 1e-6:
         walls.append(("radius", (at[0] / distance, at[1] / distance), limits.radius_m - distance))
     for polygon in limits.exclusions:
-        within = inside((at[0], at[1]), polygon)
+        within = contains(polygon, (at[0], at[1]))
         edges = [_edge((at[0], at[1]), a, b) for a, b in zip(polygon, (*polygon[1:], polygon[0]), strict=True)]
         if within:  # out by the nearest edge
             (n, e), room = min(edges, key=lambda edge: edge[1])
@@ -214,15 +215,6 @@ def _edge(at: Corner, a: Corner, b: Corner) -> tuple[Corner, float]:
     n, e = a[0] + share * along[0] - at[0], a[1] + share * along[1] - at[1]
     room = math.hypot(n, e)
     return ((n / room, e / room) if room > 1e-9 else (0.0, 0.0)), room
-
-
-def inside(at: Corner, polygon: Sequence[Corner]) -> bool:
-    """Return whether a point lies in a polygon, by the number of edges that a ray to the east crosses."""
-    crossings = 0
-    for (n1, e1), (n2, e2) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
-        if (n1 > at[0]) != (n2 > at[0]) and at[1] < e1 + (at[0] - n1) / (n2 - n1) * (e2 - e1):
-            crossings += 1
-    return crossings % 2 == 1
 
 
 def crosses(a: Corner, b: Corner, polygon: Sequence[Corner]) -> bool:

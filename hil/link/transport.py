@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from foundation.errors import LinkError, UsageError
+from foundation.ports import port_holder
 
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
 BAUD = 57_600  # of a serial line that names none, MAVSDK's and PX4's TELEM1
@@ -275,16 +276,3 @@ def bind_error(error: OSError, protocol: str, host: str, port: int) -> UsageErro
             f"{protocol} port {port} is in use{by}; stop that program, or choose another port or --instance"
         )
     return UsageError(f"{protocol} port {port} on {host} cannot be opened: {error.strerror or error}")
-
-
-def port_holder(protocol: str, port: int) -> str | None:
-    """Return 'name (process id N)' of the program that holds a local port, None when that cannot be known."""
-    try:
-        import psutil
-
-        for connection in psutil.net_connections("udp" if protocol == "UDP" else "tcp"):
-            if connection.laddr and connection.laddr.port == port and connection.pid:
-                return f"{psutil.Process(connection.pid).name()} (process id {connection.pid})"
-    except Exception:  # psutil is optional, and looking at other people's processes may be refused
-        return None
-    return None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dronecats.afterflight.rejudge import traced
+from dronecats.afterflight.rejudge import rejudge
 from dronecats.afterflight.sources import from_tlog, from_ulog
 from dronecats.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
 from dronecats.afterflight.trace import derive
@@ -196,15 +196,15 @@ def test_the_command_judges_anew_and_tells_it_in_words(flown: Flown, capsys: pyt
 def test_a_connected_flight_ends_traced_and_one_that_told_too_little_as_it_was(flown: Flown, tmp_path: Path) -> None:
     said: list[str] = []
     ended = {"run_dir": str(flown.folder), "outcome": "unknown", "success": None, "reason": "cap"}
-    result = traced(ended, surveyed(flown, flown.true(0.0)), said.append)
+    result = rejudge(ended, surveyed(flown, flown.true(0.0)), said.append)
     assert (result["outcome"], result["success"], result["reason"]) == ("distance only", None, "cap")
     assert result["distances"]["closest"]["distance_m"] < 2.0
     assert said[0].startswith("DISTANCE ONLY")
-    assert traced(ended, None, said.append)["outcome"] == "unknown"
+    assert rejudge(ended, None, said.append)["outcome"] == "unknown"
     for log in ("decisions.jsonl", "truth.jsonl"):
         (tmp_path / log).touch()
     broken = {"run_dir": str(tmp_path), "outcome": "error", "success": False}
-    assert traced(broken, None, said.append) == broken
+    assert rejudge(broken, None, said.append) == broken
     assert "no smoothed trace: " in said[-1]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from autopilot.autopilot import Autopilot
-from autopilot.logging.flight_log import FlightLog
+from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink.port import Port
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY, SETPOINT
 from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
@@ -198,7 +198,7 @@ class Bench(Timed):
         self.run(1.5)
 
     @property
-    def log(self) -> FlightLog:
+    def log(self) -> FlightLogWriter:
         assert self.autopilot.log is not None
         return self.autopilot.log
 

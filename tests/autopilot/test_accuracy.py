@@ -5,7 +5,7 @@ import math
 import pytest
 
 from autopilot.accuracy import IN_USE, required
-from dronecats.sitl.simulation import Place, SimulatedVehicle
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
 from vehicles import airframe
@@ -109,7 +109,9 @@ def test_a_landed_vehicle_is_judged_afresh(bench: Bench) -> None:
 
 @pytest.mark.parametrize("demanded", [0.2, 5.0])
 def test_without_a_receiver_the_smaller_of_accuracy_and_timeout_decides(demanded: float) -> None:
-    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=1, origin=(47.4, 8.5, 488.0))
+    vehicle = SimulatedVehicle(
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=1, origin=(47.4, 8.5, 488.0)
+    )
 
     def live(seconds: float) -> None:
         for _ in range(round(seconds * 100)):

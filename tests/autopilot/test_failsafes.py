@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from autopilot.failsafe import Action, Conditions, Failsafe, evaluate, reaction
-from autopilot.parameters import Parameters
+from autopilot.failsafe import Conditions, Failsafe, Reaction, evaluate, reaction
+from autopilot.parameters import ParameterTable
 from foundation.frames import quat_from_euler
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench, put, sticks
@@ -291,27 +291,27 @@ QUIET = Conditions(
 
 
 def test_the_more_severe_action_wins() -> None:
-    p = Parameters()
+    p = ParameterTable()
     for name, value in {"COM_LOW_BAT_ACT": 3, "NAV_DLL_ACT": 1, "GF_ACTION": 5, "CBRK_FLIGHTTERM": 0}.items():
         p.set(name, value)
-    assert evaluate(QUIET, p).action == Action.NONE
+    assert evaluate(QUIET, p).action == Reaction.NONE
     c = replace(QUIET, battery=0.1)
-    assert evaluate(c, p).action == Action.WARN
+    assert evaluate(c, p).action == Reaction.WARN
     c = replace(c, station_lost_s=11.0)
-    assert evaluate(c, p).action == Action.HOLD
+    assert evaluate(c, p).action == Reaction.HOLD
     c = replace(c, battery=0.06)
-    assert evaluate(c, p).action == Action.RETURN
+    assert evaluate(c, p).action == Reaction.RETURN
     c = replace(c, fence_breach="area")
-    assert evaluate(c, p).action == Action.LAND
+    assert evaluate(c, p).action == Reaction.LAND
     c = replace(c, attitude_failed=True)
-    assert evaluate(c, p).action == Action.TERMINATE
-    assert evaluate(replace(c, just_armed=True), p).action == Action.DISARM
+    assert evaluate(c, p).action == Reaction.TERMINATE
+    assert evaluate(replace(c, just_armed=True), p).action == Reaction.DISARM
 
 
 def test_what_cannot_be_done_falls_back() -> None:
-    back = Failsafe("x", Action.RETURN)
+    back = Failsafe("x", Reaction.RETURN)
     assert reaction(back, "HOLD", sticks=False, position=True, home=True) == ("RETURN", "RETURN")
     assert reaction(back, "HOLD", sticks=False, position=True, home=False) == ("LAND", "LAND")
     assert reaction(back, "HOLD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")
-    hold = Failsafe("x", Action.HOLD)
+    hold = Failsafe("x", Reaction.HOLD)
     assert reaction(hold, "OFFBOARD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")

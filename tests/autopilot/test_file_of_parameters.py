@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.parameters import DEFAULTS, Parameters
+from autopilot.parameters import DEFAULTS, ParameterTable
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
@@ -29,7 +29,7 @@ def test_what_a_client_sets_is_there_after_a_restart(tmp_path: Path) -> None:
     assert [parameters[n] for n in ("MIS_TAKEOFF_ALT", "MC_ROLLRATE_P", "COM_RCL_EXCEPT")] == [12.5, 0.25, 4]
     assert ("MC_ROLLRATE_P", 0.25) in again.core.told  # the inner loop hears of it as well
     parameters.reset()
-    assert Parameters(file=file)["MIS_TAKEOFF_ALT"] == DEFAULTS["MIS_TAKEOFF_ALT"]
+    assert ParameterTable(file=file)["MIS_TAKEOFF_ALT"] == DEFAULTS["MIS_TAKEOFF_ALT"]
 
 
 @given(values=st.dictionaries(st.sampled_from(sorted(DEFAULTS)), st.integers(-1000, 1000), max_size=20))
@@ -37,16 +37,16 @@ def test_what_a_client_sets_is_there_after_a_restart(tmp_path: Path) -> None:
 def test_any_set_of_changes_comes_back(tmp_path: Path, values: dict[str, int]) -> None:
     file = tmp_path / "parameters.json"
     file.unlink(missing_ok=True)
-    parameters = Parameters(file=file)
+    parameters = ParameterTable(file=file)
     for name, value in values.items():
         parameters.set(name, value)
-    again = Parameters(file=file)
+    again = ParameterTable(file=file)
     assert {name: again[name] for name in again.names} == {name: parameters[name] for name in parameters.names}
 
 
 def test_a_kill_while_writing_leaves_the_last_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "parameters.json"
-    parameters = Parameters(file=file)
+    parameters = ParameterTable(file=file)
     parameters.set("MIS_TAKEOFF_ALT", 7.0)
 
     class Killed(BaseException):
@@ -59,14 +59,14 @@ def test_a_kill_while_writing_leaves_the_last_file_whole(tmp_path: Path, monkeyp
     with pytest.raises(Killed):
         parameters.set("MIS_TAKEOFF_ALT", 8.0)
     monkeypatch.undo()
-    assert Parameters(file=file)["MIS_TAKEOFF_ALT"] == 7.0
+    assert ParameterTable(file=file)["MIS_TAKEOFF_ALT"] == 7.0
 
 
 def test_reading_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "parameters.json"
     file.write_text(json.dumps({"MIS_TAKEOFF_ALT": 7.0, "RTL_RETURN_ALT": 20.0, "GONE_SINCE": 1}))
     before = file.read_bytes()
-    assert Parameters(file=file)["RTL_RETURN_ALT"] == 20.0
+    assert ParameterTable(file=file)["RTL_RETURN_ALT"] == 20.0
     assert file.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["parameters.json"]
 
@@ -78,7 +78,7 @@ def test_a_file_that_cannot_be_meant_is_refused(tmp_path: Path, text: str) -> No
     file = tmp_path / "parameters.json"
     file.write_text(text)
     with pytest.raises(UsageError, match="parameter file"):
-        Parameters(file=file)
+        ParameterTable(file=file)
 
 
 def test_a_disk_that_refuses_is_told_and_does_not_stop_the_flight(tmp_path: Path) -> None:
@@ -92,4 +92,4 @@ def test_a_disk_that_refuses_is_told_and_does_not_stop_the_flight(tmp_path: Path
     folder.mkdir()
     bench.client.set_parameter("MIS_TAKEOFF_ALT", 10.0, REAL32)
     assert bench.autopilot.parameters.unsaved is None
-    assert Parameters(file=folder / "parameters.json")["MIS_TAKEOFF_ALT"] == 10.0
+    assert ParameterTable(file=folder / "parameters.json")["MIS_TAKEOFF_ALT"] == 10.0

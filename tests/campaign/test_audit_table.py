@@ -15,7 +15,7 @@ from dronecats.cli.main import main
 from dronecats.pilots.patterns import PATTERNS
 from dronecats.rundir.results import Result
 from episodes import blind, catalogue, suites
-from episodes.blind import Flight
+from episodes.blind import BlindFlight
 
 IDS = catalogue.ids()
 
@@ -92,13 +92,13 @@ def test_what_was_not_measured_is_a_dash_and_no_nought() -> None:
     assert text([bare], {}).splitlines()[1].split() == ["all", "1/1", "–", "–", "–", "–", "4"]
 
 
-def a_flight(**values: Any) -> Flight:
-    return dataclasses.replace(Flight(False, False, False, 9, 9, 50), **values)
+def a_flight(**values: Any) -> BlindFlight:
+    return dataclasses.replace(BlindFlight(False, False, False, 9, 9, 50), **values)
 
 
 def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
     two = IDS[:2]
-    late, soon = a_flight(success=True, false_declarations=8), Flight(True, False, True, 4, 3, 20)
+    late, soon = a_flight(success=True, false_declarations=8), BlindFlight(True, False, True, 4, 3, 20)
     flown = {
         "blind:slow": dict.fromkeys(two, late),
         "blind:quick": {two[0]: soon, two[1]: a_flight()},
@@ -122,7 +122,7 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
 def test_kept_flights_make_the_rows_that_were_flown(flown: list[dict[str, object]]) -> None:
     scored = [f for f in flown if f["outcome"] != "error"]
     kept = blind.merged({}, "blind:any", flights(made(flown)), IDS)
-    read = {"blind:any": {episode: Flight(**one) for episode, one in kept["blind:any"].items()}}
+    read = {"blind:any": {episode: BlindFlight(**one) for episode, one in kept["blind:any"].items()}}
     for name, members in groups(made(scored)).items():
         under = floor(read, name, members)
         mine = dataclasses.replace(row(name, members), censored=0)
@@ -206,7 +206,7 @@ def test_who_knows_nothing_of_the_draw_stays_on_the_floor(cell: str) -> None:
 def test_a_floor_that_rises_is_noticed() -> None:
     cell = "campus-searching"
     of_cell = [name for name in IDS if name.rpartition("-")[0] == cell]
-    luck = [Flight(True, False, True, 9, 8, 50), Flight(True, False, False, 9, 8, 50), a_flight()]
+    luck = [BlindFlight(True, False, True, 9, 8, 50), BlindFlight(True, False, False, 9, 8, 50), a_flight()]
     for pilot, flights_of, expected in (
         ("fan", [luck[0]] * 1 + [luck[2]] * 9, []),
         ("fan", [luck[0]] * 2 + [luck[2]] * 8, ["fan"]),

@@ -17,7 +17,7 @@ from dronecats.editor.draft import Drafting
 from dronecats.editor.latest import Latest
 from episodes import assets, maps
 from episodes.check import rules
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.render import Renderer, camera_pose
 from episodes.scene import Mesh
 from episodes.world import World
@@ -187,13 +187,13 @@ def test_a_click_meets_what_is_there(drafting):
 
 @given(st.text(min_size=1, max_size=60), st.text(max_size=60), st.booleans(), st.booleans())
 def test_nobodys_words_become_markup(rule, measured, passed, fresh):
-    html = report.checks_html([Finding(rule, passed, measured, f"</div><script>{measured}")], fresh)
+    html = report.checks_html([RuleFinding(rule, passed, measured, f"</div><script>{measured}")], fresh)
     assert "<script" not in html
     assert set(re.findall(r"</?([a-z]+)", html)) <= {"div", "span", "b"}
 
 
 def test_red_ones_come_first():
-    one, two = Finding("the first", True, "1", "1"), Finding("the second", False, "2", "3")
+    one, two = RuleFinding("the first", True, "1", "1"), RuleFinding("the second", False, "2", "3")
     html = report.checks_html([one, two], True)
     assert html.index("Second") < html.index("First")
     assert "1 of 2 checks passed" in html

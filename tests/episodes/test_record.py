@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from episodes import assets, catalogue, maps
 from episodes import record as records
-from episodes.record import EpisodeRecord, Path3D, Start, TargetRecord, parse
+from episodes.record import EpisodeRecord, Path3D, StartPose, TargetRecord, parse
 from foundation.errors import UsageError
 
 SCHEMA = json.loads((Path(records.__file__).parent / "record.schema.json").read_text())
@@ -223,7 +223,7 @@ def test_schema_is_the_dataclasses() -> None:
     shapes: dict[str, Any] = {
         "target": TargetRecord,
         "path": Path3D,
-        "start": Start,
+        "start": StartPose,
     }
     for name, shape in shapes.items():
         assert list(SCHEMA["$defs"][name]["properties"]) == list(shape.__dataclass_fields__)

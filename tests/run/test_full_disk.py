@@ -15,7 +15,7 @@ LIMIT = 2000  # bytes that a file may have: enough for the logs' first lines, to
 FLIGHT = """
 import json, resource, sys
 from pathlib import Path
-from dronecats.run.outcome import conclude
+from dronecats.run.outcome import fly_and_judge
 from dronecats.run.episode import Flown
 
 folder = Path(sys.argv[1])
@@ -27,7 +27,7 @@ def flight():
 def afterwards(flown):
     (folder / "afterwards.json").write_text("x" * 5000)
 
-print(json.dumps(conclude(flight, folder, "e", "blind", afterwards)))
+print(json.dumps(fly_and_judge(flight, folder, "e", "blind", afterwards)))
 """
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from dronecats.run.ascent import Start, ascend
+from dronecats.run.ascent import StartOffset, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from foundation.errors import LinkError
@@ -92,7 +92,7 @@ def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms
 def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
     vehicle.armed, vehicle.landed, vehicle.mode = armed, landed, "POSCTL"
     with pytest.raises(LinkError, match="not ours to arm"):
-        ascend([Link(vehicle.transport())], [Start((0.0, 0.0, -2.5), None)], lambda line: None)
+        ascend([Link(vehicle.transport())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
     assert {c[0] for c in vehicle.commands} <= {511, 512}
     assert vehicle.mode == "POSCTL"
 
@@ -100,5 +100,5 @@ def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
 def test_an_empty_battery_takes_nothing_off(vehicle):
     vehicle.armed, vehicle.landed, vehicle.battery = False, True, 10
     with pytest.raises(LinkError, match="battery is at 10%"):
-        ascend([Link(vehicle.transport(), limits=Limits())], [Start((0.0, 0.0, -2.5), None)], lambda line: None)
+        ascend([Link(vehicle.transport(), limits=Limits())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
     assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in {c[0] for c in vehicle.commands}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from autopilot.modes.setpoint import FREE, NAN, Setpoint
-from dronecats.sitl.simulation import Place, SimulatedVehicle
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle
 from episodes.obstacles import sorted_into_cells
 from vehicles import airframe
 
@@ -19,7 +19,7 @@ def wall():
 
 
 def flying(seed):
-    place, origin = Place((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
+    place, origin = BootPose((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
     vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=seed, origin=origin, obstacles=wall())
     commander = vehicle.autopilot.commander
     while commander.arming_failures():
@@ -38,7 +38,7 @@ def flying(seed):
 
 def stream(vehicle, north):
     offboard = vehicle.autopilot.commander.flight.offboard
-    offboard.setpoint = Setpoint(
+    offboard.setpoint = CascadeSetpoint(
         position_ned=(NAN, NAN, -HEIGHT_M), velocity_ned=(north, 0.0, NAN), acceleration_ned=FREE, yaw=0.0
     )
     offboard.time_us = vehicle.autopilot.state.time_us

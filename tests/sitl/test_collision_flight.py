@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from autopilot.modes.setpoint import FREE, NAN, Setpoint
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
 from dronecats.sitl.scenario import build, load_world
 from episodes.world import World
 from foundation.frames import rotate
@@ -44,7 +44,7 @@ class Flight:
     def stream(self, speed: float) -> None:
         offboard = self.commander.flight.offboard
         ahead = (speed * math.cos(self.heading), speed * math.sin(self.heading), NAN)
-        offboard.setpoint = Setpoint(
+        offboard.setpoint = CascadeSetpoint(
             position_ned=(NAN, NAN, -1.2), velocity_ned=ahead, acceleration_ned=FREE, yaw=self.heading
         )
         offboard.time_us = self.vehicle.autopilot.state.time_us

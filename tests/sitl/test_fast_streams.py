@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dronecats.sitl.simulation import Place, SimulatedVehicle
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.mavlink import Packer, Parser, dialect
 from vehicles import airframe
 
@@ -15,7 +15,7 @@ class Client:
 
     def __init__(self) -> None:
         self.vehicle = SimulatedVehicle(
-            0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=3, origin=(47.4, 8.5, 488.0)
+            0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=3, origin=(47.4, 8.5, 488.0)
         )
         self.port = self.vehicle.open_port("minimal")
         self._packer, self._parser = Packer(245, 190), Parser()

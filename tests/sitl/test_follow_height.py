@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.sitl.simulation import Place, SimulatedVehicle
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.frames import ned_to_geodetic
 from foundation.mavlink import Packer, dialect
 from vehicles import airframe
@@ -17,7 +17,7 @@ HEIGHT_M = 8.0
 
 @pytest.mark.parametrize("below_home_m", [8.0, 0.0])
 def test_a_jumping_target_is_followed_at_the_height_that_was_asked_for(below_home_m):
-    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=2, origin=ORIGIN)
+    vehicle = SimulatedVehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=2, origin=ORIGIN)
     port, packer = vehicle.open_port("minimal"), Packer(245, 190)
     commander, heights = vehicle.autopilot.commander, []
 

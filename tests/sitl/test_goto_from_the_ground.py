@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.sitl.simulation import Place, SimulatedVehicle
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.frames import ned_to_geodetic
 from foundation.mavlink import Packer, dialect
 from vehicles import airframe
@@ -16,7 +16,7 @@ FAR_NED = (-15.0, -190.0, -20.0)
 
 @pytest.mark.parametrize("after_s", [0.2, 1.0, 1.6, 2.5])
 def test_a_goto_before_it_has_left_the_ground_is_flown_upright(after_s):
-    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 1.0), seed=6, origin=ORIGIN)
+    vehicle = SimulatedVehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 1.0), seed=6, origin=ORIGIN)
     port, packer = vehicle.open_port("minimal"), Packer(245, 190)
     places, tilts = [], []
 

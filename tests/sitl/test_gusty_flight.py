@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import chi2
 
 from dronecats.sitl.lockstep import Lockstep
-from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.frames import Vec3, quat_multiply
 from foundation.mavlink import dialect
 from hil.link.link import Link
@@ -59,7 +59,7 @@ class Flight:
 def fly(seed: int) -> Flight:
     """Return the notes of one flight: take-off, hover, laps, a position hold."""
     vehicle = SimulatedVehicle(
-        0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.7), seed=seed, origin=ORIGIN, wind=WIND
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.7), seed=seed, origin=ORIGIN, wind=WIND
     )
     lockstep = Lockstep(Simulation([vehicle]))
     home = vehicle.plant.truth["position_ned"].copy()

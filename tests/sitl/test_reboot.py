@@ -5,9 +5,9 @@ import math
 import pytest
 
 from autopilot.mavlink.streams import BY_NAME
-from autopilot.plan.items import FENCE, MISSION, RALLY, Item
+from autopilot.plan.items import FENCE, MISSION, RALLY, PlanItem
 from dronecats.sitl.lockstep import Lockstep
-from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
 from hil.link.link import Link
@@ -17,7 +17,7 @@ from vehicles import airframe
 @pytest.mark.parametrize("kept_in_a_file", [False, True])
 def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
     vehicle = SimulatedVehicle(
-        0, airframe.load("x500"), Place((2.0, -3.0, 0.0), 1.0), seed=4, origin=(47.4, 8.5, 488.0),
+        0, airframe.load("x500"), BootPose((2.0, -3.0, 0.0), 1.0), seed=4, origin=(47.4, 8.5, 488.0),
         state_dir=tmp_path if kept_in_a_file else None,
     )  # fmt: skip
     transport = Lockstep(Simulation([vehicle])).transport(0)
@@ -49,15 +49,15 @@ def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
 @pytest.mark.parametrize("kept_in_a_file", [False, True])
 def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a_file):
     folder = tmp_path if kept_in_a_file else None
-    place, origin = Place((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
+    place, origin = BootPose((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
     vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=4, origin=origin, state_dir=folder)
     link = Link(Lockstep(Simulation([vehicle])).transport(0, "onboard"))
     link.connect()
     link.wait(1.0)
     plans = {
-        MISSION: (Item(22, 6, (0.0, 0.0, 0.0, math.nan), 474000000, 85000000, 10.0),) * 3,
-        FENCE: (Item(5003, 5, (80.0, 0.0, 0.0, 0.0), 474000000, 85000000, 0.0),),
-        RALLY: (Item(5100, 6, (0.0, 0.0, 0.0, 0.0), 474001000, 85000000, 0.0),),
+        MISSION: (PlanItem(22, 6, (0.0, 0.0, 0.0, math.nan), 474000000, 85000000, 10.0),) * 3,
+        FENCE: (PlanItem(5003, 5, (80.0, 0.0, 0.0, 0.0), 474000000, 85000000, 0.0),),
+        RALLY: (PlanItem(5100, 6, (0.0, 0.0, 0.0, 0.0), 474001000, 85000000, 0.0),),
     }
     for kind, items in plans.items():
         vehicle.autopilot.commander.replace_plan(kind, items)
@@ -88,7 +88,9 @@ def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a
 
 
 def test_a_vehicle_in_flight_does_not_restart():
-    vehicle = SimulatedVehicle(0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=4, origin=(47.4, 8.5, 488.0))
+    vehicle = SimulatedVehicle(
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=4, origin=(47.4, 8.5, 488.0)
+    )
     link = Link(Lockstep(Simulation([vehicle])).transport(0))
     link.connect()
     link.wait(12.0)

@@ -8,7 +8,7 @@ import pytest
 from episodes.obstacles import sorted_into_cells
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, quat_from_euler, quat_to_euler, rotate
-from foundation.obstacles import OPEN, Box, Obstacles
+from foundation.obstacles import OPEN, MovingBox, Obstacles
 from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
 from vehicles.airframe import names
 from vehicles.collision import BOX, RESTITUTION
@@ -28,7 +28,7 @@ def block(centre: tuple[float, float, float], half: tuple[float, float, float]) 
     )
 
 
-def solid(*blocks: np.ndarray, moving: Box | None = None) -> Obstacles:
+def solid(*blocks: np.ndarray, moving: MovingBox | None = None) -> Obstacles:
     owner = np.repeat(np.arange(len(blocks), dtype=np.int32), [len(b) for b in blocks])
     return sorted_into_cells(
         np.concatenate(blocks), owner, tuple(f"block-{k}" for k in range(len(blocks))), 0.7, moving=moving
@@ -36,7 +36,7 @@ def solid(*blocks: np.ndarray, moving: Box | None = None) -> Obstacles:
 
 
 WALL = solid(block((6.0, 0.0, -4.0), (1.0, 8.0, 5.0)))  # its face is at 5 m north
-CAR = Box("car", (2.0, 0.9, 0.8), (0.0, 0.0, -0.8))
+CAR = MovingBox("car", (2.0, 0.9, 0.8), (0.0, 0.0, -0.8))
 
 
 def shove(craft: Multirotor, velocity: tuple[float, float, float], steps: int) -> np.ndarray:

@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class RetryPolicy:
     """How long and how often an endpoint is asked."""
 
     give_up_s: float = GIVE_UP_S  # wall s
@@ -35,7 +35,7 @@ class Patience:
     pause_s: float = 2.0  # wall s before the second attempt when the endpoint names no time, and double that each time
 
 
-DEFAULT = Patience()
+DEFAULT = RetryPolicy()
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Answer:
 class Endpoint:
     """A base URL with its key. What it says of itself, and what it lets through of what came back, holds no secret."""
 
-    def __init__(self, base_url: str, key: str | None, secrets: tuple[str, ...], patience: Patience) -> None:
+    def __init__(self, base_url: str, key: str | None, secrets: tuple[str, ...], patience: RetryPolicy) -> None:
         """Connect nothing yet. Raises UsageError for what is no URL, and for a key that cannot be sent."""
         self.shown = redacted_url(base_url)
         self.patience = patience

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from dronecats.agent.models.endpoint import DEFAULT, Endpoint, Patience
+from dronecats.agent.models.endpoint import DEFAULT, Endpoint, RetryPolicy
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import PROVIDERS, provider_of
 from dronecats.agent.models.reply_schema import response_format
@@ -17,7 +17,7 @@ from foundation.errors import ModelError, UsageError
 class ChatModel:
     """`ask` blocks for one HTTP exchange. Keys come from the environment and go nowhere but into the header."""
 
-    def __init__(self, spec: ModelSpec, patience: Patience = DEFAULT) -> None:
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> None:
         """Raises UsageError for an unknown provider, and where an address or a key is missing."""
         provider = provider_of(spec.provider)
         url = spec.base_url or provider.base_url

@@ -22,7 +22,7 @@ from dronecats.agent.executors import DaemonExecutor, InlineExecutor
 from dronecats.agent.latency import Question, latency
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models import endpoint as endpoints
-from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, Patience, pause_asked_for
+from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, pause_asked_for
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.openai_chat import ChatModel
@@ -34,7 +34,7 @@ from tests.agent.flown_wire import Clock, Views
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
 FIRST = Question((0,), 0, 0)
-QUICK = Patience(give_up_s=0.5, attempts=3, pause_s=0.0)
+QUICK = RetryPolicy(give_up_s=0.5, attempts=3, pause_s=0.0)
 
 
 def completion(text, head=""):
@@ -197,7 +197,7 @@ def test_a_compressed_answer_is_read_and_a_bomb_is_not(serve, encoding, monkeypa
     monkeypatch.setattr(zlib, "decompressobj", Watched)
     bomb = pack(b" " * (64 * 2**20))
     with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
-        model(serve(say(head + bomb)), Patience(give_up_s=30.0)).ask(REQUEST)
+        model(serve(say(head + bomb)), RetryPolicy(give_up_s=30.0)).ask(REQUEST)
     assert sum(largest) <= endpoints.MAX_BODY_BYTES + 1
     with pytest.raises(ModelError, match="cannot be decompressed"):
         model(serve(say(head + b"no such thing"))).ask(REQUEST)
@@ -212,7 +212,7 @@ def test_an_endless_answer_is_cut_off(serve):
             connection.sendall(b" " * 65536)
 
     with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
-        model(serve(flood), Patience(give_up_s=30.0)).ask(REQUEST)
+        model(serve(flood), RetryPolicy(give_up_s=30.0)).ask(REQUEST)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_a_model_that_is_slow_at_the_end_has_only_come_too_late(serve, tmp_path)
 
     answer = say(completion('{"action":"rotate","angle_deg":9}'))
     agent: PaperAgent = flight(
-        serve(answer, slow), tmp_path, Answering(1), patience=Patience(give_up_s=60.0),
+        serve(answer, slow), tmp_path, Answering(1), patience=RetryPolicy(give_up_s=60.0),
         on_tick=lambda: late.set() if agent.now_s > 31.0 else None,
     )  # fmt: skip
     agent.fly(30.0)
@@ -299,7 +299,7 @@ def test_a_vehicle_that_must_come_down_does_not_stay_for_the_last_reply(serve, t
     agent = flight(serve(answer, hang), tmp_path, Answering(1), last_reply=False)
     agent.fly(30.0)
     assert (agent.steps, agent.now_s) == (1, pytest.approx(30.0))
-    agent = flight(serve(answer, hang), tmp_path, Answering(1), patience_s=60.0, patience=Patience())
+    agent = flight(serve(answer, hang), tmp_path, Answering(1), patience_s=60.0, patience=RetryPolicy())
     with pytest.raises(ModelError, match="for 60 s, nor when"):
         agent.fly(30.0)
 

@@ -16,7 +16,7 @@ import pytest
 from pyulog import ULog
 
 from dronecats.sitl.lockstep import Lockstep
-from dronecats.sitl.simulation import Place, SimulatedVehicle, Simulation
+from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from hil.link.link import Link
 from vehicles import airframe
 
@@ -152,7 +152,7 @@ def log(tmp_path_factory) -> Path:
     """A flight of the whole simulated vehicle: arming, take-off, hold, landing, disarming."""
     folder: Path = tmp_path_factory.mktemp("log")
     vehicle = SimulatedVehicle(
-        0, airframe.load("x500"), Place((0.0, 0.0, 0.0), 0.0), seed=5, origin=(47.4, 8.5, 488.0), state_dir=folder
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=5, origin=(47.4, 8.5, 488.0), state_dir=folder
     )
     link = Link(Lockstep(Simulation([vehicle])).transport(0))
     link.connect()

@@ -27,7 +27,7 @@ class Files:
         self.sequence = 0
 
     def ask(self, opcode: int, data: bytes | str = b"", *, session: int = 0, offset: int = 0, size: int | None = None,
-            sequence: int | None = None) -> ftp.Request:  # fmt: skip
+            sequence: int | None = None) -> ftp.FileRequest:  # fmt: skip
         """Send a request and return the answer."""
         content = data.encode() if isinstance(data, str) else data
         self.sequence = (self.sequence + 2 if sequence is None else sequence) & 0xFFFF
@@ -40,7 +40,7 @@ class Files:
         assert answer.sequence == (self.sequence + 1) & 0xFFFF
         return answer
 
-    def answers(self) -> list[ftp.Request]:
+    def answers(self) -> list[ftp.FileRequest]:
         found = self.client.of("FILE_TRANSFER_PROTOCOL")
         assert all((m.target_system, m.target_component) == (self.client.system, self.client.component) for m in found)
         return [ftp.parsed(bytes(m.payload)) for m in found]
@@ -50,7 +50,7 @@ class Files:
         assert answer.opcode == ftp.NAK
         return answer.data
 
-    def done(self, opcode: int, data: bytes | str = b"", **fields: int) -> ftp.Request:
+    def done(self, opcode: int, data: bytes | str = b"", **fields: int) -> ftp.FileRequest:
         answer = self.ask(opcode, data, **fields)
         assert answer.opcode == ftp.ACK, answer.data
         return answer

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.parameters import DEFAULTS, Parameters
+from autopilot.parameters import DEFAULTS, ParameterTable
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, dialect
 from tests.autopilot.commander_bench import Bench, Client
@@ -127,11 +127,11 @@ def test_changes_reach_everybody_and_the_core(bench: Bench) -> None:
 
 def test_values_outlive_the_process(tmp_path: Path) -> None:
     file = tmp_path / "parameters.json"
-    first = Parameters({"MPC_XY_P": 0.95}, None, file)
+    first = ParameterTable({"MPC_XY_P": 0.95}, None, file)
     first.set("COM_OBL_RC_ACT", 5)
     first.set("MPC_XY_P", 1.5)
     told: list[tuple[str, float]] = []
-    second = Parameters({"MPC_XY_P": 0.95}, lambda name, value: told.append((name, value)), file)
+    second = ParameterTable({"MPC_XY_P": 0.95}, lambda name, value: told.append((name, value)), file)
     assert (second["COM_OBL_RC_ACT"], second["MPC_XY_P"]) == (5, 1.5)
     assert told == [("MPC_XY_P", 1.5)]
     assert json.loads(file.read_text()) == {"COM_OBL_RC_ACT": 5, "MPC_XY_P": 1.5}
@@ -145,7 +145,7 @@ def test_a_broken_file_is_named(tmp_path: Path, content: str) -> None:
     file = tmp_path / "parameters.json"
     file.write_text(content)
     with pytest.raises(UsageError, match=r"parameters\.json"):
-        Parameters({}, None, file)
+        ParameterTable({}, None, file)
 
 
 def test_unknown_targets_are_left_alone(bench: Bench) -> None:

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.modes.sticks import shaped, super_expo, throttle_thrust, within_circle
-from autopilot.parameters import Parameters
+from autopilot.parameters import ParameterTable
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import quat_to_euler
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
 
-P = Parameters()
+P = ParameterTable()
 
 
 def flown(bench: Bench, main: int, seconds: float = 1.0, **axes: int) -> None:

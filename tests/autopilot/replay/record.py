@@ -11,7 +11,7 @@ import numpy as np
 
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore, update
-from autopilot.modes.setpoint import FREE, NAN, Setpoint
+from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
 from autopilot.replay import Outcome, Recording, load, replay, save
 from vehicles import airframe
 from vehicles.multirotor import Multirotor
@@ -27,13 +27,15 @@ EVERY = 50  # rows between two kept outcomes: 5 Hz
 TRUTH = ("position_ned", "velocity_ned", "attitude")
 
 
-def setpoint(seconds: float) -> Setpoint:
+def setpoint(seconds: float) -> CascadeSetpoint:
     """Return what an offboard client asks for at a time since it took over: velocity, position with yaw, hold."""
     if seconds < 4.0:
-        return Setpoint(velocity_ned=(2.0, 0.5, NAN), position_ned=(NAN, NAN, -2.5), acceleration_ned=FREE, yaw=0.0)
+        return CascadeSetpoint(
+            velocity_ned=(2.0, 0.5, NAN), position_ned=(NAN, NAN, -2.5), acceleration_ned=FREE, yaw=0.0
+        )
     if seconds < 8.0:
-        return Setpoint(velocity_ned=FREE, position_ned=(3.0, 4.0, -4.0), acceleration_ned=FREE, yaw=1.5)
-    return Setpoint(velocity_ned=(0.0, 0.0, 0.0), position_ned=FREE, acceleration_ned=FREE, yaw_rate=0.4)
+        return CascadeSetpoint(velocity_ned=FREE, position_ned=(3.0, 4.0, -4.0), acceleration_ned=FREE, yaw=1.5)
+    return CascadeSetpoint(velocity_ned=(0.0, 0.0, 0.0), position_ned=FREE, acceleration_ned=FREE, yaw_rate=0.4)
 
 
 def fly() -> tuple[Recording, dict[str, np.ndarray]]:

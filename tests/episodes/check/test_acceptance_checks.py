@@ -11,9 +11,9 @@ import pytest
 
 from episodes import catalogue
 from episodes.check import many, pixels, sight, start
-from episodes.check.finding import Finding
+from episodes.check.finding import RuleFinding
 from episodes.check.rules import check
-from episodes.check.solid import Box, Standing, overlaps
+from episodes.check.solid import Box, StandingObstacles, overlaps
 from episodes.record import EpisodeRecord, Path3D
 from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
@@ -27,7 +27,7 @@ HIDDEN = catalogue.load("residential-searching-01")
 MOVING = catalogue.load("residential-tracking-01")
 
 
-def red(record: EpisodeRecord) -> dict[str, Finding]:
+def red(record: EpisodeRecord) -> dict[str, RuleFinding]:
     return {f.rule: f for f in check(World(record)) if not f.passed}
 
 
@@ -163,10 +163,10 @@ def test_the_nearest_thing_is_named() -> None:
     scene = World(STANDING).scene
     lamp = next(i for i in scene.instances if i.kind == "lamp")
     n, e, d = lamp.position_ned
-    gap, name = Standing(scene.instances).nearest((n, e + 0.4, d - 2.0), 1.0)
+    gap, name = StandingObstacles(scene.instances).nearest((n, e + 0.4, d - 2.0), 1.0)
     assert name == lamp.name
     assert 0.2 < gap < 0.4
-    assert Standing(scene.instances).nearest((0.0, 0.0, -30.0), 0.7) == (0.7, "")
+    assert StandingObstacles(scene.instances).nearest((0.0, 0.0, -30.0), 0.7) == (0.7, "")
 
 
 def test_reports_name_file_field_and_reason(tmp_path: Path) -> None:

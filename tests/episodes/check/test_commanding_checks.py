@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from episodes import catalogue
 from episodes.check import candidates, sight
 from episodes.check.rules import check
-from episodes.record import EpisodeRecord, Start
+from episodes.record import EpisodeRecord, StartPose
 from episodes.scene import Instance
 from episodes.visibility import Solids
 from episodes.world import World
@@ -46,7 +46,7 @@ def fleet_at(record: EpisodeRecord, away_m: float) -> EpisodeRecord:
     return replace(
         record,
         starts=tuple(
-            Start((s.position_ned[0] + north, s.position_ned[1] + east, s.position_ned[2]), s.yaw_deg)
+            StartPose((s.position_ned[0] + north, s.position_ned[1] + east, s.position_ned[2]), s.yaw_deg)
             for s in record.starts
         ),
     )
@@ -100,7 +100,7 @@ def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> Ep
     lens = (first.position_ned[0] + x * c, first.position_ned[1] + x * s, first.position_ned[2] + z)
     share = 0.35 / math.dist(lens, goal)
     north, east, down = (a + share * (b - a) for a, b in zip(lens, goal, strict=True))
-    there = Start((north - aside_m * s, east + aside_m * c, down), ahead)
+    there = StartPose((north - aside_m * s, east + aside_m * c, down), ahead)
     return replace(record, starts=(replace(first, yaw_deg=ahead), there, *record.starts[2:]))
 
 
@@ -151,7 +151,7 @@ def test_any_record_that_can_be_read_gets_findings(place: Vec3, spot: Vec3, yaw:
     wild = replace(
         SIGNS,
         target=replace(SIGNS.target, position_ned=spot, yaw_deg=yaw),
-        starts=tuple(Start((place[0] + 2.0 * k, place[1], place[2]), yaw) for k in range(count)),
+        starts=tuple(StartPose((place[0] + 2.0 * k, place[1], place[2]), yaw) for k in range(count)),
     )
     found = check(World(wild))
     assert any(not f.passed for f in found)

@@ -55,7 +55,7 @@ def a_record(name: str) -> record.EpisodeRecord:
         cell="approaching",
         instruction="go to the red SUV",
         target=record.TargetRecord("suv", "red", None, target, 40.0),
-        starts=(record.Start(start, 0.0),),
+        starts=(record.StartPose(start, 0.0),),
         start_distance_m=16.5,
         bearing_deg=3.5,
         visible_at_start=True,

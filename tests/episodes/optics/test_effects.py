@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from episodes.optics.camera import Motion, OpticalRenderer, noisy
+from episodes.optics.camera import OpticalRenderer, VehicleMotion, noisy
 from episodes.optics.lens import BentLens, pinhole_rays, wide_camera
 from episodes.optics.light import Codes
-from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+from episodes.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
 from episodes.optics.rain import drops_per_m3, fall_speed, streaks
 from episodes.optics.weather import toward_sun
 from episodes.render import Renderer, camera_pose
@@ -22,7 +22,7 @@ from foundation.frames import quat_from_euler
 from foundation.terrain import FLAT
 
 CAMERA = CameraModel(160, 90, 90.0, (0.0, 0.0, 0.0))
-STILL = Motion(0.0, (0.0, 0.0, -2.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+STILL = VehicleMotion(0.0, (0.0, 0.0, -2.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 SUN = Sun((-0.6, 0.0, -0.8))
 
 
@@ -55,7 +55,7 @@ def picture(scene, optics, motion=STILL, frame_id=1, camera=CAMERA, moved=nothin
 
 BOARD = scene_of(wall(10.0, 6.0, 6.0), wall(40.0, 30.0, 12.0, (0.5, 0.1, 0.1)))
 EVERYTHING = Optics(
-    Lens(k1=-0.1, p1=0.01, vignetting=0.6),
+    LensModel(k1=-0.1, p1=0.01, vignetting=0.6),
     Sensor(2000.0, 5.0),
     Exposure(0.02, 3),
     SunPlace(azimuth_deg=200.0, elevation_deg=35.0),
@@ -122,7 +122,9 @@ def test_a_layer_of_haze_lets_the_sky_overhead_through():
     assert level[0] > level[2] + 60  # at the horizon nothing but haze is seen
 
 
-@pytest.mark.parametrize("lens", [Lens(k1=-0.12, k2=0.01), Lens(k1=0.2), Lens(k1=-0.1, p1=0.02, p2=-0.015, k3=0.004)])
+@pytest.mark.parametrize(
+    "lens", [LensModel(k1=-0.12, k2=0.01), LensModel(k1=0.2), LensModel(k1=-0.1, p1=0.02, p2=-0.015, k3=0.004)]
+)
 def test_the_lens_is_opencvs(lens):
     """Projecting the rays with cv2.projectPoints gives the pixels back."""
     x, y = pinhole_rays(lens, CAMERA)
@@ -136,17 +138,17 @@ def test_the_lens_is_opencvs(lens):
 
 def test_the_picture_is_bent_where_the_lens_says_and_full_to_its_corners():
     """The right edge of a board lands on the column that OpenCV's model gives it."""
-    lens, camera = Lens(k1=-0.12, k2=0.01), CameraModel(640, 360, 90.0, (0.0, 0.0, 0.0))
+    lens, camera = LensModel(k1=-0.12, k2=0.01), CameraModel(640, 360, 90.0, (0.0, 0.0, 0.0))
     scene = scene_of(wall(10.0, 14.0, 8.0))
     row = Codes().light(picture(scene, Optics(lens=lens), camera=camera))[180, :, 0]
     edge = 320 + np.argmax(row[320:] > 0.5 * (row[330] + row[-1]))
     assert edge == pytest.approx(320 + camera.focal_px * 0.7 * (1 - 0.12 * 0.49 + 0.01 * 0.49**2), abs=1.5)
     assert wide_camera(lens, camera).width > camera.width
-    assert wide_camera(Lens(vignetting=1.0), camera) == camera
+    assert wide_camera(LensModel(vignetting=1.0), camera) == camera
 
 
 def test_full_vignetting_is_the_fourth_power_of_the_cosine():
-    lit = BentLens(Lens(vignetting=1.0), CAMERA).through(np.ones((90, 160, 3), np.float32))
+    lit = BentLens(LensModel(vignetting=1.0), CAMERA).through(np.ones((90, 160, 3), np.float32))
     assert lit[45, 80] == pytest.approx(1.0, abs=1e-3)
     assert lit[44, 159] == pytest.approx(math.cos(math.atan(79.5 / 80)) ** 4, rel=1e-2)
 

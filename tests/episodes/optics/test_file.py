@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from episodes.optics.file import load, optics_of
-from episodes.optics.options import Exposure, Haze, Lens, Optics, Rain, Sensor, SunPlace
+from episodes.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
 from foundation.errors import UsageError
 
 ALL = """
@@ -33,7 +33,7 @@ rate_mm_h = 12
 wind_ned = [3, 0, 0]
 """
 WANTED = Optics(
-    Lens(-0.2, 0.03, vignetting=0.5),
+    LensModel(-0.2, 0.03, vignetting=0.5),
     Sensor(3000.0, 4.5),
     Exposure(0.02, 4),
     SunPlace(hour=17.0),

@@ -15,7 +15,7 @@ from episodes.check.rules import check
 from episodes.maps.places import Places
 from episodes.propose import official, phrases
 from episodes.propose.lanes import stretch
-from episodes.propose.proposals import Batch, first_free, propose
+from episodes.propose.proposals import RecordRequest, first_free, propose
 from episodes.record import CELLS, HIDDEN, parse
 from episodes.world import World
 from foundation.errors import UsageError
@@ -23,33 +23,33 @@ from foundation.terrain import HeightField
 
 
 @pytest.mark.parametrize(
-    "batch",
+    "wanted",
     [
-        pytest.param(Batch("residential", "searching", 7, 1, 5), id="residential"),
-        pytest.param(Batch("residential", "tracking", 1, 2, 5), id="tracking", marks=pytest.mark.slow),
-        pytest.param(Batch("campus", "approaching", 1, 2, 5), id="campus", marks=pytest.mark.slow),
-        pytest.param(Batch("campus", "search-and-track", 1, 3, 5), id="walking", marks=pytest.mark.slow),
-        pytest.param(Batch("blocks", "commanding", 1, 2, 5), id="commanding", marks=pytest.mark.slow),
+        pytest.param(RecordRequest("residential", "searching", 7, 1, 5), id="residential"),
+        pytest.param(RecordRequest("residential", "tracking", 1, 2, 5), id="tracking", marks=pytest.mark.slow),
+        pytest.param(RecordRequest("campus", "approaching", 1, 2, 5), id="campus", marks=pytest.mark.slow),
+        pytest.param(RecordRequest("campus", "search-and-track", 1, 3, 5), id="walking", marks=pytest.mark.slow),
+        pytest.param(RecordRequest("blocks", "commanding", 1, 2, 5), id="commanding", marks=pytest.mark.slow),
     ],
 )
-def test_proposals_are_sound_and_the_same_again(batch: Batch) -> None:
-    found = propose(batch)
-    assert [r.id for r in found] == [f"{batch.map}-{batch.cell}-{batch.first + k:02d}" for k in range(batch.count)]
+def test_proposals_are_sound_and_the_same_again(wanted: RecordRequest) -> None:
+    found = propose(wanted)
+    assert [r.id for r in found] == [f"{wanted.map}-{wanted.cell}-{wanted.first + k:02d}" for k in range(wanted.count)]
     for record in found:
         assert parse(record.to_json(), "again") == record
         assert all(f.passed for f in check(World(record)))
         assert record.visible_at_start == (record.cell not in HIDDEN)
-    assert [r.to_json() for r in propose(batch)] == [r.to_json() for r in found]
+    assert [r.to_json() for r in propose(wanted)] == [r.to_json() for r in found]
 
 
 def test_another_seed_makes_other_records() -> None:
-    a, b = (propose(Batch("residential", "approaching", 1, 1, seed))[0] for seed in (1, 2))
+    a, b = (propose(RecordRequest("residential", "approaching", 1, 1, seed))[0] for seed in (1, 2))
     assert (a.target, a.starts) != (b.target, b.starts)
 
 
 @pytest.mark.slow
 def test_the_catalogue_is_made_again_byte_for_byte() -> None:
-    made = {r.id: r.to_json() for batch in official.make() for r in batch}
+    made = {r.id: r.to_json() for wanted in official.make() for r in wanted}
     assert made == {name: (catalogue.FOLDER / f"{name}.json").read_text(encoding="utf-8") for name in catalogue.ids()}
 
 
@@ -136,4 +136,4 @@ def test_plates_are_alike_but_not_the_same() -> None:
 def test_a_map_without_places_is_refused(cell: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenery, "places", lambda name, seed: Places((), ()))
     with pytest.raises(UsageError, match="passes the checks"):
-        propose(Batch("blocks", cell, 1, 1, 1))
+        propose(RecordRequest("blocks", cell, 1, 1, 1))

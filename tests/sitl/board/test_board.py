@@ -15,7 +15,7 @@ from dronecats.cli.main import main
 from dronecats.sitl.board.simulator import BoardSimulator
 from dronecats.sitl.board.vehicle import BoardVehicle
 from dronecats.sitl.config import SimulatorConfig
-from dronecats.sitl.vehicle import Place
+from dronecats.sitl.vehicle import BootPose
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from hil.link.transport import connect
@@ -91,7 +91,7 @@ def vehicle(path, board):
     vehicle = BoardVehicle(
         0,
         airframe.load("x500"),
-        Place((0.0, 0.0, 0.0), 0.0),
+        BootPose((0.0, 0.0, 0.0), 0.0),
         seed=0,
         origin=(47.4, 8.5, 488.0),
         line=BoardLine(lambda: connect(url), Packer(1, 51)),

@@ -36,7 +36,7 @@ _TIME = struct.Struct("=q")
 _TIME_AT = ESTIMATE.fields["time_us"][1] if ESTIMATE.fields else 0
 
 
-class VehicleState:
+class EstimatedState:
     """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames); `refresh` renews it.
 
     Plain Python numbers are an order of magnitude faster to use than the fields of a numpy record. They are read from

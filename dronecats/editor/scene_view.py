@@ -25,7 +25,7 @@ SKY_TOP, SKY_BOTTOM = (150, 188, 226), (233, 240, 245)
 
 
 class Hands(Protocol):
-    """What the stage calls when something was moved, with the name of the thing and where it is now."""
+    """What the view calls when something was moved, with the name of the thing and where it is now."""
 
     def moved(self, thing: str, north: float, east: float, yaw_deg: float) -> None:
         """`thing` is 'target', 'waypoint-2', 'drone-0' or 'candidate-1'."""
@@ -41,7 +41,7 @@ class _Gizmo:
     shape: Any
 
 
-class Stage:
+class SceneView:
     """Shows drafts of one map; what it is told twice it sends once."""
 
     def __init__(self, server: viser.ViserServer, drafting: Drafting, hands: Hands) -> None:

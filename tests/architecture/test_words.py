@@ -1,0 +1,58 @@
+"""One meaning a word: a public class or type of the rooms has its name alone."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+from tests.architecture.import_graph import modules
+
+# name → why two may bear it
+EXCEPTIONS: dict[str, str] = {"Row": "a line of a log to the judge, a line of the table to preflight"}
+
+
+def meanings(files: dict[str, Path]) -> dict[str, dict[str, list[str]]]:
+    """Return name → meaning → the modules where it has that: a class is one, an alias is the type it stands for."""
+    found: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for module, path in files.items():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                name, meaning = node.name, f"class of {module}"
+            elif (alias := _alias(node)) is not None:
+                name, meaning = alias
+            else:
+                continue
+            if not name.startswith("_"):
+                found[name][meaning].append(module)
+    return found
+
+
+def _alias(node: ast.stmt) -> tuple[str, str] | None:
+    """Return name and meaning of a type that an assignment names; None of type variables, which name no type."""
+    if isinstance(node, ast.Assign) and len(node.targets) == 1:
+        target, value = node.targets[0], node.value
+    elif isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "TypeAlias" and node.value is not None:
+        target, value = node.target, node.value
+    else:
+        return None
+    if not isinstance(target, ast.Name) or not _camel(target.id):
+        return None
+    if isinstance(value, ast.Call) and ast.unparse(value.func) in ("TypeVar", "ParamSpec"):
+        return None
+    return target.id, ast.unparse(value)
+
+
+def _camel(name: str) -> bool:
+    return name[0].isupper() and any(letter.islower() for letter in name)
+
+
+def test_no_two_public_types_share_a_name():
+    shared = {name: dict(each) for name, each in meanings(modules()).items() if len(each) > 1}
+    assert {name: each for name, each in shared.items() if name not in EXCEPTIONS} == {}
+    assert shared.keys() >= EXCEPTIONS.keys(), "an exception that excepts nothing"
+
+
+def test_a_second_meaning_is_seen(tmp_path):
+    (tmp_path / "a.py").write_text("class Stage: ...\nPoint = tuple[float, float]\nPoints = list[Point]\n")
+    (tmp_path / "b.py").write_text("class Stage: ...\nPoint = tuple[float, float, float]\nPoints = list[Point]\n")
+    files = {"a": tmp_path / "a.py", "b": tmp_path / "b.py"}
+    assert {name for name, each in meanings(files).items() if len(each) > 1} == {"Stage", "Point"}
