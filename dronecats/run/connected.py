@@ -51,6 +51,7 @@ def fly_connected(
             "hfov_deg": round(camera.model.hfov_deg, 3),
             "url": shown(vehicle.camera or ""),
         },
+        agent,
     )
     folder = folders.create(out, spec.pilot_name, EPISODE, found)
     folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})

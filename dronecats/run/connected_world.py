@@ -52,7 +52,7 @@ def fly_world(
     finally:
         source.close()
     link = open_link(vehicle, spec.envelope)
-    found = settings(flight, CAMERA)
+    found = settings(flight, CAMERA, agent)
     folder = folders.create(out, spec.pilot_name, record.id, found)
     drawn = folder / (layout.EPISODE if judged else layout.WORLD)
     drawn.write_text(record.to_json(), encoding="utf-8")

@@ -23,7 +23,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say, agent: AgentMake
     """Return what `fly --json` prints, with the exit `status` and the `reason` the flight ended. Raises UsageError."""
     flight = look_up(spec)
     record = _record(flight)
-    found = settings(flight, flight.camera)
+    found = settings(flight, flight.camera, agent)
     folder = folders.create(out, spec.pilot_name, record.id, found)
     disclaimer = " (built in, not a model)" if spec.pilot else ""
     say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
