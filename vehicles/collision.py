@@ -16,7 +16,7 @@ import numpy as np
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 from foundation.obstacles import Obstacles
-from vehicles.collision_records import CANDIDATES, NEAR, SOLIDS, Grid32, Index
+from vehicles.collision_records import CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.nearest import in_box, in_triangle
@@ -36,17 +36,7 @@ BOX = -1  # owner number of the moving box
 
 
 @njit(cache=True)
-def meet(
-    params: Record,
-    state: Record,
-    solids: Record,
-    near: Record,
-    corners: Grid32,
-    bounds: Grid32,
-    start: Index,
-    index: Index,
-    owner: Index,
-) -> None:
+def meet(params: Record, state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
     """Let the vehicle bump into what it overlaps: changes its motion and notes hits in `state`. Cheap in the open."""
     if solids.here == 0:
         return
@@ -65,7 +55,7 @@ def meet(
             turned += (state.attitude[i] - near.looked_from[i]) ** 2
         moved = 2.0 * (moved + TURN * TURN * turned * solids.reach * solids.reach)
     if not moved < near.free * near.free:
-        count = _look(state, solids, near, corners, bounds, start, index, owner, count)
+        count = _look(state, solids, near, triangles, count)
     if count > 0:
         _settle(params, state, solids, near, count)
         near.free = 0.0  # it was moved
@@ -80,27 +70,18 @@ def ball_centre(state: Record, solids: Record, k: int) -> Vec3:
 
 
 @njit(cache=True)
-def _look(
-    state: Record,
-    solids: Record,
-    near: Record,
-    corners: Grid32,
-    bounds: Grid32,
-    start: Index,
-    index: Index,
-    owner: Index,
-    count: int,
-) -> int:
+def _look(state: Record, solids: Record, near: Record, triangles: SolidTriangles, count: int) -> int:
     """Look for triangles that balls overlap and return the number of contacts, `count` of them already there."""
     for i in range(3):
         near.looked_at[i] = state.position[i]
     for i in range(4):
         near.looked_from[i] = state.attitude[i]
+    corners, bounds, owner = triangles.corners, triangles.bounds, triangles.owner
     x, y, z = state.position[0], state.position[1], state.position[2]
     dx, dy, dz = x - near.gathered_at[0], y - near.gathered_at[1], z - near.gathered_at[2]
     moved = math.sqrt(dx * dx + dy * dy + dz * dz)
     if not moved < near.holds:
-        _gather(state, solids, near, corners, bounds, start, index)
+        _gather(state, solids, near, triangles)
         moved = 0.0
     if near.candidates == 0:
         near.free = near.holds - moved
@@ -164,9 +145,7 @@ def _note(
 
 
 @njit(cache=True)
-def _gather(
-    state: Record, solids: Record, near: Record, corners: Grid32, bounds: Grid32, start: Index, index: Index
-) -> None:
+def _gather(state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
     """List the triangles within reach, and note for how far a way the list holds."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     for i in range(3):
@@ -184,10 +163,11 @@ def _gather(
     # nothing else comes within the grid's reach of this cell; the vehicle's own reach leaves the millimetre beyond it
     holds = cell * min(min(min(u, 1.0 - u), min(v, 1.0 - v)), min(w, 1.0 - w)) + 1e-3
     number = (i * columns + j) * layers + k
+    corners, bounds, start = triangles.corners, triangles.bounds, triangles.start
     wide = solids.reach + AHEAD
     nearest = 1e9
     for n in range(start[number], start[number + 1]):
-        t = index[n]
+        t = triangles.numbers[n]
         ex, ey, ez = x - bounds[t, 0], y - bounds[t, 1], z - bounds[t, 2]
         square = ex * ex + ey * ey + ez * ez
         least = min(nearest, 1e4) if near.candidates == 0 else wide

@@ -1,5 +1,7 @@
 """What the compiled collisions read and remember, field by field."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,3 +60,13 @@ NEAR = np.dtype(
     ],
     align=True,
 )
+
+
+class SolidTriangles(NamedTuple):
+    """What stands, and the grid to find it in: the arrays of `foundation.obstacles.Obstacles`."""
+
+    corners: Grid32  # (T, 9) m, NED
+    bounds: Grid32  # (T, 4) m, NED, middle and radius
+    start: Index  # (cells + 1,) where the numbers of each cell begin
+    numbers: Index  # of the triangles, cell by cell
+    owner: Index  # (T,)

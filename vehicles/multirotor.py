@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
@@ -17,44 +16,43 @@ from vehicles import ground
 from vehicles.battery import PERIOD_US as BATTERY_PERIOD_US
 from vehicles.battery import drain, open_circuit
 from vehicles.collision import fresh_near, meet, solids_record
-from vehicles.collision_records import Grid32, Index
+from vehicles.collision_records import NEAR, SOLIDS, SolidTriangles
 from vehicles.compiled_frames import rotate_inverse
 from vehicles.faults import Fault, script, strike_rotors
 from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
 from vehicles.noise import streams
-from vehicles.records import AIR, PARAMS, STATE, STEP_S, STEP_US
+from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE, STEP_S, STEP_US
 from vehicles.rigid_body import move
 from vehicles.rotor import ground_gain, push
-from vehicles.sensors import Suite, fresh_memory, sample, suite_record
+from vehicles.sensors import SUITE, Suite, fresh_memory, sample, suite_record
 from vehicles.wind import CALM, Wind, gust
 from vehicles.wind import PERIOD_US as WIND_PERIOD_US
 
+PLANT = np.dtype(
+    [
+        ("params", PARAMS),
+        ("state", STATE),
+        ("air", AIR),
+        ("suite", SUITE),
+        ("memory", MEMORY),
+        ("faults", FAULTS),
+        ("actuators", ACTUATORS),
+        ("sensors", SENSORS),
+        ("truth", TRUTH),
+        ("solids", SOLIDS),
+        ("near", NEAR),
+    ],
+    align=True,
+)
+
 
 @njit(cache=True)
-def step(
-    params: Record,
-    state: Record,
-    air: Record,
-    suite: Record,
-    memory: Record,
-    faults: Record,
-    down: Grid,
-    peak: Grid,
-    actuators: Record,
-    sensors: Record,
-    truth: Record,
-    solids: Record,
-    near: Record,
-    corners: Grid32,
-    bounds: Grid32,
-    start: Index,
-    index: Index,
-    owner: Index,
-) -> None:
+def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> None:
     """Advance one vehicle by exactly STEP_US: reads `actuators`, writes `state`, `air`, `memory`, `sensors`, `truth`.
 
     The arguments are a Multirotor's `kernel_args`. Callable from any compiled loop.
     """
+    params, state, air, faults = plant.params, plant.state, plant.air, plant.faults
     if air.w20 > 0.0 and state.time_us >= air.next_us:
         air.next_us += WIND_PERIOD_US
         gust(air, state.velocity, state.height)
@@ -74,7 +72,7 @@ def step(
     rates = (state.rates[0], state.rates[1], state.rates[2])
     if faults.count > 0:
         strike_rotors(faults, state, params.rotors)
-    load = push(params, state, actuators, through_air, rates, near_ground)
+    load = push(params, state, plant.actuators, through_air, rates, near_ground)
     if state.time_us % BATTERY_PERIOD_US == 0:
         drain(params, state)
 
@@ -83,12 +81,12 @@ def step(
     else:
         move(params, state, down, load, breeze, mask)
         settle(params, state, down, load, mask)
-    meet(params, state, solids, near, corners, bounds, start, index, owner)
+    meet(params, state, plant.solids, plant.near, triangles)
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 
-    sample(params, suite, memory, faults, state, down, sensors)
-    _tell(state, truth)
+    sample(params, plant.suite, plant.memory, faults, state, down, plant.sensors)
+    _tell(state, plant.truth)
 
 
 @njit(cache=True)
@@ -104,40 +102,18 @@ def _tell(state: Record, truth: Record) -> None:
 
 
 @njit(cache=True)
-def run(
-    steps: int,
-    params: Record,
-    state: Record,
-    air: Record,
-    suite: Record,
-    memory: Record,
-    faults: Record,
-    down: Grid,
-    peak: Grid,
-    actuators: Record,
-    sensors: Record,
-    truth: Record,
-    solids: Record,
-    near: Record,
-    corners: Grid32,
-    bounds: Grid32,
-    start: Index,
-    index: Index,
-    owner: Index,
-) -> None:
+def run(steps: int, plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> None:
     """Advance one vehicle by `steps` steps with the actuators as they are."""
     for _ in range(steps):
-        step(
-            params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth,
-            solids, near, corners, bounds, start, index, owner,
-        )  # fmt: skip
+        step(plant, down, peak, triangles)
 
 
 class Multirotor:
     """One vehicle: its records, and the time it has lived.
 
     `params`, `state`, `air`, `suite`, `memory` and `faults` are records of `vehicles.records` and `vehicles.sensors`;
-    `sensors`, `actuators` and `truth` are the border's. `kernel_args` holds them all in the order that `step` takes.
+    `sensors`, `actuators` and `truth` are the border's. All of them are fields of `record`, one PLANT. `kernel_args` is
+    what `step` takes: that record, the ground, and what stands on it.
     """
 
     def __init__(
@@ -165,53 +141,34 @@ class Multirotor:
         wind, suite = wind or CALM, suite or Suite()
         gusts, errors = streams(seed, 2)
         self.airframe = airframe
-        self.params = parameters(airframe, terrain)
-        self.state = np.zeros(1, STATE)[0]
-        self.air = np.zeros(1, AIR)[0]
+        self.record = plant = np.zeros(1, PLANT)[0]
+        self.params, self.state, self.air, self.suite, self.memory, self.faults = (
+            plant["params"], plant["state"], plant["air"], plant["suite"], plant["memory"], plant["faults"],
+        )  # fmt: skip
+        self.actuators, self.sensors, self.truth = plant["actuators"], plant["sensors"], plant["truth"]
+        self.solids, self.near = plant["solids"], plant["near"]
+        plant["params"] = parameters(airframe, terrain)
         self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
         self.air["rng"][0] = gusts
-        self.suite = suite_record(suite, origin)
-        self.memory = fresh_memory(suite, int(errors))
-        self.faults = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_latency_us)
-        self.sensors = np.zeros(1, SENSORS)[0]
+        plant["suite"] = suite_record(suite, origin)
+        plant["memory"] = fresh_memory(suite, int(errors))
+        plant["faults"] = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_latency_us)
         self.sensors["range_m"] = math.nan
-        self.actuators = np.zeros(1, ACTUATORS)[0]
-        self.truth = np.zeros(1, TRUTH)[0]
-        self._down = np.ascontiguousarray(terrain.down, dtype=np.float64)
-        self._peak = peaks(terrain, float(self.params["reach"]))
         self.obstacles = obstacles
-        self.solids = solids_record(self.params, obstacles, camera_frd)
-        self.near = fresh_near()
+        plant["solids"] = solids_record(self.params, obstacles, camera_frd)
+        plant["near"] = fresh_near()
+        self.kernel_args = (
+            plant,
+            np.ascontiguousarray(terrain.down, dtype=np.float64),
+            peaks(terrain, float(self.params["reach"])),
+            SolidTriangles(obstacles.corners, obstacles.bounds, obstacles.start, obstacles.index, obstacles.owner),
+        )
         if len(obstacles.corners) and self.solids["reach"] > obstacles.reach_m:
             raise UsageError(
                 f"airframe '{airframe.name}' reaches {self.solids['reach']:.2f} m from its origin, but the obstacles "
                 f"are sorted for {obstacles.reach_m:g} m: build them with a larger reach"
             )
         self._place(terrain, position_ned, yaw)
-
-    @property
-    def kernel_args(self) -> tuple[Any, ...]:
-        """The arguments of `step`."""
-        return (
-            self.params,
-            self.state,
-            self.air,
-            self.suite,
-            self.memory,
-            self.faults,
-            self._down,
-            self._peak,
-            self.actuators,
-            self.sensors,
-            self.truth,
-            self.solids,
-            self.near,
-            self.obstacles.corners,
-            self.obstacles.bounds,
-            self.obstacles.start,
-            self.obstacles.index,
-            self.obstacles.owner,
-        )
 
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds with the actuators as they are."""

@@ -19,11 +19,9 @@ from autopilot.flight_core import update
 from autopilot.records import ESTIMATE, SETPOINT
 from dronecats.sitl import compile_ahead
 from foundation.compiled import Grid, njit
-from foundation.sensors import ACTUATORS, SENSORS, TRUTH
-from vehicles.collision_records import NEAR, SOLIDS, Grid32, Index
-from vehicles.multirotor import step
-from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE
-from vehicles.sensors import SUITE
+from foundation.sensors import ACTUATORS, SENSORS
+from vehicles.collision_records import Grid32, Index, SolidTriangles
+from vehicles.multirotor import PLANT, step
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba tells no types
@@ -45,41 +43,28 @@ def fly(
     corners: Grid32,
     bounds: Grid32,
     start: Index,
-    index: Index,
+    numbers: Index,
     owner: Index,
     covariance: Grid,
     history: Grid,
 ) -> None:
     """Advance one vehicle and its inner loop by `steps` milliseconds. Arguments: `Fused`'s."""
-    params = carray(_pointer(at[0]), 1, PARAMS)[0]
-    state = carray(_pointer(at[1]), 1, STATE)[0]
-    air = carray(_pointer(at[2]), 1, AIR)[0]
-    suite = carray(_pointer(at[3]), 1, SUITE)[0]
-    memory = carray(_pointer(at[4]), 1, MEMORY)[0]
-    faults = carray(_pointer(at[5]), 1, FAULTS)[0]
-    actuators = carray(_pointer(at[6]), 1, ACTUATORS)[0]
-    sensors = carray(_pointer(at[7]), 1, SENSORS)[0]
-    truth = carray(_pointer(at[8]), 1, TRUTH)[0]
-    solids = carray(_pointer(at[9]), 1, SOLIDS)[0]
-    near = carray(_pointer(at[10]), 1, NEAR)[0]
-    control_params = carray(_pointer(at[11]), 1, CONTROL_PARAMS)[0]
-    control_state = carray(_pointer(at[12]), 1, CONTROL_STATE)[0]
-    filter_params = carray(_pointer(at[13]), 1, ESTIMATOR_PARAMS)[0]
-    filter_state = carray(_pointer(at[14]), 1, ESTIMATOR_STATE)[0]
-    setpoint = carray(_pointer(at[15]), 1, SETPOINT)[0]
-    estimate = carray(_pointer(at[16]), 1, ESTIMATE)[0]
+    triangles = SolidTriangles(corners, bounds, start, numbers, owner)  # handed over one by one: looked at faster
+    plant = carray(_pointer(at[0]), 1, PLANT)[0]
+    control_params = carray(_pointer(at[1]), 1, CONTROL_PARAMS)[0]
+    control_state = carray(_pointer(at[2]), 1, CONTROL_STATE)[0]
+    filter_params = carray(_pointer(at[3]), 1, ESTIMATOR_PARAMS)[0]
+    filter_state = carray(_pointer(at[4]), 1, ESTIMATOR_STATE)[0]
+    setpoint = carray(_pointer(at[5]), 1, SETPOINT)[0]
+    estimate = carray(_pointer(at[6]), 1, ESTIMATE)[0]
     for _ in range(steps):
-        step(
-            params, state, air, suite, memory, faults, down, peak, actuators, sensors, truth, solids, near, corners,
-            bounds, start, index, owner,
-        )  # fmt: skip
+        step(plant, down, peak, triangles)
         update(
             control_params, control_state, filter_params, filter_state, covariance, history, setpoint, estimate,
-            sensors, actuators,
+            plant.sensors, plant.actuators,
         )  # fmt: skip
 
 
-PLANT_RECORDS = (PARAMS, STATE, AIR, SUITE, MEMORY, FAULTS, ACTUATORS, SENSORS, TRUTH, SOLIDS, NEAR)
 CORE_RECORDS = (
     CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS,
 )  # fmt: skip
@@ -93,13 +78,14 @@ class Fused:
 
         Raises TypeError when a record is not the one that `fly` takes in its place.
         """
-        records = [each for each in (*plant, *core) if isinstance(each, np.void)]
+        each_alone = [*plant[:-1], *plant[-1], *core]
+        records = [each for each in each_alone if isinstance(each, np.void)]
         kinds = [record.dtype for record in records]
-        if kinds != [*PLANT_RECORDS, *CORE_RECORDS]:
+        if kinds != [PLANT, *CORE_RECORDS]:
             raise TypeError("the arguments of the plant or the inner loop have changed: bring sitl.fused.fly in line")
         self._kept_alive = records
         self._at = np.array([np.frombuffer(record, np.uint8).ctypes.data for record in records], np.int64)
-        self._arrays = tuple(each for each in (*plant, *core) if not isinstance(each, np.void))
+        self._arrays = tuple(each for each in each_alone if not isinstance(each, np.void))
         if compile_ahead.cold():
             compile_ahead.compile_both(update, core)
 

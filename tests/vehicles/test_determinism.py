@@ -1,7 +1,5 @@
 """Same seed, same bytes; and however the steps are grouped."""
 
-from typing import Any
-
 from numba import njit
 
 from tests.vehicles.fleet import HIGH, vehicle
@@ -25,9 +23,8 @@ def flown(seed: int, chunks: list[int]) -> Multirotor:
     return craft
 
 
-def bytes_of(craft: Multirotor) -> list[bytes]:
-    args: tuple[Any, ...] = craft.kernel_args
-    return [arg.tobytes() for arg in args]
+def bytes_of(craft: Multirotor) -> bytes:
+    return bytes(craft.record.tobytes())
 
 
 def test_same_seed_same_bytes() -> None:
@@ -52,9 +49,8 @@ def test_sensors_do_not_disturb_the_flight() -> None:
 
 def test_copied_records_live_the_same_life() -> None:
     craft, twin = flown(7, [1000]), flown(8, [1000])
-    for source, target in zip(craft.kernel_args, twin.kernel_args, strict=True):
-        for name in source.dtype.names or ():
-            target[name] = source[name]
+    for name in craft.record.dtype.names or ():
+        twin.record[name] = craft.record[name]
     craft.advance(1000)
     twin.advance(1000)
     assert bytes_of(craft) == bytes_of(twin)
