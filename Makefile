@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
-.PHONY: fly test test-slow compatibility lint install lock clean
+.PHONY: fly test test-slow compatibility lint install lock schemas clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
@@ -40,6 +40,10 @@ lock:
 	$(VENV)-lock/bin/uv pip compile --quiet --universal --python-version 3.11 --extra sim --extra dev --extra serial \
 	    --no-emit-package dronecats --custom-compile-command "make lock" pyproject.toml -o requirements.lock
 	rm -rf $(VENV)-lock
+
+# Rewrites dronecats/rundir/schemas from the rows; run it when a row changes.
+schemas: install
+	$(BIN)/python -c "from dronecats.rundir.schema import write; write()"
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

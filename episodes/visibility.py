@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from episodes.scene import Instance, Mesh
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, rotate_inverse
+from foundation.protocol import DETECTION_RANGE_M
 
 SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
 NEAR_M = 0.05  # as the renderer's near plane
-RANGE_M = 300.0  # nothing farther counts as seen
 VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and inside the frame: less than that names no target
 
 Array = NDArray[np.float64]
@@ -219,7 +219,7 @@ class TargetView:
         """
         turned, eye = turn(yaw), np.array(pose.position_ned)
         origin = np.array(position_ned)
-        if np.linalg.norm(origin - eye) > RANGE_M + self._radius:
+        if np.linalg.norm(origin - eye) > DETECTION_RANGE_M + self._radius:
             return Visibility(0.0, None)
         local_eye = turned.T @ (eye - origin)
         way = self._points - local_eye
@@ -238,7 +238,7 @@ class TargetView:
         seen = self._in_frame(points, pose, camera)
         if seen.any():
             seen[seen] = ~(past or self._solids).hidden(pose.position_ned, points[seen])
-        seen &= square[shown] <= RANGE_M**2
+        seen &= square[shown] <= DETECTION_RANGE_M**2
         if not seen.any():
             return Visibility(0.0, None)
         forward = np.array(_axes(pose)[0])

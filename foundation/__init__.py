@@ -1,4 +1,4 @@
-"""Everything that crosses a wall between two rooms, declared once.
+"""Everything that crosses a wall between two rooms, declared once: types with unit and frame, conversions, errors.
 
-This is the only part of `dronecats` that the other rooms may import. It imports nothing of ours.
+Every room stands on it. It imports nothing of ours.
 """

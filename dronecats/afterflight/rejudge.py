@@ -7,6 +7,7 @@ from typing import Any
 from dronecats.afterflight.surveyed_target import SurveyedTarget
 from dronecats.judge.distances import sentence
 from dronecats.judge.episode import write_verdict
+from dronecats.rundir.writing import as_json
 from foundation.errors import UsageError
 
 
@@ -21,7 +22,7 @@ def rejudge(result: dict[str, Any], target: SurveyedTarget | None, say: Callable
         say(f"no smoothed trace: {reason}")
         return result
     verdict = write_verdict(folder)
-    measured = verdict.get("distances")
+    measured = verdict.distances or None
     if measured:
-        say(sentence(measured, verdict["delta_m"]))
-    return {**result, "outcome": verdict["outcome"], "success": verdict["success"], "distances": measured}
+        say(sentence(measured, verdict.delta_m))
+    return {**result, "outcome": verdict.outcome, "success": verdict.success, "distances": as_json(measured)}

@@ -4,22 +4,24 @@ Derived from the logs as they are, which stay as they were: decisions.jsonl tell
 truth.jsonl when the episode began and ended, and flight.tlog, or the autopilot's own ULog, what its estimator said.
 """
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dronecats.afterflight.smoothing import SmoothedPath, smooth
 from dronecats.afterflight.sources import FlightRecord, from_tlog, from_ulog
 from dronecats.afterflight.surveyed_target import SurveyedTarget, target_of
-from dronecats.judge.files import Logs, json_object, lines, read
-from dronecats.logger.recorder import POSE_S
+from dronecats.rundir import layout
+from dronecats.rundir.reading import Logs, estimate, json_object, read
+from dronecats.rundir.rows import EstimatedFrame, EstimatedPose, EstimateHead
+from dronecats.rundir.writing import write_lines
 from foundation.errors import UsageError
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
+from foundation.protocol import POSE_PERIOD_S
 
-FILE = "estimate.jsonl"
 MARGIN_US = 5e6  # µs of the flight before and after the episode that help to smooth its ends
 
 
@@ -30,9 +32,9 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     """
     logs = read(folder)
     begin = logs.begin
-    if begin is None or not isinstance(begin.get("t0_us"), int):
+    if begin is None:
         raise UsageError(f"{folder} holds no episode that began")
-    record = from_ulog(ulog) if ulog else from_tlog(folder / "flight.tlog")
+    record = from_ulog(ulog) if ulog else from_tlog(folder / layout.TLOG)
     target = target or _target_of_episode(folder)
     target_ned = None
     if target is not None:
@@ -41,31 +43,25 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
                 f"{record.source} never tells where on Earth its local frame is: GPS_GLOBAL_ORIGIN is missing"
             )
         target_ned = target.ned(record.origin)
-    frames = {
-        (d["drone"], d["frame_id"]): d["t_frame"] for d in logs.decisions if isinstance(d.get("t_frame"), int | float)
-    }
-    poses_s = np.arange(0.0, _end_s(logs) + 1e-6, POSE_S)
-    t0_us = float(begin["t0_us"])
+    frames = {(d.drone, d.frame_id): d.t_frame for d in logs.decisions}
+    poses_s = np.arange(0.0, _end_s(logs) + 1e-6, POSE_PERIOD_S)
+    t0_us = float(begin.t0_us)
     heard = record.estimates.between(t0_us - MARGIN_US, t0_us + poses_s[-1] * 1e6 + MARGIN_US)
     if len(heard.time_us) < 2:
         raise UsageError(f"{record.source} tells no positions of the time of the episode; is it of this flight?")
     path = smooth(heard, t0_us + np.array([*poses_s, *frames.values()], float) * 1e6)
     writer = _Rows(record, path, t0_us, target, target_ned)
-    head = {
-        "kind": "estimate",
-        "source": record.source,
-        "origin": record.origin,
-        "target": target.as_json() if target else None,
-        "target_ned": _rounded(target_ned),
-    }
-    rows: list[dict[str, Any] | None] = [head]
-    rows += [writer.row({"kind": "pose"}, 0, float(t)) for t in poses_s]
-    rows += [writer.row({"kind": "frame", "frame_id": i}, drone, t) for (drone, i), t in frames.items()]
-    file = folder / FILE
-    part = file.with_name(FILE + ".part")
+    head = EstimateHead(
+        source=record.source,
+        origin=record.origin,
+        target=target.as_json() if target else None,
+        target_ned=_rounded(target_ned),
+    )
+    poses = [writer.pose(float(t)) for t in poses_s]
+    seen = [writer.frame(frame_id, drone, t) for (drone, frame_id), t in frames.items()]
+    file = folder / layout.ESTIMATE
     try:
-        part.write_text("".join(json.dumps(row) + "\n" for row in rows if row), encoding="utf-8")
-        part.replace(file)
+        write_lines(file, [head, *filter(None, poses), *filter(None, seen)])
     except OSError as error:
         raise UsageError(f"{file} cannot be written: {error.strerror}") from None
     return file
@@ -77,15 +73,17 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     `rms_m` and `max_m` are distances, `within_2_std` the share of coordinates that err by two standard deviations at
     most. Raises UsageError when the two have no time in common.
     """
-    logs, rows = read(folder), list(lines(folder / FILE))
+    logs, told = read(folder), estimate(folder)
+    if told is None:
+        raise UsageError(f"{folder} has no {layout.ESTIMATE}")
     true = _TruePath(logs)
-    known = [r for r in rows if r["kind"] == "pose" and r["position_std_m"] and true.tells(r["t"])]
-    origin = rows[0]["origin"]
+    known = [(p, p.position_std_m) for p in told.poses if p.position_std_m and true.tells(p.t)]
+    origin = told.head.origin
     if not known or not origin:
         raise UsageError(f"{folder} tells no instant, or no origin, for which the estimate could be held to the truth")
-    estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *r["position_ned"])) for r in known]
-    apart = np.subtract(estimated, [true.at(r["t"]) for r in known])
-    std = np.array([r["position_std_m"] for r in known])
+    estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *p.position_ned)) for p, _ in known]
+    apart = np.subtract(estimated, [true.at(p.t) for p, _ in known])
+    std = np.array([std_m for _, std_m in known])
     distance = np.linalg.norm(apart, axis=1)
     return {
         "poses": len(known),
@@ -99,7 +97,7 @@ class _TruePath:
     """The first drone's logged way. Its poses lie up to 20 ms after the half seconds of the estimate's."""
 
     def __init__(self, logs: Logs) -> None:
-        poses = sorted((p["t"], *p["position_ned"]) for p in logs.poses if p["drone"] == 0)
+        poses = sorted((p.t, *p.position_ned) for p in logs.poses if p.drone == 0)
         self._path = np.array(poses, float).reshape(-1, 4)
 
     def tells(self, t: float) -> bool:
@@ -108,7 +106,7 @@ class _TruePath:
         after = int(np.searchsorted(times, t))
         if after == len(times) or (after == 0 and times[0] > t):
             return False
-        return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_S)
+        return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_PERIOD_S)
 
     def at(self, t: float) -> list[float]:
         """Return the position at a time (s): (3,) m, NED in the map's frame."""
@@ -129,21 +127,27 @@ class _Rows:
         self._record, self._path, self._t0_us = record, path, t0_us
         self._target, self._target_ned = target, target_ned
 
-    def row(self, head: dict[str, Any], drone: int, t: float) -> dict[str, Any] | None:
-        """Return the row of an instant, None when the estimator had nothing to say then."""
+    def pose(self, t: float) -> EstimatedPose | None:
+        """Return the row of an instant (s), None when the estimator had nothing to say then."""
+        told = self._told(t)
+        return EstimatedPose(t=round(t, 6), drone=0, **told) if told else None
+
+    def frame(self, frame_id: int, drone: int, t: float) -> EstimatedFrame | None:
+        """Return the row of a frame that was taken at an instant (s), None as above."""
+        told = self._told(t)
+        return EstimatedFrame(frame_id=frame_id, t=round(t, 6), drone=drone, **told) if told else None
+
+    def _told(self, t: float) -> dict[str, Any] | None:
+        """Return the fields that poses and frames have in common."""
         at_us = self._t0_us + t * 1e6
         index = int(np.searchsorted(self._path.time_us, at_us))
         if index >= len(self._path.time_us) or self._path.time_us[index] != at_us:
             return None
-        position: Vec3 = tuple(float(v) for v in self._path.position_ned[index])  # type: ignore[assignment]
-        std: Vec3 = tuple(float(v) for v in self._path.std_m[index])  # type: ignore[assignment]
+        position, std = _vector(self._path.position_ned[index]), _vector(self._path.std_m[index])
         distance: tuple[float | None, float | None] = (None, None)
         if self._target is not None and self._target_ned is not None:
             distance = self._target.distance(self._target_ned, position, std)
         return {
-            **head,
-            "t": round(t, 6),
-            "drone": drone,
             "position_ned": _rounded(position),
             "position_std_m": _rounded(std),
             "yaw_deg": _known(self._record.yaw_deg(at_us)),
@@ -155,18 +159,23 @@ class _Rows:
 
 
 def _target_of_episode(folder: Path) -> SurveyedTarget | None:
-    declared = (json_object(folder / "episode.json") or {}).get("surveyed_target")
+    declared = (json_object(folder / layout.EPISODE) or {}).get("surveyed_target")
     return None if declared is None else target_of(declared)
 
 
 def _end_s(logs: Logs) -> float:
-    end = logs.end.get("t") if logs.end else None
-    return float(end) if isinstance(end, int | float) else max((p["t"] for p in logs.poses), default=0.0)
+    return logs.end.t if logs.end else max((p.t for p in logs.poses), default=0.0)
+
+
+def _vector(row: NDArray[np.float64]) -> Vec3:
+    return (float(row[0]), float(row[1]), float(row[2]))
 
 
 def _known(value: float | None) -> float | None:
     return None if value is None or math.isnan(value) else round(value, 4)
 
 
-def _rounded(values: Vec3 | None) -> list[float] | None:
-    return None if values is None or any(math.isnan(v) for v in values) else [round(v, 4) for v in values]
+def _rounded(place: Vec3 | None) -> Vec3 | None:
+    if place is None or any(math.isnan(v) for v in place):
+        return None
+    return (round(place[0], 4), round(place[1], 4), round(place[2], 4))

@@ -5,6 +5,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from foundation import protocol
+from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
+
 AxisOrder = Literal["xy", "yx"]  # the order of `point` that a model was trained with
 
 
@@ -18,7 +21,7 @@ class Go:
 
     def as_json(self) -> dict[str, Any]:
         """Return the action as the reply declares it, point always in [x, y] order."""
-        return {"action": "go", "point": [self.x, self.y], "depth_m": self.depth_m}
+        return {"action": GO, "point": [self.x, self.y], "depth_m": self.depth_m}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +31,7 @@ class Rotate:
     angle_deg: float  # + right; ±90 is asked for in the prompt and not enforced
 
     def as_json(self) -> dict[str, Any]:
-        return {"action": "rotate", "angle_deg": self.angle_deg}
+        return {"action": ROTATE, "angle_deg": self.angle_deg}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +39,7 @@ class Think:
     """Hold, and reason at length in the next call."""
 
     def as_json(self) -> dict[str, Any]:
-        return {"action": "think"}
+        return {"action": THINK}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +47,7 @@ class Finished:
     """Declare arrival, and hold. Ends nothing."""
 
     def as_json(self) -> dict[str, Any]:
-        return {"action": "finished"}
+        return {"action": FINISHED}
 
 
 Action = Go | Rotate | Think | Finished
@@ -100,13 +103,13 @@ def action_from(value: Any, axis_order: AxisOrder = "xy") -> Action:
     if not isinstance(value, dict):
         raise ActionError("the action is not a JSON object")
     match value.get("action"):
-        case "go":
+        case protocol.GO:
             return _go(value, axis_order)
-        case "rotate":
+        case protocol.ROTATE:
             return Rotate(_number(value, "angle_deg", -MAX_ROTATION_DEG, MAX_ROTATION_DEG))
-        case "think":
+        case protocol.THINK:
             return Think()
-        case "finished":
+        case protocol.FINISHED:
             return Finished()
         case None:
             raise ActionError('the object has no "action"')
@@ -120,7 +123,7 @@ def _go(value: dict[str, Any], axis_order: AxisOrder) -> Go:
         raise ActionError('"point" is not a pair of numbers')
     first, second = (_finite(v, '"point"') for v in point)
     x, y = (first, second) if axis_order == "xy" else (second, first)
-    if not (0.0 <= x <= 1000.0 and 0.0 <= y <= 1000.0):
+    if not (0.0 <= x <= POINT_SPAN and 0.0 <= y <= POINT_SPAN):
         raise ActionError(f'"point" ({x:g}, {y:g}) is outside 0–1000')
     return Go(x, y, _number(value, "depth_m", 0.0, MAX_DEPTH_M))
 

@@ -8,8 +8,8 @@ from typing import Protocol
 
 from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.decisions import Decision, DecisionLog
-from dronecats.protocol import CAP_S
 from foundation.camera import Camera, CameraModel
+from foundation.protocol import CAP_S
 
 
 def _nothing(*_: object) -> None:

@@ -10,15 +10,20 @@ from dataclasses import dataclass
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
 from foundation.camera import CameraModel
+from foundation.protocol import (
+    BEARING_DEADBAND_DEG,
+    BRAKE_M,
+    CLIMB_DEADBAND,
+    NEAR_M,
+    NEAR_SCALE,
+    POINT_SPAN,
+    STEP_S,
+    STRIDE_MAX_M,
+    YAW_RATE_DEG,
+)
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 
-STEP_S = 2.5  # s, a move is held this long
-STRIDE_MAX_M = 3.0  # m, so never faster than 1.2 m/s
-BEARING_DEADBAND_DEG = 8.0
-CLIMB_DEADBAND = 0.15  # vertical displacement below this share of the horizontal distance is dropped
-NEAR_M, NEAR_SCALE = 5.0, 0.6
-BRAKE_M = 2.0
-YAW_RATE = math.radians(60.0)  # rad/s
+YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
 SETTLE_S = 3.0  # s that a turn may take beyond its angle at that rate: a vehicle lags, and a gust may shake it
 
 
@@ -34,7 +39,7 @@ class Segment:
 def displacement(go: Go, camera: CameraModel) -> tuple[float, float, float]:
     """Return (right, forward, up) in metres of the point, back-projected with the pilot's depth."""
     f = camera.focal_px
-    px, py = go.x * camera.width / 1000.0, go.y * camera.height / 1000.0
+    px, py = go.x * camera.width / POINT_SPAN, go.y * camera.height / POINT_SPAN
     return (px - camera.width / 2.0) / f * go.depth_m, go.depth_m, (camera.height / 2.0 - py) / f * go.depth_m
 
 

@@ -13,14 +13,15 @@ from dronecats.agent.asking import Asking
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decisions import Decision
 from dronecats.agent.drone import Drone
-from dronecats.agent.history import LENGTH as HISTORY_LENGTH
 from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Latency, Question
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt
+from dronecats.rundir.layout import frame_name
 from foundation.camera import Frame
 from foundation.errors import CameraError, ModelError
 from foundation.picture import encode
+from foundation.protocol import HISTORY_LENGTH
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +112,7 @@ class Decider:
         asked, cockpit = self._questions, self._cockpit
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
         for frame, jpeg in zip(frames, pictures, strict=True):
-            suffix = f"_d{frame.drone}" if frame.drone else ""
-            (cockpit.frames_dir / f"{frame.frame_id:06d}{suffix}.jpg").write_bytes(jpeg)
+            (cockpit.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
         text = asked.prompt.render(
             asked.instruction, self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
         )

@@ -4,8 +4,8 @@ from collections import deque
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
 from foundation.camera import CameraModel
+from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 
-LENGTH = 5
 NONE_YET = "(none yet — this is the first step)"
 
 
@@ -13,7 +13,8 @@ def compact(action: Action, camera: CameraModel) -> str:
     """Return the action on one line. GO coordinates are pixels, as in the paper, though the prompt's are 0–1000."""
     match action:
         case Go(x, y, depth_m):
-            return f"GO x={x * camera.width / 1000:.0f} y={y * camera.height / 1000:.0f} depth={depth_m:.4g}m"
+            px, py = x * camera.width / POINT_SPAN, y * camera.height / POINT_SPAN
+            return f"GO x={px:.0f} y={py:.0f} depth={depth_m:.4g}m"
         case Rotate(angle_deg):
             return f"ROTATE angle={angle_deg:.4g}deg"
         case Think():
@@ -25,7 +26,7 @@ def compact(action: Action, camera: CameraModel) -> str:
 class History:
     """What one drone did last."""
 
-    def __init__(self, camera: CameraModel, length: int = LENGTH) -> None:
+    def __init__(self, camera: CameraModel, length: int = HISTORY_LENGTH) -> None:
         self.camera = camera
         self.length = length
         self._actions: deque[Action] = deque(maxlen=length)

@@ -7,7 +7,7 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decider import Decider, Questions
 from dronecats.agent.decisions import Decision
 from dronecats.agent.drone import Drone
-from dronecats.protocol import CAP_S
+from foundation.protocol import CAP_S
 
 
 class PaperAgent:

@@ -5,13 +5,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from dronecats.rundir.results import SCORED, Result
 from episodes import suites
 from episodes.blind import BlindFlight, Table
 from episodes.record import CELLS
-
-# what `fly --json` prints of an episode: episode, outcome, steps, the measures of its verdict and more
-Result = Mapping[str, Any]
-SCORED = ("success", "failure")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,29 +45,28 @@ class ScoreRow:
 def row(name: str, results: Iterable[Result]) -> ScoreRow:
     """Return the line of these results."""
     results = list(results)
-    scored = [r for r in results if r["outcome"] in SCORED]
-    solved = [r for r in scored if r["outcome"] == "success"]
-    precise = [r["declaration_precision"] for r in scored if r.get("declaration_precision") is not None]
-    false = [r["false_declarations"] for r in scored if r.get("false_declarations") is not None]
+    scored = [r for r in results if r.outcome in SCORED]
+    solved = [r for r in scored if r.outcome == "success"]
+    precise = [r.declaration_precision for r in scored if r.declaration_precision is not None]
+    false = [r.false_declarations for r in scored if r.false_declarations is not None]
     return ScoreRow(
         name=name,
         solved=len(solved),
         flown=len(scored),
         errors=len(results) - len(scored),
-        at_first=_count(scored, "success_at_first"),
-        within_three=_count(scored, "success_within_three"),
+        at_first=_count(r.success_at_first for r in scored),
+        within_three=_count(r.success_within_three for r in scored),
         precision=round(statistics.fmean(precise), 4) if precise else None,
         false_declarations=round(statistics.fmean(false), 4) if false else None,
-        censored=sum(bool(r.get("censored")) for r in scored),
-        steps=statistics.median(r["steps"] for r in solved) if solved else None,
+        censored=sum(bool(r.censored) for r in scored),
+        steps=statistics.median(r.steps for r in solved) if solved else None,
     )
 
 
-def _count(scored: list[Result], key: str) -> int | None:
-    """Return how many flights a measure holds of; None when it was not taken of all of them."""
-    if any(r.get(key) is None for r in scored):
-        return None
-    return sum(bool(r[key]) for r in scored)
+def _count(measured: Iterable[bool | None]) -> int | None:
+    """Return of how many flights a measure holds; None when it was not taken of all of them."""
+    each = list(measured)
+    return None if None in each else sum(map(bool, each))
 
 
 def table(results: Iterable[Result]) -> list[ScoreRow]:
@@ -80,14 +76,14 @@ def table(results: Iterable[Result]) -> list[ScoreRow]:
 
 def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
     """Return the results of each line of the table, in the table's order."""
-    results = sorted(results, key=lambda r: str(r["episode"]))
+    results = sorted(results, key=lambda r: r.episode)
     cells: dict[str, list[Result]] = {}
     for result in results:
-        cells.setdefault(_group(str(result["episode"])), []).append(result)
+        cells.setdefault(_group(result.episode), []).append(result)
     found = {name: cells[name] for name in sorted(cells, key=_order)}
     for suite in ("quick", "one-drone", "commanding", "v1"):
         known = set(suites.ids(suite))
-        members = [r for r in results if str(r["episode"]) in known]
+        members = [r for r in results if r.episode in known]
         if members:
             found[suite] = members
     return {**found, "all": results}
@@ -95,22 +91,22 @@ def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
 
 def pars(results: Iterable[Result]) -> dict[str, int]:
     """Return the steps of every solved episode by id."""
-    return {str(r["episode"]): int(r["steps"]) for r in results if r["outcome"] == "success"}
+    return {r.episode: r.steps for r in results if r.outcome == "success"}
 
 
 def flights(results: Iterable[Result]) -> dict[str, BlindFlight]:
     """Return the scored flights of a blind pilot by id, as they are kept."""
     return {
-        str(r["episode"]): BlindFlight(
-            success=r["outcome"] == "success",
-            first=bool(r["success_at_first"]),
-            within_three=bool(r["success_within_three"]),
-            declarations=int(r["declarations"]),
-            false_declarations=int(r["false_declarations"]),
-            steps=int(r["steps"]),
+        r.episode: BlindFlight(
+            success=r.outcome == "success",
+            first=bool(r.success_at_first),
+            within_three=bool(r.success_within_three),
+            declarations=int(r.declarations or 0),
+            false_declarations=int(r.false_declarations or 0),
+            steps=r.steps,
         )
         for r in results
-        if r["outcome"] in SCORED and r.get("success_at_first") is not None
+        if r.outcome in SCORED and r.success_at_first is not None
     }
 
 
@@ -124,7 +120,7 @@ class Floor:
 
 def floor(blind: Table, name: str, results: Iterable[Result]) -> Floor | None:
     """Return the floor under these results; None when no blind pilot has flown all of their episodes."""
-    episodes = [str(r["episode"]) for r in results]
+    episodes = [r.episode for r in results]
     rows = [
         (pilot, row(name, [_as_result(episode, flown[episode]) for episode in episodes]))
         for pilot, flown in sorted(blind.items())
@@ -140,15 +136,16 @@ def floor(blind: Table, name: str, results: Iterable[Result]) -> Floor | None:
 
 def _as_result(episode: str, flight: BlindFlight) -> Result:
     told = flight.declarations
-    return {
-        "episode": episode,
-        "outcome": "success" if flight.success else "failure",
-        "steps": flight.steps,
-        "success_at_first": flight.first,
-        "success_within_three": flight.within_three,
-        "declaration_precision": (told - flight.false_declarations) / told if told else None,
-        "false_declarations": flight.false_declarations,
-    }
+    return Result(
+        episode=episode,
+        outcome="success" if flight.success else "failure",
+        steps=flight.steps,
+        declarations=told,
+        success_at_first=flight.first,
+        success_within_three=flight.within_three,
+        declaration_precision=(told - flight.false_declarations) / told if told else None,
+        false_declarations=flight.false_declarations,
+    )
 
 
 def _group(episode: str) -> str:

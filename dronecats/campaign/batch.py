@@ -6,14 +6,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-from dronecats.judge.files import json_object
-from dronecats.rundir.folder import differences, write_run
+from dronecats.rundir import layout
+from dronecats.rundir.folder import differences, prepare, write_run
+from dronecats.rundir.reading import json_object
+from dronecats.rundir.results import SCORED
 from episodes import catalogue
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
 
 UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
-SCORED = ("success", "failure")
 LOCK = ".lock"  # held while a process flies the run; the system lets go of it when that process ends, however it ends
 
 
@@ -33,7 +34,7 @@ class Batch:
         try:
             run.mkdir(parents=True, exist_ok=True)
             self._lock = _locked(run)
-            before = json_object(run / "run.json")
+            before = json_object(run / layout.RUN)
             if before is not None:
                 other = differences(before, configuration)
                 if other:
@@ -59,9 +60,9 @@ class Batch:
     def done(self, episode: str) -> dict[str, Any] | None:
         """Return the verdict of an episode that has been flown to its end as its record is now, None for any other."""
         folder = self.folder(episode)
-        if json_object(folder / "episode.json") != self.record(episode):
+        if json_object(folder / layout.EPISODE) != self.record(episode):
             return None
-        verdict = json_object(folder / "verdict.json")
+        verdict = json_object(folder / layout.VERDICT)
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str]) -> list[str]:
@@ -81,9 +82,7 @@ class Batch:
             while (kept / f"{folder.name}-{number}").exists():
                 number += 1
             folder.rename(kept / f"{folder.name}-{number}")
-        (folder / "frames").mkdir(parents=True)
-        for log in ("decisions.jsonl", "truth.jsonl"):
-            (folder / log).touch()
+        prepare(folder)
         return folder
 
     def _record(self, episode: str) -> EpisodeRecord:

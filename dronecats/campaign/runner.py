@@ -4,12 +4,13 @@ import queue
 import threading
 from collections.abc import Callable, Sequence
 
-from dronecats.campaign.audit import Result
 from dronecats.campaign.batch import Batch
 from dronecats.campaign.config import WorkerConfig
 from dronecats.flight.spec import FlightSpec
 from dronecats.judge.episode import write_verdict
 from dronecats.processes.supervisor import ChildKind, ChildProcess
+from dronecats.rundir.reading import result_of
+from dronecats.rundir.results import Result
 from foundation.errors import DronecatsError, InfrastructureError
 
 WORKER = ChildKind("worker", "dronecats.campaign.worker", WorkerConfig)
@@ -94,13 +95,13 @@ class Runner:
 
     def _one(self, worker: ChildProcess, episode: str) -> Result:
         folder = self._batch.fresh(episode)
-        return dict(worker.do("fly", None, record=self._batch.record(episode), folder=str(folder)))
+        return result_of(worker.do("fly", None, record=self._batch.record(episode), folder=str(folder)))
 
     def _lost(self, episode: str, death: InfrastructureError) -> Result:
         """Return the result of an episode whose worker died in flight."""
         folder = self._batch.folder(episode)
-        result = {"episode": folder.name, "outcome": "error", "success": False, "error": str(death)}
-        return {**result, "steps": write_verdict(folder)["steps"]}
+        steps = write_verdict(folder).steps
+        return Result(episode=folder.name, outcome="error", success=False, steps=steps, error=str(death))
 
     def _start(self) -> ChildProcess:
         try:

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         "same_replies": same,
         "steps": steps,
         "aligned_by": align,
-        "sources": [(logs.begin or {}).get("source", "truth") for logs in (a, b)],
+        "sources": ["truth" if logs.true else "estimate" for logs in (a, b)],
     }
     if args.plot:
         from dronecats.report.path_plot import draw

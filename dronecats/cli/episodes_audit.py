@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli import signals
 
 if TYPE_CHECKING:
-    from dronecats.campaign.audit import Result
     from dronecats.flight.spec import FlightSpec
+    from dronecats.rundir.results import Result
     from episodes.blind import BlindFlight
 
 
@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.flight import look_up
     from dronecats.run.settings import settings
     from dronecats.rundir.folder import fresh_run
+    from dronecats.rundir.reading import stored_result
     from episodes import blind
     from foundation.errors import UsageError
 
@@ -60,14 +61,12 @@ def run(args: argparse.Namespace) -> int:
     flight = look_up(spec)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
     left = batch.left(chosen)
-    results: list[Result] = [
-        {"episode": batch.folder(e).name, **(batch.done(e) or {})} for e in chosen if e not in left
-    ]
+    results = [stored_result(batch.folder(e).name, batch.folder(e)) for e in chosen if e not in left]
     bar = _bar(len(chosen), len(results))
 
     def ended(result: "Result") -> None:
-        if result["outcome"] != "success":
-            bar.write(f"{result['episode']}: {result['outcome']}{_reason(result)}", file=sys.stderr)
+        if result.outcome != "success":
+            bar.write(f"{result.episode}: {result.outcome}{_reason(result)}", file=sys.stderr)
         bar.update()
 
     try:
@@ -86,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         _keep_blind(args.pilot, flights(results))
     under = {name: floor(blind.load(), name, members) for name, members in lines.items()}
     if args.json:
-        unsolved = {r["episode"]: r["outcome"] for r in results if r["outcome"] != "success"}
+        unsolved = {r.episode: r.outcome for r in results if r.outcome != "success"}
         report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [r.as_json() for r in rows]}
         report["blind"] = [
             {"pilot": pilot, "best_by": kind, **its.as_json()}
@@ -144,9 +143,9 @@ def _bar(total: int, done: int) -> Any:
 
 
 def _reason(result: "Result") -> str:
-    if result.get("error"):
-        return f": {result['error']}"
-    return f", {result['ne_m']:.1f} m away at the end" if result.get("ne_m") is not None else ""
+    if result.error:
+        return f": {result.error}"
+    return f", {result.ne_m:.1f} m away at the end" if result.ne_m is not None else ""
 
 
 def _keep(steps: dict[str, int]) -> None:

@@ -63,7 +63,9 @@ def _trace(args: argparse.Namespace) -> int:
     from dronecats.afterflight.trace import against_truth, derive
     from dronecats.judge.distances import sentence
     from dronecats.judge.episode import write_verdict
-    from dronecats.judge.files import episode_folder, read
+    from dronecats.rundir.layout import EPISODE
+    from dronecats.rundir.reading import episode_folder, read
+    from dronecats.rundir.writing import as_json
     from foundation.errors import UsageError
 
     if args.target_std is not None and not args.target:
@@ -74,15 +76,16 @@ def _trace(args: argparse.Namespace) -> int:
     if read(folder).true:
         from dronecats.sitl.scenario import load_world, origin
 
-        result |= against_truth(folder, origin(load_world(str(folder / "episode.json"))))
+        result |= against_truth(folder, origin(load_world(str(folder / EPISODE))))
         told = (
             f"against the truth: {result['rms_m']:.2f} m rms, {result['max_m']:.2f} m at most,"
             f" {100 * result['within_2_std']:.0f} % of the axes within two standard deviations"
         )
     else:
         verdict = write_verdict(folder)
-        result |= {"outcome": verdict["outcome"], "distances": verdict["distances"]}
-        told = sentence(verdict["distances"], verdict["delta_m"]) if verdict["distances"] else "no target was surveyed"
+        distances = verdict.distances or None
+        result |= {"outcome": verdict.outcome, "distances": as_json(distances)}
+        told = sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
     print(json.dumps(result) if args.json else f"{file}\n{told}")
     return 0
 

@@ -55,7 +55,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     pilot.add_argument("--base-url", metavar="URL", help="an OpenAI-compatible endpoint, http://HOST:PORT/v1")
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
     pilot.add_argument(
-        "--latency", metavar="POLICY", help="real (default), measured or fixed:SECONDS (with --speed max: fixed:0.5)"
+        "--latency",
+        metavar="POLICY",
+        help="real (default), measured, fixed:SECONDS (with --speed max: fixed:0.5) or lognormal:MEDIAN,SIGMA",
     )
     run_group = parser.add_argument_group("run")
     run_group.add_argument("--episode", metavar="ID", help="id or file (default: go to the cyan SUV)")

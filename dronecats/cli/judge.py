@@ -3,7 +3,12 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from foundation.protocol import RADIUS_M
+
+if TYPE_CHECKING:
+    from dronecats.judge.episode import Judged
 
 DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
 
@@ -12,7 +17,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     """Declare the verb."""
     parser = verbs.add_parser("judge")
     parser.add_argument("run_dir", type=Path, help="a run folder, or the folder of one episode in it")
-    parser.add_argument("--delta", type=float, default=5.0, help="success radius in metres (default 5)")
+    parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -23,12 +28,11 @@ def run(args: argparse.Namespace) -> int:
 
     episodes = judge_run(args.run_dir, args.delta, reread)
     if args.json:
-        print(json.dumps({"episodes": episodes}))
+        print(json.dumps({"episodes": {episode: judged.as_json() for episode, judged in episodes.items()}}))
     else:
-        for episode, verdict in episodes.items():
-            _print(episode, verdict)
-    doubtful = any(v["stored_agrees"] is False or v["contradictions"] for v in episodes.values())
-    return DIFFERS if doubtful else 0
+        for episode, judged in episodes.items():
+            _print(episode, judged)
+    return DIFFERS if any(judged.doubtful for judged in episodes.values()) else 0
 
 
 def reread(reply: str, drones: int) -> list[list[dict[str, Any] | None]]:
@@ -39,30 +43,32 @@ def reread(reply: str, drones: int) -> list[list[dict[str, Any] | None]]:
     return [[None if isinstance(one, ActionError) else one.as_json() for one in each] for each in read]
 
 
-def _print(episode: str, verdict: dict[str, Any]) -> None:
+def _print(episode: str, judged: "Judged") -> None:
     from dronecats.judge.distances import sentence
 
-    ne_m = "     –" if verdict["ne_m"] is None else f"{verdict['ne_m']:6.2f}"
-    cut_off = ", cut off there" if verdict["outcome"] == "success" and verdict["censored"] else ""
+    verdict = judged.verdict
+    ne_m = "     –" if verdict.ne_m is None else f"{verdict.ne_m:6.2f}"
+    cut_off = ", cut off there" if verdict.outcome == "success" and verdict.censored else ""
     print(
-        f"{episode:32} {verdict['outcome']:13} NE {ne_m} m  {verdict['steps']:3} steps"
-        f"  {verdict['declarations']:3} declarations{cut_off}  {_agreement(verdict)}"
+        f"{episode:32} {verdict.outcome:13} NE {ne_m} m  {verdict.steps:3} steps"
+        f"  {verdict.declarations:3} declarations{cut_off}  {_agreement(judged)}"
     )
-    if verdict["outcome"] == "censored":
+    if verdict.outcome == "censored":
         print(f"{'':32} cut off at its first success: whether it would have been one at this radius is not known")
-    if verdict.get("distances"):
-        print(f"{'':32} {sentence(verdict['distances'], verdict['delta_m'])}")
-    for said in (verdict["error"], verdict["note"], *verdict["contradictions"]):
+    if verdict.distances:
+        print(f"{'':32} {sentence(verdict.distances, verdict.delta_m)}")
+    for said in (verdict.error, verdict.note, *judged.contradictions):
         if said:
             print(f"{'':32} {said}")
 
 
-def _agreement(verdict: dict[str, Any]) -> str:
+def _agreement(judged: "Judged") -> str:
     """Return what verdict.json is beside the verdict."""
-    if verdict["stored_agrees"] is None:
+    stored = judged.stored
+    if stored is None:
         return "nothing stored to compare"
-    version = ", stored by an older version" if verdict["stored_older"] else ""
-    if verdict["stored_agrees"]:
+    version = ", stored by an older version" if stored.older else ""
+    if stored.agrees:
         return f"agrees with verdict.json{version}"
-    names = f" in {', '.join(verdict['stored_differs'])}" if verdict["stored_differs"] else ", which is damaged"
+    names = f" in {', '.join(stored.differing)}" if stored.differing else ", which is damaged"
     return f"DIFFERS from verdict.json{names}{version}"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from dronecats.editor import drape, suggest
 from dronecats.editor.drape import Knots
 from episodes import assets
-from episodes.check.limits import CAP_S, GRID_SIDE_M, OF_OTHER_MAPS, RULES
+from episodes.check.limits import GRID_SIDE_M, OF_OTHER_MAPS, RULES
 from episodes.record import (
     HIDDEN,
     MAX_CANDIDATES,
@@ -30,6 +30,7 @@ from episodes.target import motion
 from episodes.visibility import turn
 from foundation.errors import UsageError
 from foundation.frames import Vec3
+from foundation.protocol import CAP_S
 
 HEIGHT_M = 1.6  # of a new drone above the ground
 SPEED_MPS = 0.3  # of a target on a map that has no rule

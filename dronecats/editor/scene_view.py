@@ -13,10 +13,11 @@ from dronecats.editor import display
 from dronecats.editor.assessment import PREVIEW
 from dronecats.editor.draft import Draft, Drafting
 from episodes.assets.paint import PAINTS
-from episodes.check.limits import OF_OTHER_MAPS, RADIUS_M, RULES
+from episodes.check.limits import OF_OTHER_MAPS, RULES
 from episodes.scene import Sun
 from episodes.target import motion
 from foundation.frames import Vec3
+from foundation.protocol import RADIUS_M
 
 DRONE_COLORS: tuple[Vec3, ...] = ((0.95, 0.25, 0.05), (0.05, 0.35, 0.95), (0.05, 0.6, 0.2), (0.75, 0.1, 0.7))
 LINE, PATH, RULER = (255, 107, 53), (255, 196, 0), (255, 255, 255)

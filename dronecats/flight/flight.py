@@ -11,7 +11,6 @@ from dronecats.agent.prompt import Prompt
 from dronecats.flight.free_flight import free_flight
 from dronecats.flight.spec import FlightSpec
 from dronecats.pilots import roster
-from dronecats.protocol import CAP_S
 from episodes import catalogue, maps
 from episodes import record as records
 from episodes.optics.file import optics_of
@@ -19,6 +18,7 @@ from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
 from vehicles import airframe as airframes
 
 SEED_MAX = 2**31 - 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.protocol import CAP_S
+from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
@@ -24,7 +24,7 @@ class Simulated:
     px4: str | None = None  # the command that starts a PX4; None: it is waited for
     speed: float | None = 1.0  # × real time; None: lockstep, as fast as it goes
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
-    optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/camera.md); None: as in the benchmark
+    optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/cameras.md); None: as in the benchmark
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

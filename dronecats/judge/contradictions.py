@@ -1,14 +1,17 @@
 """Where the logs of an episode do not hold together: with one another, with themselves, with the folder's name."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from itertools import pairwise
 from typing import Any
 
-from dronecats.judge.damage import Row
-from dronecats.judge.files import Logs
+from msgspec import UNSET
+
 from dronecats.judge.measured import SAME_S, consistent, declarations
-from dronecats.judge.verdict import CAP_S, DELTA_M
+from dronecats.rundir.layout import DECISIONS, EPISODE
+from dronecats.rundir.reading import Logs
+from dronecats.rundir.rows import Decision, FrameTruth, Pose
+from foundation.protocol import CAP_S, RADIUS_M
 
 # s before its cap at which a flight may have ended by it: the logger's clock is the newest truth that it has heard, and
 # behind that by no more than a process of a busy machine stands still
@@ -27,45 +30,46 @@ def ending(logs: Logs) -> str | None:
         return "the episode never began"
     if logs.end is None:
         return "the log breaks off: the logger did not see the episode end"
-    if logs.true and not any(row["distance_m"] is not None for row in (*logs.poses, *logs.frames.values())):
+    told: list[Pose | FrameTruth] = [*logs.poses, *logs.frames.values()]
+    if logs.true and not any(row.distance_m is not None for row in told):
         return "the logger measured nothing"
-    reason, ended_s = logs.end["reason"], logs.end["t"]
+    reason, ended_s = logs.end.reason, logs.end.t
     if reason == "decided":
-        good = any(d.qualifies(DELTA_M) for d in declarations(logs))
-        return None if good else "the flight was ended as decided, and no declaration in decisions.jsonl decides it"
+        good = any(d.qualifies(RADIUS_M) for d in declarations(logs))
+        return None if good else f"the flight was ended as decided, and no declaration in {DECISIONS} decides it"
     if reason != "cap":
-        return str(logs.end.get("error") or reason)
-    cap_s = logs.begin.get("cap_s") or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
+        return logs.end.error or reason
+    cap_s = logs.begin.cap_s or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
     if ended_s < cap_s - LATE_S:
         return f"the log says that the flight ended at its cap of {cap_s:g} s, and ends at {ended_s:g} s"
     if not logs.decisions:
-        return "the flight was flown to its cap, and decisions.jsonl is empty"
+        return f"the flight was flown to its cap, and {DECISIONS} is empty"
     return None
 
 
 def gaps(logs: Logs) -> str | None:
     """Return what is wrong with the numbers of the decisions: a step is missing, or a drone took one twice."""
-    taken = Counter((d["step"], d["drone"]) for d in logs.decisions)
+    taken = Counter((d.step, d.drone) for d in logs.decisions)
     twice = next((key for key, count in sorted(taken.items()) if count > 1), None)
     if twice:
-        return f"decisions.jsonl holds step {twice[0]} of drone {twice[1]} more than once"
+        return f"{DECISIONS} holds step {twice[0]} of drone {twice[1]} more than once"
     steps = sorted({-1} | {step for step, _ in taken})
     missing = next((a + 1 for a, b in pairwise(steps) if b > a + 1), None)
-    return None if missing is None else f"decisions.jsonl lacks step {missing}"
+    return None if missing is None else f"{DECISIONS} lacks step {missing}"
 
 
 def of_logs(logs: Logs) -> list[str]:
     """Return the contradictions within the logs, a sentence each."""
     told = [fault] if (fault := gaps(logs)) else []
-    late = [d for d in logs.decisions if (f := _frame(d, logs)) and abs(f["t"] - d["t_frame"]) > SAME_S]
+    late = [d for d in logs.decisions if (f := _frame(d, logs)) and abs(f.t - d.t_frame) > SAME_S]
     if late:
-        said, heard = late[0]["t_frame"], logs.frames[late[0]["drone"], late[0]["frame_id"]]["t"]
-        told.append(f"step {late[0]['step']} names a frame of {said:g} s that was taken at {heard:g} s{_more(late)}")
+        said, heard = late[0].t_frame, logs.frames[late[0].drone, late[0].frame_id].t
+        told.append(f"step {late[0].step} names a frame of {said:g} s that was taken at {heard:g} s{_more(late)}")
     for kind, rows in (("pose", logs.poses), ("frame", logs.frames.values())):
         off = [row for row in rows if not consistent(row)]
         if off:
             told.append(
-                f"the {kind} of drone {off[0]['drone']} at {off[0]['t']:g} s is not as far from the target as its"
+                f"the {kind} of drone {off[0].drone} at {off[0].t:g} s is not as far from the target as its"
                 f" positions are{_more(off)}"
             )
     return told
@@ -73,24 +77,24 @@ def of_logs(logs: Logs) -> list[str]:
 
 def of_replies(logs: Logs, reread: Rereading) -> list[str]:
     """Return the decisions whose action is not what their reply says, in one sentence."""
-    drones = max((d["drone"] for d in logs.decisions), default=0) + 1
-    told = [d for d in logs.decisions if "reply" in d]
-    other = [d for d in told if d["action"] not in reread(d["reply"], drones)[d["drone"]]]
+    drones = max((d.drone for d in logs.decisions), default=0) + 1
+    told = [(d, d.reply) for d in logs.decisions if d.reply is not UNSET]
+    other = [d for d, reply in told if d.action not in reread(reply, drones)[d.drone]]
     if not other:
         return []
-    return [f"the reply of step {other[0]['step']} does not say the action that was taken{_more(other)}"]
+    return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]
 
 
-def of_folder(name: str, record: Row | None) -> list[str]:
+def of_folder(name: str, record: Mapping[str, Any] | None) -> list[str]:
     """Return that the folder's name is not the id of the episode in it, if so."""
     identity = (record or {}).get("id", name)
-    return [] if identity == name else [f"episode.json is of {identity}, and its folder is named {name}"]
+    return [] if identity == name else [f"{EPISODE} is of {identity}, and its folder is named {name}"]
 
 
-def _frame(decision: Row, logs: Logs) -> Row | None:
-    return logs.frames.get((decision["drone"], decision["frame_id"]))
+def _frame(decision: Decision, logs: Logs) -> FrameTruth | None:
+    return logs.frames.get((decision.drone, decision.frame_id))
 
 
-def _more(rows: Iterable[Row]) -> str:
-    count = len(list(rows)) - 1
+def _more(rows: Sized) -> str:
+    count = len(rows) - 1
     return f", and {count} more" if count else ""

@@ -8,30 +8,17 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
-from dronecats.judge.damage import Row
-from dronecats.judge.files import Logs
-from dronecats.judge.verdict import CAP_S, DELTA_M
+from dronecats.rundir.reading import Logs
+from dronecats.rundir.results import Diagnostics
+from dronecats.rundir.rows import FrameTruth, Pose
+from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M
 
-PERIOD_S = 0.5  # s, of the pose trace
-GAP_S = 1.5 * PERIOD_S  # s between samples beyond which one of the trace is missing
+GAP_S = 1.5 * POSE_PERIOD_S  # s between samples beyond which one of the trace is missing
 
-
-@dataclass(frozen=True, slots=True)
-class Diagnostics:
-    """Of one drone, or the best of a fleet's. None: nothing that it could be told from was measured."""
-
-    min_distance_m: float | None  # m, to the target's centre
-    start_distance_m: float | None  # m, at the first sample
-    approach_ratio: float | None  # share of the start distance that was closed, at most 1
-    oracle_success: bool | None  # it was within delta at some sample, in view or not
-    first_seen_s: float | None  # s, first sample with the target in view; None also where there is none
-    dwell_s: float | None  # s within delta with the target in view
-    longest_loss_s: float | None  # s, longest time without the target in view, from the beginning to the end
-    path_m: float  # m, along the poses
-    flown_s: float  # s, of the last sample
-    untraced_s: float  # s of the flight in gaps of the trace
+Sample = Pose | FrameTruth
+Kind = TypeVar("Kind", bound=Sample)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +27,21 @@ class Stretch:
 
     begins: float  # s
     ends: float  # s
-    sample: Row
+    sample: Sample
 
 
-def of_drones(logs: Logs, delta_m: float = DELTA_M) -> dict[int, Diagnostics]:
+def of_drones(logs: Logs, delta_m: float = RADIUS_M) -> dict[int, Diagnostics]:
     """Return the diagnostics of every drone of which anything was measured, by its number."""
-    acted = {(d["drone"], d["frame_id"]) for d in logs.decisions if d["t_decided"] <= CAP_S}
-    frames = [row for key, row in logs.frames.items() if row["t"] <= CAP_S or key in acted]
-    poses = [pose for pose in logs.poses if pose["t"] <= CAP_S]
-    told = [row for row in (*poses, *frames) if row["distance_m"] is not None or row["visible"] is not None]
-    last_s = max((row["t"] for row in told), default=0.0)
-    ended_s = min(CAP_S, max(last_s, logs.end["t"] if logs.end else 0.0))
+    acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= CAP_S}
+    frames = [row for key, row in logs.frames.items() if row.t <= CAP_S or key in acted]
+    poses = [pose for pose in logs.poses if pose.t <= CAP_S]
+    samples: list[Sample] = [*poses, *frames]
+    told = [row for row in samples if row.distance_m is not None or row.visible is not None]
+    last_s = max((row.t for row in told), default=0.0)
+    ended_s = min(CAP_S, max(last_s, logs.end.t if logs.end else 0.0))
     return {
         drone: _of_drone(_of(told, drone), _of(poses, drone), ended_s, delta_m)
-        for drone in sorted({row["drone"] for row in told})
+        for drone in sorted({row.drone for row in told})
     }
 
 
@@ -81,14 +69,14 @@ def of_fleet(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
 
 def dwell(stretches: Iterable[Stretch], delta_m: float) -> float:
     """Return the seconds within delta with the target in view."""
-    return sum(s.ends - s.begins for s in stretches if s.sample["visible"] and _within(s.sample, delta_m))
+    return sum(s.ends - s.begins for s in stretches if s.sample.visible and _within(s.sample, delta_m))
 
 
 def longest_loss(stretches: Iterable[Stretch]) -> float:
     """Return the longest time in seconds without the target in view; a gap in the trace ends it."""
     longest, begins, ends = 0.0, 0.0, -1.0
     for stretch in stretches:
-        if stretch.sample["visible"] is not False:
+        if stretch.sample.visible is not False:
             ends = -1.0
             continue
         begins = begins if stretch.begins == ends else stretch.begins
@@ -97,28 +85,28 @@ def longest_loss(stretches: Iterable[Stretch]) -> float:
     return longest
 
 
-def path(poses: Sequence[Row]) -> float:
+def path(poses: Sequence[Pose]) -> float:
     """Return the metres along poses in the order of their times, gaps left out."""
-    return sum(math.dist(a["position_ned"], b["position_ned"]) for a, b in pairwise(poses) if b["t"] - a["t"] <= GAP_S)
+    return sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses) if b.t - a.t <= GAP_S)
 
 
-def stretches(samples: Sequence[Row], ended_s: float) -> Iterator[Stretch]:
+def stretches(samples: Sequence[Sample], ended_s: float) -> Iterator[Stretch]:
     """Yield what samples in the order of their times speak for, from 0 to `ended_s`, gaps left out.
 
     The first speaks for the time before it as well, where that is no gap.
     """
     first, last = samples[0], samples[-1]
-    times = [(0.0, first["t"], first), *((a["t"], b["t"], a) for a, b in pairwise(samples)), (last["t"], ended_s, last)]
+    times = [(0.0, first.t, first), *((a.t, b.t, a) for a, b in pairwise(samples)), (last.t, ended_s, last)]
     for begins, ends, sample in times:
         clipped = Stretch(max(0.0, begins), min(ended_s, ends), sample)
         if ends - begins <= GAP_S and clipped.ends > clipped.begins:
             yield clipped
 
 
-def _of_drone(samples: Sequence[Row], poses: Sequence[Row], ended_s: float, delta_m: float) -> Diagnostics:
-    distances = [s["distance_m"] for s in samples if s["distance_m"] is not None]
-    seen = [s["t"] for s in samples if s["visible"]]
-    looked = any(s["visible"] is not None for s in samples)
+def _of_drone(samples: Sequence[Sample], poses: Sequence[Pose], ended_s: float, delta_m: float) -> Diagnostics:
+    distances = [s.distance_m for s in samples if s.distance_m is not None]
+    seen = [s.t for s in samples if s.visible]
+    looked = any(s.visible is not None for s in samples)
     spoken = list(stretches(samples, ended_s))
     nearest, start = min(distances, default=None), distances[0] if distances else None
     return Diagnostics(
@@ -130,18 +118,18 @@ def _of_drone(samples: Sequence[Row], poses: Sequence[Row], ended_s: float, delt
         dwell_s=round(dwell(spoken, delta_m), 3) if looked and distances else None,
         longest_loss_s=round(longest_loss(spoken), 3) if looked else None,
         path_m=round(path(poses), 3),
-        flown_s=samples[-1]["t"],
+        flown_s=samples[-1].t,
         untraced_s=round(ended_s - sum(s.ends - s.begins for s in spoken), 3),
     )
 
 
-def _of(rows: Iterable[Row], drone: int) -> list[Row]:
+def _of(rows: Iterable[Kind], drone: int) -> list[Kind]:
     """Return one drone's rows in the order of their times; at one instant the frame, which was judged, comes last."""
-    return sorted((row for row in rows if row["drone"] == drone), key=lambda row: (row["t"], row["kind"] == "frame"))
+    return sorted((row for row in rows if row.drone == drone), key=lambda row: (row.t, isinstance(row, FrameTruth)))
 
 
-def _within(sample: Row, delta_m: float) -> bool:
-    return sample["distance_m"] is not None and sample["distance_m"] <= delta_m
+def _within(sample: Sample, delta_m: float) -> bool:
+    return sample.distance_m is not None and sample.distance_m <= delta_m
 
 
 def _known(values: Iterable[Any]) -> list[Any]:

@@ -1,25 +1,56 @@
 """The outcome of an episode folder: success, failure, or what is nobody's score: error, censored, unknown."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+
+from msgspec import UNSET
 
 from dronecats.judge import contradictions
 from dronecats.judge.diagnostics import of_drones, of_fleet
 from dronecats.judge.distances import distances
-from dronecats.judge.files import Logs, json_object, read
 from dronecats.judge.measured import declarations, finished, last_action, reasons
 from dronecats.judge.measures import NOTHING_KNOWN, measures
-from dronecats.judge.stored import compare
-from dronecats.judge.verdict import CAP_S, DELTA_M, Measured, Verdict, judge
+from dronecats.judge.stored import Comparison, compare
+from dronecats.judge.verdict import Judgement, Measured, judge
+from dronecats.rundir import layout
+from dronecats.rundir.reading import Logs, check_version, episodes, json_object, read
+from dronecats.rundir.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
+from dronecats.rundir.writing import as_json
 from foundation.errors import InfrastructureError, UsageError
 from foundation.json_file import write_json
+from foundation.protocol import CAP_S, RADIUS_M
 
 NOTHING = Logs((), {}, (), None, None)
 
 
-def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The verdict of an episode folder beside what else stands there."""
+
+    verdict: Verdict
+    stored: Comparison | None  # with verdict.json; None: there is none, or it is of another radius
+    contradictions: tuple[str, ...]  # where the logs do not hold together, sentences
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether something stored does not agree with the logs, or they with one another."""
+        return bool(self.contradictions or (self.stored and not self.stored.agrees))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as `dronecats judge --json` prints it."""
+        stored = self.stored
+        return {
+            **self.verdict.as_json(),
+            "stored_agrees": stored.agrees if stored else None,
+            "stored_differs": [*stored.differing] if stored else [],
+            "stored_older": bool(stored and stored.older),
+            "contradictions": [*self.contradictions],
+        }
+
+
+def outcome(logs: Logs, delta_m: float = RADIUS_M) -> Verdict:
     """Return the whole verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
     A qualifying declaration is a success however the flight ended. Without one, a flight that the logger did not see
@@ -31,34 +62,31 @@ def outcome(logs: Logs, delta_m: float = DELTA_M) -> dict[str, Any]:
     """
     told = declarations(logs) if logs.true else []
     last = last_action(logs) if logs.true else None
-    verdict = judge(told, last, delta_m) if logs.true else Verdict(False, None, None)
+    verdict = judge(told, last, delta_m) if logs.true else Judgement(False, None, None)
     estimated = distances(logs, delta_m)
     error = None if verdict.success else _fault(logs, verdict)
     named = "error" if error else _named(logs, verdict, estimated is not None)
-    scored = verdict if named in ("success", "failure") else Verdict(False, None, None)
+    scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
     claims = finished(logs)
     drones = of_drones(logs, delta_m)
-    fleet = of_fleet(drones)
-    whole = error is None and logs.end is not None and logs.end["reason"] == "cap"
-    return {
-        "outcome": named,
-        "success": scored.success if logs.true and named != "censored" else None,
-        "ne_m": scored.ne_m,
-        "delta_m": delta_m,
-        "censored": named in ("success", "censored") and not whole,
-        "steps": max((d["step"] + 1 for d in logs.decisions), default=0),
-        "declarations": sum(d["t_decided"] <= CAP_S for d in claims),
-        "declarations_after_cap": sum(d["t_decided"] > CAP_S for d in claims),
+    whole = error is None and logs.end is not None and logs.end.reason == "cap"
+    return Verdict(
+        outcome=named,
+        success=scored.success if logs.true and named != "censored" else None,
+        ne_m=scored.ne_m,
+        delta_m=delta_m,
+        censored=named in ("success", "censored") and not whole,
+        steps=max((d.step + 1 for d in logs.decisions), default=0),
+        declarations=sum(d.t_decided <= CAP_S for d in claims),
+        declarations_after_cap=sum(d.t_decided > CAP_S for d in claims),
         **asdict(measures(told, delta_m, whole=whole) if logs.true else NOTHING_KNOWN),
-        "deciding": _deciding(scored.deciding),
-        "error": error,
-        "note": _note(scored, last),
-        "diagnostics": asdict(fleet) if fleet else {},
-        "drones": [
-            {"drone": drone, **_declared(told, drone, delta_m), **asdict(each)} for drone, each in drones.items()
-        ],
-        **({} if logs.true else {"distances": estimated}),
-    }
+        deciding=_deciding(scored.deciding),
+        error=error,
+        note=_note(scored, last),
+        diagnostics=of_fleet(drones),
+        drones=tuple(_of_drone(drone, each, told, delta_m) for drone, each in drones.items()),
+        distances=UNSET if logs.true else estimated,
+    )
 
 
 def succeeded(logs: Logs) -> bool:
@@ -66,20 +94,20 @@ def succeeded(logs: Logs) -> bool:
     return logs.true and bool(judge(declarations(logs), None).success)
 
 
-def _fault(logs: Logs, verdict: Verdict) -> str | None:
+def _fault(logs: Logs, verdict: Judgement) -> str | None:
     """Return why what is no success is no failure either, None when it is one."""
     return reasons(verdict.unknown) or contradictions.ending(logs) or contradictions.gaps(logs)
 
 
-def _named(logs: Logs, verdict: Verdict, estimated: bool) -> str:
+def _named(logs: Logs, verdict: Judgement, estimated: bool) -> Outcome:
     if not logs.true:
         return "distance only" if estimated else "unknown"
     if verdict.success:
         return "success"
-    return "censored" if logs.end and logs.end["reason"] == "decided" else "failure"
+    return "censored" if logs.end and logs.end.reason == "decided" else "failure"
 
 
-def _note(verdict: Verdict, last: Measured | None) -> str | None:
+def _note(verdict: Judgement, last: Measured | None) -> str | None:
     """Return what the verdict leaves open though it stands, a sentence."""
     if verdict.success and verdict.unknown:
         return f"deciding and ne_m are of the first declaration known to qualify: {reasons(verdict.unknown)}"
@@ -88,53 +116,42 @@ def _note(verdict: Verdict, last: Measured | None) -> str | None:
     return None
 
 
-def _deciding(declaration: Measured | None) -> dict[str, Any] | None:
+def _deciding(declaration: Measured | None) -> Deciding | None:
     if declaration is None:
         return None
     step, drone, t, distance_m = declaration.step, declaration.drone, declaration.t, declaration.distance_m
-    return {"step": step, "drone": drone, "t": t, "distance_m": distance_m}
+    return Deciding(step=step, drone=drone, t=t, distance_m=distance_m)
 
 
-def _declared(told: list[Measured], drone: int, delta_m: float) -> dict[str, int]:
+def _of_drone(drone: int, of_it: Diagnostics, told: list[Measured], delta_m: float) -> DroneDiagnostics:
     own = [d for d in told if d.drone == drone]
-    return {"declarations": len(own), "qualifying": sum(d.qualifies(delta_m) is True for d in own)}
+    qualifying = sum(d.qualifies(delta_m) is True for d in own)
+    return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(of_it))
 
 
-def judge_folder(
-    folder: Path, delta_m: float = DELTA_M, reread: contradictions.Rereading | None = None
-) -> dict[str, Any]:
+def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None) -> Judged:
     """Return `outcome` of an episode folder, and how it compares with what else stands there. Raises UsageError.
 
-    `stored_agrees`: whether verdict.json says the same, None when there is none or it is of another radius, with
-    `stored_differs`, the names of what differs, and `stored_older`, whether an older version stored it.
-    `contradictions`: where the logs do not hold together, sentences; replies are read again by `reread`.
+    Replies are read again by `reread`.
     """
     logs = read(folder)
-    result = outcome(logs, delta_m)
-    found = contradictions.of_logs(logs) + contradictions.of_folder(
-        folder.resolve().name, json_object(folder / "episode.json")
-    )
-    return {
-        **result,
-        **_stored(folder / "verdict.json", result),
-        "contradictions": found + (contradictions.of_replies(logs, reread) if reread else []),
-    }
+    verdict = outcome(logs, delta_m)
+    found = contradictions.of_logs(logs)
+    found += contradictions.of_folder(folder.resolve().name, json_object(folder / layout.EPISODE))
+    found += contradictions.of_replies(logs, reread) if reread else []
+    return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(found))
 
 
-def _stored(path: Path, result: dict[str, Any]) -> dict[str, Any]:
+def _stored(path: Path, verdict: Verdict) -> Comparison | None:
     stored = json_object(path)
     if stored is None:
-        damaged = path.exists()
-        return {"stored_agrees": False if damaged else None, "stored_differs": [], "stored_older": False}
-    if stored.get("delta_m") != result["delta_m"]:
-        return {"stored_agrees": None, "stored_differs": [], "stored_older": False}
-    found = compare(stored, result)
-    return {"stored_agrees": not found.differing, "stored_differs": [*found.differing], "stored_older": found.older}
+        return Comparison((), False, damaged=True) if path.exists() else None
+    return compare(stored, verdict.as_json()) if stored.get("delta_m") == verdict.delta_m else None
 
 
 def judge_run(
-    run: Path, delta_m: float = DELTA_M, reread: contradictions.Rereading | None = None
-) -> dict[str, dict[str, Any]]:
+    run: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None
+) -> dict[str, Judged]:
     """Return `judge_folder` of every episode of a run folder (or of the one episode folder given), by episode id.
 
     One damaged episode is an error of its own and keeps no other from being judged. Raises UsageError.
@@ -143,39 +160,40 @@ def judge_run(
         raise UsageError(f"--delta wants a radius in metres above 0, got {delta_m:g}")
     if not run.is_dir():
         raise UsageError(f"there is no folder {run}")
-    folders = [run] if (run / "decisions.jsonl").exists() else sorted(p.parent for p in run.glob("*/decisions.jsonl"))
+    folders = episodes(run)
     if not folders:
-        raise UsageError(f"{run} holds no episode: a folder with decisions.jsonl and truth.jsonl is wanted")
+        raise UsageError(f"{run} holds no episode: a folder with {layout.DECISIONS} and {layout.TRUTH} is wanted")
+    check_version(folders[0].resolve().parent)
     return {folder.resolve().name: _judged(folder, delta_m, reread) for folder in folders}
 
 
-def _judged(folder: Path, delta_m: float, reread: contradictions.Rereading | None) -> dict[str, Any]:
+def _judged(folder: Path, delta_m: float, reread: contradictions.Rereading | None) -> Judged:
     try:
         return judge_folder(folder, delta_m, reread)
     except UsageError as damage:
-        result = _damaged(damage, delta_m)
-        return {**result, **_stored(folder / "verdict.json", result), "contradictions": []}
+        verdict = _damaged(damage, delta_m)
+        return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
 
 
-def _damaged(damage: UsageError, delta_m: float) -> dict[str, Any]:
-    return {**outcome(NOTHING, delta_m), **asdict(NOTHING_KNOWN), "error": str(damage)}
+def _damaged(damage: UsageError, delta_m: float) -> Verdict:
+    return replace(outcome(NOTHING, delta_m), **asdict(NOTHING_KNOWN), error=str(damage))
 
 
-def write_verdict(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:
+def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
     """Judge an episode folder, store verdict.json in it, and return the verdict; of damaged logs it is an error.
 
     Raises InfrastructureError when it cannot be stored.
     """
-    result = verdict_of(folder, delta_m)
-    path = folder / "verdict.json"
+    verdict = verdict_of(folder, delta_m)
+    path = folder / layout.VERDICT
     try:
-        write_json(path, result)
+        write_json(path, verdict.as_json())
     except OSError as full:
         raise InfrastructureError(f"{path} cannot be written: {full.strerror}") from None
-    return result
+    return verdict
 
 
-def verdict_of(folder: Path, delta_m: float = DELTA_M) -> dict[str, Any]:
+def verdict_of(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
     """Return `outcome` of an episode folder; of damaged logs it is an error."""
     try:
         return outcome(read(folder), delta_m)

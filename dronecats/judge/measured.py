@@ -3,22 +3,23 @@
 import math
 from collections.abc import Iterable
 
-from dronecats.judge.damage import Row
-from dronecats.judge.files import Logs
-from dronecats.judge.verdict import CAP_S, Measured
+from dronecats.judge.verdict import Measured
+from dronecats.rundir.reading import Logs
+from dronecats.rundir.rows import Decision, FrameTruth, Pose
+from foundation.protocol import CAP_S
 
 SAME_S = 1e-3  # s: pictures are announced in whole milliseconds
 SAME_M = 1e-3  # m: places and distances are logged to a tenth of a millimetre each
 
 
-def finished(logs: Logs) -> list[Row]:
+def finished(logs: Logs) -> list[Decision]:
     """Return the decisions that declare arrival."""
-    return [d for d in logs.decisions if (d["action"] or {}).get("action") == "finished"]
+    return [d for d in logs.decisions if d.declares]
 
 
 def declarations(logs: Logs) -> list[Measured]:
     """Return the declarations that could count, with the truth at their frames."""
-    return [measured(d, logs) for d in finished(logs) if d["t_decided"] <= CAP_S]
+    return [measured(d, logs) for d in finished(logs) if d.t_decided <= CAP_S]
 
 
 def last_action(logs: Logs) -> Measured | None:
@@ -26,35 +27,35 @@ def last_action(logs: Logs) -> Measured | None:
 
     Of a step that was not measured in full nobody knows which was the closest: its distance is None.
     """
-    acted = [d for d in logs.decisions if d["t_decided"] <= CAP_S]
-    step = max((d["step"] for d in acted), default=None)
-    last = [measured(d, logs) for d in acted if d["step"] == step]
+    acted = [d for d in logs.decisions if d.t_decided <= CAP_S]
+    step = max((d.step for d in acted), default=None)
+    last = [measured(d, logs) for d in acted if d.step == step]
     return min(last, key=lambda m: -1.0 if m.distance_m is None else m.distance_m, default=None)
 
 
-def measured(decision: Row, logs: Logs) -> Measured:
+def measured(decision: Decision, logs: Logs) -> Measured:
     """Return a decision with the truth at its own frame, or with the reason why that is not known."""
-    step, drone, t = decision["step"], decision["drone"], decision["t_decided"]
-    frame = logs.frames.get((drone, decision["frame_id"]))
-    what = f"step {step} of drone {drone} was decided on frame {decision['frame_id']}"
-    if frame is None or (frame["distance_m"] is None and frame["visible"] is None):
+    step, drone, t = decision.step, decision.drone, decision.t_decided
+    frame = logs.frames.get((drone, decision.frame_id))
+    what = f"step {step} of drone {drone} was decided on frame {decision.frame_id}"
+    if frame is None or (frame.distance_m is None and frame.visible is None):
         return Measured(step, drone, t, None, None, f"{what}, of which the logger has no truth")
-    if abs(frame["t"] - decision["t_frame"]) > SAME_S:
-        told = f"taken at {decision['t_frame']:g} s, or by the logger at {frame['t']:g} s"
+    if abs(frame.t - decision.t_frame) > SAME_S:
+        told = f"taken at {decision.t_frame:g} s, or by the logger at {frame.t:g} s"
         return Measured(step, drone, t, None, None, f"{what}, {told}")
     if not consistent(frame):
         return Measured(step, drone, t, None, None, f"{what}, whose distance is not that of its positions")
-    whole = frame["distance_m"] is not None and frame["visible"] is not None
+    whole = frame.distance_m is not None and frame.visible is not None
     part = None if whole else f"{what}, which was measured in part"
-    return Measured(step, drone, t, frame["distance_m"], frame["visible"], part)
+    return Measured(step, drone, t, frame.distance_m, frame.visible, part)
 
 
-def consistent(row: Row) -> bool:
+def consistent(row: Pose | FrameTruth) -> bool:
     """Return whether the distance of a pose or a frame is that between its positions, where it tells all three."""
-    here, target, distance_m = row.get("position_ned"), row.get("target_ned"), row["distance_m"]
+    here, target, distance_m = row.position_ned, row.target_ned, row.distance_m
     if here is None or target is None or distance_m is None:
         return True
-    return abs(math.dist(here, target) - float(distance_m)) <= SAME_M
+    return abs(math.dist(here, target) - distance_m) <= SAME_M
 
 
 def reasons(unknown: Iterable[Measured]) -> str:

@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dronecats.judge.verdict import CAP_S, DELTA_M, Measured, in_order
+from dronecats.judge.verdict import Measured, in_order
+from foundation.protocol import CAP_S, RADIUS_M
 
 FEW = 3  # declarations within which a success is no longer a matter of declaring everywhere
 
@@ -22,7 +23,7 @@ NOTHING_KNOWN = Measures(None, None, None, None)  # of a flight whose truth nobo
 
 
 def measures(
-    declarations: Iterable[Measured], delta_m: float = DELTA_M, cap_s: float = CAP_S, *, whole: bool = True
+    declarations: Iterable[Measured], delta_m: float = RADIUS_M, cap_s: float = CAP_S, *, whole: bool = True
 ) -> Measures:
     """Return the measures. `whole`: the flight was seen to its cap, so that what was not declared never was."""
     counted = [d.qualifies(delta_m) for d in in_order(declarations, cap_s)]

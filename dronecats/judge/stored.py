@@ -16,6 +16,12 @@ class Comparison:
 
     differing: tuple[str, ...]  # the names of what differs, as in "diagnostics.dwell_s"
     older: bool  # an older version stored it, which knew less: only CORE is compared
+    damaged: bool = False  # it is half a file, or none of ours
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing differs."""
+        return not self.differing and not self.damaged
 
 
 def compare(stored: Mapping[str, Any], derived: Mapping[str, Any]) -> Comparison:

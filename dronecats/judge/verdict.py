@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-DELTA_M = 5.0  # m, success radius to the target's centre
-CAP_S = 300.0  # s, episode cap
+from foundation.protocol import CAP_S, RADIUS_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +17,7 @@ class Measured:
     visible: bool | None  # None: not measured
     unknown: str | None = None  # why it was not measured, a sentence
 
-    def qualifies(self, delta_m: float = DELTA_M) -> bool | None:
+    def qualifies(self, delta_m: float = RADIUS_M) -> bool | None:
         """Return whether a declaration here is a success; None when what was not measured could make it either."""
         within = None if self.distance_m is None else self.distance_m <= delta_m
         if within is False or self.visible is False:
@@ -27,7 +26,7 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Judgement:
     """Whether the episode succeeded, and the navigation error: the distance at the decisive measurement."""
 
     success: bool | None  # None: no declaration is known to qualify, and one that was not measured may have
@@ -44,9 +43,9 @@ def in_order(declarations: Iterable[Measured], cap_s: float = CAP_S) -> list[Mea
 def judge(
     declarations: Iterable[Measured],
     last_action: Measured | None,
-    delta_m: float = DELTA_M,
+    delta_m: float = RADIUS_M,
     cap_s: float = CAP_S,
-) -> Verdict:
+) -> Judgement:
     """Return the verdict over the pooled declarations of all drones.
 
     A declaration logged after the cap does not count; the first one within `delta_m` whose target is visible decides.
@@ -56,9 +55,9 @@ def judge(
     for declaration in in_order(declarations, cap_s):
         qualifies = declaration.qualifies(delta_m)
         if qualifies:
-            return Verdict(True, declaration.distance_m, declaration, tuple(unknown))
+            return Judgement(True, declaration.distance_m, declaration, tuple(unknown))
         if qualifies is None:
             unknown.append(declaration)
     if unknown:
-        return Verdict(None, None, None, tuple(unknown))
-    return Verdict(False, last_action.distance_m if last_action else None, None)
+        return Judgement(None, None, None, tuple(unknown))
+    return Judgement(False, last_action.distance_m if last_action else None, None)

@@ -9,6 +9,7 @@ shows what arrives by itself; the others declare, as often and as well as a patt
 from collections.abc import Callable, Iterator
 
 from dronecats.pilots import briefing, patterns, reply
+from foundation.protocol import GO
 
 _STRIDE_M = 6.0  # a `go` of 5 m or more is flown as a full 3 m step
 _TURN_DEG = 60.0
@@ -25,7 +26,7 @@ def answer(prompt: str, images: list[bytes]) -> str:
 def _next(past: tuple[briefing.PastAction, ...]) -> str:
     if not past:
         return reply.think()
-    if past[-1].kind == "go":
+    if past[-1].kind == GO:
         return reply.rotate(_TURN_DEG)
     return reply.go(500, 500, _STRIDE_M)
 

@@ -7,6 +7,8 @@ The agent's prompt carries one line `Command: …` and a history block in the co
 import re
 from dataclasses import dataclass
 
+from foundation.protocol import FINISHED, GO, ROTATE, THINK
+
 _COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
 _PAST = re.compile(
@@ -19,7 +21,7 @@ _DRONE = re.compile(r"\bdrone\s*#?\s*(\d{1,3})\b", re.IGNORECASE)
 class PastAction:
     """One action of the history, as the prompt shows it."""
 
-    kind: str  # 'go' | 'rotate' | 'think' | 'finished'
+    kind: str  # GO, ROTATE, THINK or FINISHED
     x_px: float = 0.0  # px, of a go; the history speaks in pixels of the full picture, 1280 wide
     depth_m: float = 0.0  # m, of a go
     angle_deg: float = 0.0  # deg, of a rotate, positive to the right
@@ -62,7 +64,7 @@ def read(prompt: str) -> Briefing:
 def _past(match: re.Match[str]) -> PastAction:
     x, _y, depth, angle, think, _finished = match.groups()
     if depth is not None:
-        return PastAction("go", x_px=float(x), depth_m=float(depth))
+        return PastAction(GO, x_px=float(x), depth_m=float(depth))
     if angle is not None:
-        return PastAction("rotate", angle_deg=float(angle))
-    return PastAction("think" if think else "finished")
+        return PastAction(ROTATE, angle_deg=float(angle))
+    return PastAction(THINK if think else FINISHED)

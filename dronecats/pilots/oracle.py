@@ -9,13 +9,10 @@ import math
 from dronecats.pilots import reply as text
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
+from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
 ARRIVED_M = 4.0  # 3-D distance, body origin to target centre, at which it declares; the verifier's radius is 5 m
 _CLOSE_ENOUGH_M = 4.5  # … and at which it does so when the shortest stride would bring it too close
-_STEP_S = 2.5  # one `go` is flown this long
-_FAR_M, _FAR_SCALE = 5.0, 0.6  # below this depth a stride is scaled …
-_STRIDE_M = 3.0  # … and never longer than this (paper, appendix "Executing go")
-_SHORTEST_STRIDE_M = 1.2  # 0.6 of a depth of 2 m, under which the drone brakes
 _LEVEL = 0.14  # |vertical| / horizontal below this is not flown: the controller drops it under 0.15
 _KEEPS_HEIGHT_M = 7.0  # nearer than this the height is kept …
 _KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would then leave the picture below or above before it is reached
@@ -57,27 +54,27 @@ def reply(
         return text.rotate(_bearing_deg(position_ned, yaw_rad, aim))
     horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
     vertical = aim[2] - position_ned[2]
-    if not in_picture and horizontal < _STRIDE_M:  # over or under it: fly on, turn round there
-        return text.go(500.0, 500.0, _FAR_M)
+    if not in_picture and horizontal < STRIDE_MAX_M:  # over or under it: fly on, turn round there
+        return text.go(500.0, 500.0, NEAR_M)
     # stop where the sphere of ARRIVED_M has safely been entered, at the height that is kept
     reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
     travel = horizontal - reach
-    if in_picture and distance <= _CLOSE_ENOUGH_M and travel < _SHORTEST_STRIDE_M:
+    if in_picture and distance <= _CLOSE_ENOUGH_M and travel < STRIDE_MIN_M:
         return text.finished()
     depth = _depth_for(travel, ahead[0])
     if horizontal < _KEEPS_HEIGHT_M and abs(vertical) < _KEEPS_HEIGHT_BAND_M:
         f, middle = camera.focal_px, camera.height / 2.0
         span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
         y = min(max(y, middle - span), middle + span)
-    return text.go(1000.0 * x / camera.width, 1000.0 * y / camera.height, depth)
+    return text.go(POINT_SPAN * x / camera.width, POINT_SPAN * y / camera.height, depth)
 
 
 def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
     """Return where a moving point will be when the step that is chosen now has been flown."""
     return (
-        point_ned[0] + velocity_ned[0] * _STEP_S,
-        point_ned[1] + velocity_ned[1] * _STEP_S,
-        point_ned[2] + velocity_ned[2] * _STEP_S,
+        point_ned[0] + velocity_ned[0] * STEP_S,
+        point_ned[1] + velocity_ned[1] * STEP_S,
+        point_ned[2] + velocity_ned[2] * STEP_S,
     )
 
 
@@ -86,11 +83,11 @@ def _depth_for(travel_m: float, depth_m: float) -> float:
 
     Strides are 3 m, or between 1.2 m and 1.8 m, so what is left is halved where a full one would leave too little.
     """
-    if travel_m >= _STRIDE_M + _SHORTEST_STRIDE_M:
-        return max(depth_m, _FAR_M)
-    longest = _FAR_SCALE * _STRIDE_M
+    if travel_m >= STRIDE_MAX_M + STRIDE_MIN_M:
+        return max(depth_m, NEAR_M)
+    longest = NEAR_SCALE * STRIDE_MAX_M
     stride = travel_m if travel_m <= longest else 0.5 * travel_m
-    return min(max(stride, _SHORTEST_STRIDE_M), longest) / _FAR_SCALE
+    return min(max(stride, STRIDE_MIN_M), longest) / NEAR_SCALE
 
 
 def _in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from dronecats.pilots import reply
+from foundation.protocol import BRAKE_M, STRIDE_MAX_M, STRIDE_MIN_M
 
-LONG_M, LONG_DEPTH_M = 3.0, 6.0  # the longest stride, and a depth that is flown so
-SHORT_M, SHORT_DEPTH_M = 1.2, 2.0  # the shortest, flown 0.6 of its depth
+LONG_M, LONG_DEPTH_M = STRIDE_MAX_M, 6.0  # the longest stride, and a depth that is flown so
+SHORT_M, SHORT_DEPTH_M = STRIDE_MIN_M, BRAKE_M  # the shortest, flown 0.6 of its depth
 START_M = 16.0  # of every residential start from its target
-RADIUS_M = 5.0
 VIEW_DEG = 90.0
 
 

@@ -4,20 +4,31 @@ With it the same decisions fly on two autopilots, and `dronecats compare` tells 
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from dronecats.judge.files import lines
 from dronecats.pilots import reply
+from dronecats.rundir.layout import DECISIONS
+from dronecats.rundir.reading import rows
+from dronecats.rundir.rows import Whole
 from foundation.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """All that is asked of a decision here, so that a script may be written by hand."""
+
+    step: Whole
+    reply: str  # as received; a fleet's whole
 
 
 def replies(path: Path) -> list[str]:
     """Return the replies of a decisions.jsonl, one per step, a fleet's whole. Raises UsageError."""
     by_step: dict[int, str] = {}
-    for row in lines(path, _fault):
-        by_step.setdefault(row["step"], row["reply"])
+    for said in rows(path, Said):
+        by_step.setdefault(said.step, said.reply)
     if not by_step:
-        raise UsageError(f"{path} holds no decision; give the decisions.jsonl of a flight that took steps")
+        raise UsageError(f"{path} holds no decision; give the {DECISIONS} of a flight that took steps")
     return [by_step[step] for step in sorted(by_step)]
 
 
@@ -29,10 +40,3 @@ def player(path: Path) -> Callable[[str, list[bytes]], str]:
         return next(coming, reply.fleet([reply.think()] * max(1, len(images))))
 
     return answer
-
-
-def _fault(row: dict[str, object]) -> str | None:
-    step = row.get("step")
-    if not isinstance(step, int) or isinstance(step, bool):
-        return "its step is not a whole number"
-    return None if isinstance(row.get("reply"), str) else "its reply is not text"

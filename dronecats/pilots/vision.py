@@ -14,6 +14,7 @@ import numpy as np
 from dronecats.pilots import briefing, paint, ranging, referent, reply, sighting
 from dronecats.pilots.briefing import PastAction
 from foundation.errors import UsageError
+from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M
 
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 
@@ -26,11 +27,8 @@ _FILLS = 0.6  # of the picture's width
 _EDGE = 0.015  # of the picture's width: so near the edge a thing is cut off by it
 _ROOM_M = 1.75  # between the drone and the nearest the thing's end can be, for coming closer
 
-# The rules by which a `go` is flown (paper, appendix "Executing go")
-_STRIDE_M = 3.0
-_NEAR_M, _NEAR_SCALE = 5.0, 0.6
-_SHORTEST_M = 1.2
-_SHORTEST_DEPTH_M = _SHORTEST_M / _NEAR_SCALE + 0.01
+# How a `go` is flown
+_SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30  # slopes under 0.15 keep the height; near the target, gentle ones are made such
 _LEVEL_WITHIN_M = 7.0
 
@@ -75,7 +73,7 @@ def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAct
         return reply.finished() if _was_before_it(past) else _search(picture, past)
     if _fills(seen.box, picture.shape[0] / picture.shape[1]):
         return reply.finished()
-    doubted = _trailing(past, "finished") >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
+    doubted = _trailing(past, FINISHED) >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
     if seen.range.distance_m <= _ARRIVED_M and not doubted:
         return reply.finished()
     return _approach(seen, picture.shape[0] / picture.shape[1])
@@ -94,7 +92,7 @@ def _was_before_it(past: tuple[PastAction, ...]) -> bool:
 
     What is lost from sight after it is not gone but so near that its glass and its shadow fill the picture.
     """
-    return bool(past) and past[-1].kind == "go" and past[-1].depth_m <= _SHORTEST_DEPTH_M + 0.1
+    return bool(past) and past[-1].kind == GO and past[-1].depth_m <= _SHORTEST_DEPTH_M + 0.1
 
 
 def _approach(seen: sighting.Sighting, aspect: float) -> str:
@@ -111,18 +109,18 @@ def _depth_for(there: ranging.Range) -> float:
     """Return the estimated depth, changed where the stride it causes would not end near _TARGET_M."""
     travel = there.distance_m - _TARGET_M
     if there.distance_m >= _CAREFUL_M:
-        depth = max(there.depth_m, _NEAR_M)
+        depth = max(there.depth_m, NEAR_M)
         return depth if abs(depth - _WANDER_M) > 0.5 else _WANDER_M - 1.0
-    longest = _NEAR_SCALE * _STRIDE_M
+    longest = NEAR_SCALE * STRIDE_MAX_M
     # what two short strides can cover is halved, so that the last one is not too short to be flown
     stride = travel if travel <= longest else 0.5 * travel
-    depth = min(stride, longest) / _NEAR_SCALE + 0.01
-    return min(max(depth, _SHORTEST_DEPTH_M), _NEAR_M - 0.05)
+    depth = min(stride, longest) / NEAR_SCALE + 0.01
+    return min(max(depth, _SHORTEST_DEPTH_M), NEAR_M - 0.05)
 
 
 def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:
     """Turn until the circle is closed, then walk to where the view is open, then turn again."""
-    turns = _trailing(past, "rotate")
+    turns = _trailing(past, ROTATE)
     if turns:
         side = math.copysign(1.0, past[-1].angle_deg)
         if turns < 5:
@@ -137,7 +135,7 @@ def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:
         u, openness = _way_out(picture)
         if openness >= 0.5 * _OPEN:
             return reply.go(u, 500.0, _WANDER_M)
-    if wandered == 0 and past and past[-1].kind == "go":  # it was there a moment ago: first to the side it was on
+    if wandered == 0 and past and past[-1].kind == GO:  # it was there a moment ago: first to the side it was on
         return reply.rotate(math.copysign(_SWEEP_DEG, past[-1].x_px - 640.0))
     return reply.rotate(_SWEEP_DEG)
 
@@ -176,7 +174,7 @@ def _trailing(past: tuple[PastAction, ...], kind: str) -> int:
 def _wanders(past: tuple[PastAction, ...]) -> int:
     count = 0
     for action in reversed(past):
-        if action.kind != "go" or abs(action.depth_m - _WANDER_M) > 0.3:
+        if action.kind != GO or abs(action.depth_m - _WANDER_M) > 0.3:
             break
         count += 1
     return count

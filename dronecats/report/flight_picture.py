@@ -4,11 +4,9 @@ Drawn from the files of an episode folder alone (design, "Files of a run"); what
 picture of a flight that broke off is the one that is needed most.
 """
 
-import json
 import math
 import textwrap
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,8 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
-from dronecats.judge.files import Logs, read
-from dronecats.judge.verdict import CAP_S, DELTA_M
+from dronecats.rundir import layout
+from dronecats.rundir.reading import Logs, json_object, read
+from dronecats.rundir.rows import Decision, Pose
+from foundation.frames import Vec3
+from foundation.protocol import CAP_S, GO, POINT_SPAN, RADIUS_M, ROTATE
 
 Extent = tuple[float, float, float, float]  # m NED: north_min, north_max, east_min, east_max
 
@@ -53,13 +54,13 @@ def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: E
         bottom = 1.0 - (_MAP_IN + (row + 1) * _ROW_IN - 0.05) / height
         axes = figure.add_axes((0.01 + column * 0.247, bottom, 0.24, (_ROW_IN - 0.42) / height))
         _frame(axes, run_episode_dir, decision, logs)
-    path = run_episode_dir / "flight.png"
+    path = run_episode_dir / layout.PICTURE
     figure.savefig(path, metadata={"Software": None})  # the file depends on the flight, not on the library's version
     return path
 
 
 def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Extent | None) -> None:
-    poses = sorted(logs.poses, key=lambda p: p["t"])
+    poses = sorted(logs.poses, key=lambda p: p.t)
     if picture is not None and extent is not None:
         north_min, north_max, east_min, east_max = extent
         axes.imshow(picture, extent=(east_min, east_max, north_min, north_max), origin="upper", zorder=0)
@@ -67,9 +68,9 @@ def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Exte
     else:
         axes.set_facecolor("#eef0ea")
         axes.grid(color="white", linewidth=1.2)
-    drones = sorted({p["drone"] for p in poses})
+    drones = sorted({p.drone for p in poses})
     for drone in drones:
-        _trace(axes, [p for p in poses if p["drone"] == drone], _DRONES[drone % len(_DRONES)], drone, len(drones) > 1)
+        _trace(axes, [p for p in poses if p.drone == drone], _DRONES[drone % len(_DRONES)], drone, len(drones) > 1)
     _target(axes, poses)
     _declarations(axes, logs)
     _frame_map(axes, poses, extent)
@@ -81,14 +82,14 @@ def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Exte
         axes.legend(loc="upper left", fontsize=8, framealpha=0.85)
 
 
-def _trace(axes: Axes, poses: list[dict[str, Any]], color: str, drone: int, named: bool) -> None:
-    north = [p["position_ned"][0] for p in poses]
-    east = [p["position_ned"][1] for p in poses]
+def _trace(axes: Axes, poses: list[Pose], color: str, drone: int, named: bool) -> None:
+    north = [p.position_ned[0] for p in poses]
+    east = [p.position_ned[1] for p in poses]
     axes.plot(east, north, color="black", linewidth=3.6, alpha=0.5, zorder=3)
     axes.plot(east, north, color=color, linewidth=2.2, zorder=4, label=f"drone {drone}" if named else "drone")
     axes.plot(east[0], north[0], "o", color=color, markeredgecolor="black", markersize=10, zorder=6)
     axes.plot(east[-1], north[-1], "s", color=color, markeredgecolor="black", markersize=8, zorder=6)
-    yaw = math.radians(poses[0]["yaw_deg"])
+    yaw = math.radians(poses[0].yaw_deg or 0.0)
     axes.annotate(
         "",
         xy=(east[0] + 2.2 * math.sin(yaw), north[0] + 2.2 * math.cos(yaw)),
@@ -98,8 +99,8 @@ def _trace(axes: Axes, poses: list[dict[str, Any]], color: str, drone: int, name
     )
 
 
-def _target(axes: Axes, poses: list[dict[str, Any]]) -> None:
-    places = [p["target_ned"] for p in poses if p.get("target_ned")]
+def _target(axes: Axes, poses: list[Pose]) -> None:
+    places = [p.target_ned for p in poses if p.target_ned]
     if not places:
         return
     first, last = places[0], places[-1]
@@ -108,7 +109,7 @@ def _target(axes: Axes, poses: list[dict[str, Any]]) -> None:
         axes.plot(first[1], first[0], "D", markerfacecolor="none", color=_TARGET, markersize=7, zorder=5)
     axes.plot(last[1], last[0], "D", color=_TARGET, markeredgecolor="white", markersize=9, zorder=5, label="target")
     ring = Circle(
-        (last[1], last[0]), DELTA_M, fill=False, color=_TARGET, linewidth=1.6, linestyle=(0, (5, 3)), zorder=4
+        (last[1], last[0]), RADIUS_M, fill=False, color=_TARGET, linewidth=1.6, linestyle=(0, (5, 3)), zorder=4
     )
     axes.add_patch(ring)
 
@@ -116,13 +117,10 @@ def _target(axes: Axes, poses: list[dict[str, Any]]) -> None:
 def _declarations(axes: Axes, logs: Logs) -> None:
     labels = {True: "declaration within reach", False: "declaration rejected"}
     for decision in logs.decisions:
-        good, frame = (
-            qualifies(decision, logs),
-            logs.frames.get((decision.get("drone", 0), decision.get("frame_id", -1))),
-        )
-        if good is None or frame is None:
+        good, frame = qualifies(decision, logs), logs.frames.get((decision.drone, decision.frame_id))
+        if good is None or frame is None or frame.position_ned is None:
             continue
-        north, east = frame["position_ned"][:2]
+        north, east = frame.position_ned[:2]
         if good:
             axes.plot(east, north, "*", color=_ACCEPTED, markeredgecolor="black", markersize=19, zorder=8,
                       label=labels.pop(True, None))  # fmt: skip
@@ -131,17 +129,17 @@ def _declarations(axes: Axes, logs: Logs) -> None:
                       label=labels.pop(False, None))  # fmt: skip
 
 
-def qualifies(decision: dict[str, Any], logs: Logs) -> bool | None:
+def qualifies(decision: Decision, logs: Logs) -> bool | None:
     """Return whether a declaration was warranted at its own frame; None for what is no measured declaration."""
-    frame = logs.frames.get((decision.get("drone", 0), decision.get("frame_id", -1)))
-    if (decision.get("action") or {}).get("action") != "finished" or frame is None or frame.get("distance_m") is None:
+    frame = logs.frames.get((decision.drone, decision.frame_id))
+    if not decision.declares or frame is None or frame.distance_m is None:
         return None
-    return bool(frame["visible"] and frame["distance_m"] <= DELTA_M and decision["t_decided"] <= CAP_S)
+    return bool(frame.visible and frame.distance_m <= RADIUS_M and decision.t_decided <= CAP_S)
 
 
-def _frame_map(axes: Axes, poses: list[dict[str, Any]], extent: Extent | None) -> None:
+def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:
     """Show where things happened, with a margin, in the shape of the axes; inside the map as far as there is one."""
-    points = [p["position_ned"] for p in poses] + [p["target_ned"] for p in poses if p.get("target_ned")]
+    points: list[Vec3] = [p.position_ned for p in poses] + [p.target_ned for p in poses if p.target_ned]
     box = axes.get_window_extent()
     shape = box.width / box.height
     if points:
@@ -187,7 +185,7 @@ def _scale_bar(axes: Axes) -> None:
 
 
 def _title(axes: Axes, folder: Path) -> None:
-    record, verdict = _object(folder / "episode.json"), _object(folder / "verdict.json")
+    record, verdict = (json_object(folder / name) or {} for name in (layout.EPISODE, layout.VERDICT))
     outcome = str(verdict.get("outcome", "not judged"))
     parts = [outcome.upper()]
     if isinstance(verdict.get("ne_m"), int | float):
@@ -207,7 +205,7 @@ def _title(axes: Axes, folder: Path) -> None:
               fontsize=12, color=color, va="bottom", parse_math=False)  # fmt: skip
 
 
-def _frame(axes: Axes, folder: Path, decision: dict[str, Any], logs: Logs) -> None:
+def _frame(axes: Axes, folder: Path, decision: Decision, logs: Logs) -> None:
     path = _frame_path(folder, decision)
     picture = None if path is None else cv2.imread(str(path), cv2.IMREAD_COLOR)
     axes.set_axis_off()
@@ -216,50 +214,41 @@ def _frame(axes: Axes, folder: Path, decision: dict[str, Any], logs: Logs) -> No
     else:
         height, width = picture.shape[:2]
         axes.imshow(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
-        action = decision.get("action") or {}
-        point = action.get("point")
-        if action.get("action") == "go" and isinstance(point, list) and len(point) == 2:
-            x, y = float(point[0]) * width / 1000.0, float(point[1]) * height / 1000.0
+        point = (decision.action or {}).get("point")
+        if decision.kind == GO and isinstance(point, list) and len(point) == 2:
+            x, y = float(point[0]) * width / POINT_SPAN, float(point[1]) * height / POINT_SPAN
             for size, color in ((5.0, "black"), (2.5, "#ffe600")):
                 axes.plot(x, y, "o", markersize=17, markerfacecolor="none", markeredgecolor=color, markeredgewidth=size)
         axes.set_xlim(0, width)
         axes.set_ylim(height, 0)
-    drone = decision.get("drone", 0)
-    who = f" drone {drone}" if any(d.get("drone") for d in logs.decisions) else ""
+    who = f" drone {decision.drone}" if any(d.drone for d in logs.decisions) else ""
     good = qualifies(decision, logs)
     color = {True: "#0b7a22", False: _REJECTED, None: "black"}[good]
-    caption = f"{decision.get('step', '?')}{who}  {_when(decision)}  {describe(decision)}"
+    caption = f"{decision.step}{who}  {decision.t_frame:.0f} s  {describe(decision)}"
     axes.set_title(caption, fontsize=9, pad=3, color=color, loc="left", parse_math=False)
 
 
-def describe(decision: dict[str, Any]) -> str:
+def describe(decision: Decision) -> str:
     """Return the action in a few words."""
-    action = decision.get("action")
-    if not isinstance(action, dict):
-        return "no action: " + textwrap.shorten(str(decision.get("error") or "unreadable reply"), 30, placeholder="…")
-    match action.get("action"):
-        case "go":
-            x, y = action["point"]
-            return f"go ({x:.0f}, {y:.0f}) {action['depth_m']:.1f} m"
-        case "rotate":
-            return f"rotate {action['angle_deg']:+.0f}°"
-        case other:
-            return str(other)
+    action = decision.action
+    if action is None:
+        return "no action: " + textwrap.shorten(decision.error or "unreadable reply", 30, placeholder="…")
+    if decision.kind == GO:
+        x, y = action["point"]
+        return f"go ({x:.0f}, {y:.0f}) {action['depth_m']:.1f} m"
+    if decision.kind == ROTATE:
+        return f"rotate {action['angle_deg']:+.0f}°"
+    return str(decision.kind)
 
 
-def _when(decision: dict[str, Any]) -> str:
-    t = decision.get("t_frame")
-    return f"{t:.0f} s" if isinstance(t, int | float) else ""
-
-
-def _spread(logs: Logs) -> list[dict[str, Any]]:
+def _spread(logs: Logs) -> list[Decision]:
     """Return up to FRAMES decisions over the whole flight: the first step, the last, the decisive one, evenly between.
 
     A fleet's steps are kept whole as far as they fit, so that its views can be compared.
     """
-    steps: dict[int, list[dict[str, Any]]] = {}
+    steps: dict[int, list[Decision]] = {}
     for decision in logs.decisions:
-        steps.setdefault(int(decision["step"]), []).append(decision)
+        steps.setdefault(decision.step, []).append(decision)
     order = sorted(steps)
     wanted = max(1, FRAMES // max((len(drones) for drones in steps.values()), default=1))
     if len(order) <= wanted or wanted == 1:
@@ -273,17 +262,6 @@ def _spread(logs: Logs) -> list[dict[str, Any]]:
     return [d for place in sorted(set(places)) for d in steps[order[place]]]
 
 
-def _frame_path(folder: Path, decision: dict[str, Any]) -> Path | None:
-    frame_id, drone = decision.get("frame_id"), decision.get("drone", 0)
-    if not isinstance(frame_id, int) or not isinstance(drone, int):
-        return None
-    path = folder / "frames" / f"{frame_id:06d}{f'_d{drone}' if drone else ''}.jpg"
+def _frame_path(folder: Path, decision: Decision) -> Path | None:
+    path = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
     return path if path.is_file() else None
-
-
-def _object(path: Path) -> dict[str, Any]:
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return value if isinstance(value, dict) else {}

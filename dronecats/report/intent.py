@@ -2,17 +2,19 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.agent.action import action_from
+from dronecats.agent.action import Go, action_from
 from dronecats.agent.controller import Segment, plan
 from dronecats.agent.history import compact
-from dronecats.judge.files import lines
+from dronecats.rundir import layout
+from dronecats.rundir.reading import rows
+from dronecats.rundir.rows import Decision
 from foundation.camera import CameraModel
+from foundation.protocol import POINT_SPAN
 from foundation.setpoints import Turn, Velocity
 
 INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR
@@ -21,29 +23,28 @@ INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR
 def draw(folder: Path, camera: CameraModel) -> int:
     """Draw every decision of an episode folder into intent/, and return how many were drawn."""
     drawn = 0
-    for decision in lines(folder / "decisions.jsonl"):
-        suffix = f"_d{decision['drone']}" if decision["drone"] else ""
-        picture = cv2.imread(str(folder / "frames" / f"{decision['frame_id']:06d}{suffix}.jpg"))
+    for decision in rows(folder / layout.DECISIONS, Decision):
+        frame = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
+        picture = cv2.imread(str(frame))
         if picture is None:
             continue
-        (folder / "intent").mkdir(exist_ok=True)
-        name = folder / "intent" / f"{decision['step']:04d}{suffix}.jpg"
+        (folder / layout.INTENT).mkdir(exist_ok=True)
+        name = folder / layout.INTENT / layout.intent_name(decision.step, decision.drone)
         drawn += bool(cv2.imwrite(str(name), _marked(np.asarray(picture, np.uint8), decision, camera)))
     return drawn
 
 
-def _marked(picture: NDArray[np.uint8], decision: dict[str, Any], camera: CameraModel) -> NDArray[np.uint8]:
+def _marked(picture: NDArray[np.uint8], decision: Decision, camera: CameraModel) -> NDArray[np.uint8]:
     height, width = picture.shape[:2]
-    words = [f"step {decision['step']}  t={decision['t_decided']:.1f} s"]
-    if decision["action"] is None:
-        words.append(f"unreadable: {decision['error']}")
+    words = [f"step {decision.step}  t={decision.t_decided:.1f} s"]
+    if decision.action is None:
+        words.append(f"unreadable: {decision.error}")
     else:
-        action = action_from(decision["action"])
+        action = action_from(decision.action)
         words.append(compact(action, camera))
         words += [_meant(segment) for segment in plan(action, camera)]
-        point = decision["action"].get("point")
-        if point:
-            at = (round(point[0] * width / 1000), round(point[1] * height / 1000))
+        if isinstance(action, Go):
+            at = (round(action.x * width / POINT_SPAN), round(action.y * height / POINT_SPAN))
             cv2.arrowedLine(picture, (width // 2, height - 1), at, INK, 2, cv2.LINE_AA, tipLength=0.04)
             cv2.circle(picture, at, max(8, width // 60), INK, 2, cv2.LINE_AA)
     size, row = 0.8 * width / 1000, 0

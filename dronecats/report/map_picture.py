@@ -2,17 +2,17 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.judge.files import lines
+from dronecats.rundir.reading import truth
+from dronecats.rundir.rows import FrameTruth, Pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
-from foundation.frames import quat_from_euler
+from foundation.frames import Vec3, quat_from_euler
 
 Extent = tuple[float, float, float, float]  # north min, north max, east min, east max, m NED
 HFOV_DEG = 20.0  # a long lens from high above: little parallax, so roofs stay over their houses
@@ -22,7 +22,7 @@ MARGIN_M = 12.0
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
     """Return a picture (H, W, 3) RGB, north up, around everything that an episode's truth.jsonl mentions."""
-    points = [p for r in _truth(folder) for p in (r.get("position_ned"), r.get("target_ned")) if p]
+    points = _mentioned(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]
     north, east = (min(norths) + max(norths)) / 2, (min(easts) + max(easts)) / 2
@@ -37,8 +37,10 @@ def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
     return view.rgb, (north - high, north + high, east - wide, east + wide)
 
 
-def _truth(folder: Path) -> list[dict[str, Any]]:
+def _mentioned(folder: Path) -> list[Vec3]:
+    """Return the places of drones and target, m NED; none where the log is damaged."""
     try:
-        return list(lines(folder / "truth.jsonl"))
+        rows = [row for row in truth(folder) if isinstance(row, Pose | FrameTruth)]
     except UsageError:
         return []
+    return [place for row in rows for place in (row.position_ned, row.target_ned) if place]

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.judge.files import Logs, Row, episode_folder, read
+from dronecats.rundir.reading import Logs, episode_folder, read
+from dronecats.rundir.rows import Pose
 from foundation.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool
 
     Raises UsageError when they have none in common or share no stretch of time.
     """
-    drones = sorted({p["drone"] for p in a.poses} & {p["drone"] for p in b.poses})
+    drones = sorted({p.drone for p in a.poses} & {p.drone for p in b.poses})
     if not drones:
         raise UsageError("the two flights have no drone in common whose poses were logged")
     comparisons = []
@@ -86,26 +87,25 @@ def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool
 
 def _steps(logs: Logs, drone: int) -> list[float]:
     """Return when each step of a drone was decided, s."""
-    return [d["t_decided"] for d in sorted(logs.decisions, key=lambda d: d["step"]) if d["drone"] == drone]
+    return [d.t_decided for d in sorted(logs.decisions, key=lambda d: d.step) if d.drone == drone]
 
 
 def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
     """Return the path of a drone. Raises UsageError without two poses, or without the heading to turn it by."""
-    poses = sorted((p for p in logs.poses if p["drone"] == drone), key=lambda p: p["t"])
+    poses = sorted((p for p in logs.poses if p.drone == drone), key=lambda p: p.t)
     if len(poses) < 2:
         raise UsageError(f"drone {drone} has {len(poses)} poses in one of the flights, which makes no path")
-    position = np.array([p["position_ned"] for p in poses], float)
+    position = np.array([p.position_ned for p in poses], float)
     position = position - position[0]
     if not keep_north:
         position = position @ _into_nose(_heading(poses[0])).T
-    return Trace(np.array([p["t"] for p in poses], float), position)
+    return Trace(np.array([p.t for p in poses], float), position)
 
 
-def _heading(pose: Row) -> float:
-    yaw_deg = pose.get("yaw_deg")
-    if not isinstance(yaw_deg, int | float):
+def _heading(pose: Pose) -> float:
+    if pose.yaw_deg is None:
         raise UsageError("the first pose of one of the flights has no heading; compare with --keep-north")
-    return math.radians(yaw_deg)
+    return math.radians(pose.yaw_deg)
 
 
 def _into_nose(yaw: float) -> Array:
@@ -178,10 +178,7 @@ def _farthest(points: Array, path: Array) -> float:
 
 def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
     """Return how many of the steps that both decided within `seconds` had the same replies, and how many they are."""
-    said = [
-        {(d["step"], d["drone"]): d.get("reply") for d in logs.decisions if d["t_decided"] <= seconds}
-        for logs in (a, b)
-    ]
+    said = [{(d.step, d.drone): d.reply for d in logs.decisions if d.t_decided <= seconds} for logs in (a, b)]
     common = said[0].keys() & said[1].keys()
     return sum(said[0][key] == said[1][key] for key in common), len(common)
 

@@ -12,6 +12,7 @@ from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, opened, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
+from dronecats.rundir import layout
 from dronecats.stages.connected import ConnectedStage
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
@@ -50,9 +51,10 @@ def fly_connected(
             "hfov_deg": round(camera.model.hfov_deg, 3),
             "url": shown(vehicle.camera or ""),
         },
+        agent,
     )
     folder = folders.create(out, spec.pilot_name, EPISODE, found)
-    folders.write_json(folder / "episode.json", {"id": EPISODE, "instruction": flight.instruction})
+    folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
 
     def fly_it() -> Flown:
         stage = ConnectedStage(link, camera, folder)
@@ -69,7 +71,7 @@ def fly_connected(
     def afterwards(flown: Flown) -> None:
         folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
         if dry:
-            say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / 'intent'}")
+            say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
 
     return fly_and_judge(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
 

@@ -15,6 +15,7 @@ from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.run.simulated import draw
 from dronecats.rundir import folder as folders
+from dronecats.rundir import layout
 from dronecats.sitl.truth_bridge import TruthSource
 from dronecats.stages.world import WorldStage
 from episodes.world import World
@@ -51,12 +52,12 @@ def fly_world(
     finally:
         source.close()
     link = open_link(vehicle, spec.envelope)
-    found = settings(flight, CAMERA)
+    found = settings(flight, CAMERA, agent)
     folder = folders.create(out, spec.pilot_name, record.id, found)
-    drawn = folder / ("episode.json" if judged else "world.json")
+    drawn = folder / (layout.EPISODE if judged else layout.WORLD)
     drawn.write_text(record.to_json(), encoding="utf-8")
     if not judged:
-        folders.write_json(folder / "episode.json", {"id": record.id, "instruction": record.instruction})
+        folders.write_json(folder / layout.EPISODE, {"id": record.id, "instruction": record.instruction})
     say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}, on a vehicle that simulates itself')
 
     def fly_it() -> Flown:
@@ -79,6 +80,6 @@ def fly_world(
         if flown.steps and judged:
             draw(folder)
         if dry:
-            say(f"drew {draw_intent(folder, CameraModel())} decisions into {folder / 'intent'}")
+            say(f"drew {draw_intent(folder, CameraModel())} decisions into {folder / layout.INTENT}")
 
     return fly_and_judge(fly_it, folder, record.id, spec.pilot_name, afterwards)

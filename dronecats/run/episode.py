@@ -9,13 +9,14 @@ from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
-from dronecats.judge.files import read
-from dronecats.protocol import CAP_S
 from dronecats.run.ascent import StartOffset, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
+from dronecats.rundir import layout
+from dronecats.rundir.reading import read
 from dronecats.stages.stage import Stage
 from foundation.errors import DronecatsError
+from foundation.protocol import CAP_S
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
@@ -53,12 +54,12 @@ def fly(
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
     Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
     """
-    log = DecisionLog(folder / "decisions.jsonl")
+    log = DecisionLog(folder / layout.DECISIONS)
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
     watch = VerdictWatch(folder, full)
-    SafetyLog(folder / "safety.jsonl", stage.links, say)
+    SafetyLog(folder / layout.SAFETY, stage.links, say)
     try:
         for link in stage.links:
             link.on_wait = _tending(stage, link)
@@ -142,7 +143,7 @@ def _begin(
             camera=stage.camera,
             camera_model=stage.camera_model,
             log=log,
-            frames_dir=folder / "frames",
+            frames_dir=folder / layout.FRAMES,
             executor=stage.executor,
             t0_us=t0_us,
             seed=seed,
@@ -165,7 +166,7 @@ class VerdictWatch:
 
     def decided(self, decision: Decision) -> bool:
         """Return whether the flight may end."""
-        self._declared |= bool(decision.action and decision.action["action"] == "finished")
+        self._declared |= decision.declares
         if self._full or not self._declared:
             return False
         self.success = succeeded(read(self._folder))

@@ -9,25 +9,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from dronecats.agent.action import action_from
-from dronecats.agent.decisions import Decision
 from dronecats.agent.history import compact
 from dronecats.judge.episode import verdict_of, write_verdict
-from dronecats.judge.files import lines
 from dronecats.run.episode import Flown
 from dronecats.run.landing import unexpected
 from dronecats.rundir import folder as folders
+from dronecats.rundir.layout import DECISIONS
+from dronecats.rundir.reading import rows
+from dronecats.rundir.results import Result
+from dronecats.rundir.rows import Decision
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 
 Say = Callable[[str], None]
 DECLARED = CameraModel()
-MEASURED = (  # of the verdict, as they are
-    "success_at_first",
-    "success_within_three",
-    "declaration_precision",
-    "false_declarations",
-    "censored",
-)
 Written = TypeVar("Written")
 
 
@@ -62,25 +57,30 @@ def fly_and_judge(
     status = {"cap": 0, "decided": 0, "interrupted": 130}.get(flown.reason, 3)
     if flown.error:
         status = flown.error.exit_status
-    elif status == 0 and verdict["outcome"] == "error":
+    elif status == 0 and verdict.outcome == "error":
         status = 3
-    return {
-        "episode": episode,
-        "pilot": pilot_name,
-        "outcome": verdict["outcome"],
-        "success": verdict["success"],
-        "ne_m": verdict["ne_m"],
-        "steps": flown.steps,
-        "declarations": verdict["declarations"],
-        **{name: verdict[name] for name in MEASURED},
-        "sim_seconds": round(flown.sim_seconds, 3),
-        "wall_seconds": round(flown.wall_seconds, 3),
-        "real_time_factor": round(flown.sim_seconds / flown.wall_seconds, 3) if flown.wall_seconds else 0.0,
-        "run_dir": str(folder),
-        "error": str(flown.error) if flown.error else verdict["error"] if flown.reason != "interrupted" else None,
-        "reason": flown.reason,
-        "status": status,
-    }
+    result = Result(
+        episode=episode,
+        pilot=pilot_name,
+        outcome=verdict.outcome,
+        success=verdict.success,
+        ne_m=verdict.ne_m,
+        steps=flown.steps,
+        declarations=verdict.declarations,
+        success_at_first=verdict.success_at_first,
+        success_within_three=verdict.success_within_three,
+        declaration_precision=verdict.declaration_precision,
+        false_declarations=verdict.false_declarations,
+        censored=verdict.censored,
+        sim_seconds=round(flown.sim_seconds, 3),
+        wall_seconds=round(flown.wall_seconds, 3),
+        real_time_factor=round(flown.sim_seconds / flown.wall_seconds, 3) if flown.wall_seconds else 0.0,
+        run_dir=str(folder),
+        error=str(flown.error) if flown.error else verdict.error if flown.reason != "interrupted" else None,
+        reason=flown.reason,
+        status=status,
+    )
+    return result.as_json()
 
 
 def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
@@ -118,5 +118,5 @@ def progress(say: Say, camera: CameraModel = DECLARED) -> Callable[[Decision], N
 
 def served_rate_hz(folder: Path) -> float | None:
     """Return the decisions per second of vehicle time that the pilot was really served with, the median."""
-    rates = [d["rate_hz"] for d in lines(folder / "decisions.jsonl") if d.get("rate_hz")]
+    rates = [d.rate_hz for d in rows(folder / DECISIONS, Decision) if d.rate_hz]
     return statistics.median(rates) if rates else None

@@ -13,6 +13,7 @@ from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
 from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
+from dronecats.rundir import layout
 from episodes.record import EpisodeRecord
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from vehicles import airframe as airframes
@@ -22,7 +23,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say, agent: AgentMake
     """Return what `fly --json` prints, with the exit `status` and the `reason` the flight ended. Raises UsageError."""
     flight = look_up(spec)
     record = _record(flight)
-    found = settings(flight, flight.camera)
+    found = settings(flight, flight.camera, agent)
     folder = folders.create(out, spec.pilot_name, record.id, found)
     disclaimer = " (built in, not a model)" if spec.pilot else ""
     say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
@@ -49,7 +50,7 @@ def fly_in(
     """
     record = _record(flight)
     try:
-        (folder / "episode.json").write_text(record.to_json(), encoding="utf-8")
+        (folder / layout.EPISODE).write_text(record.to_json(), encoding="utf-8")
     except OSError as full:
         raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
     return fly_and_judge(
@@ -110,7 +111,7 @@ def draw(folder: Path) -> None:
     from dronecats.sitl.scenario import load_world
 
     try:
-        picture, extent = aerial(load_world(str(folder / "episode.json")), folder)
+        picture, extent = aerial(load_world(str(folder / layout.EPISODE)), folder)
         draw_flight(folder, picture, extent)
     except (DronecatsError, OSError, ValueError) as error:
         (folder / "flight.png.error").write_text(f"{error}\n", encoding="utf-8")

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
-from dronecats.judge.files import json_object
+from dronecats.rundir import layout
+from dronecats.rundir.reading import SCHEMA, check_version, run_configuration
 from foundation.errors import UsageError
 from foundation.json_file import write_json as write_json
 
@@ -30,18 +31,26 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
     try:
         run = out or fresh_run(pilot_name)
         folder = run / episode_id
-        if (folder / "decisions.jsonl").exists():
+        if (folder / layout.DECISIONS).exists():
             raise UsageError(f"{folder} already holds a flight; choose another --out")
-        before = json_object(run / "run.json")
+        before = run_configuration(run)
         if before is not None and differences(before, configuration):
             raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
-        (folder / "frames").mkdir(parents=True, exist_ok=True)
-        for log in ("decisions.jsonl", "truth.jsonl"):
-            (folder / log).touch()  # a flight that breaks off before its first line is judged too
+        prepare(folder)
         write_run(run, configuration if before is None else of_several(configuration))
     except OSError as error:
         raise UsageError(_unwritable(out or Path("runs"), error)) from None
     return folder
+
+
+def prepare(folder: Path) -> None:
+    """Make an episode folder with its empty logs: a flight that breaks off before its first line is judged too.
+
+    Raises OSError when the disk does not take it.
+    """
+    (folder / layout.FRAMES).mkdir(parents=True, exist_ok=True)
+    for log in (layout.DECISIONS, layout.TRUTH):
+        (folder / log).touch()
 
 
 def fresh_run(pilot_name: str) -> Path:
@@ -90,11 +99,15 @@ def missing_package(error: ImportError) -> str | None:
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:
-    """Write run.json: the resolved configuration with the versions of everything that matters to a number."""
+    """Write run.json: the resolved configuration with the versions of everything that matters to a number.
+
+    Raises UsageError when a newer version wrote the one that stands there, OSError.
+    """
+    check_version(run)
     versions = {"dronecats": __version__, "python": platform.python_version()}
     for package in PACKAGES:
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             continue
-    write_json(run / "run.json", {**configuration, "versions": versions})
+    write_json(run / layout.RUN, {"schema": SCHEMA, **configuration, "versions": versions})

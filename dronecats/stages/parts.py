@@ -6,6 +6,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.pilots.config import PilotConfig
 from dronecats.processes.supervisor import ChildKind
+from dronecats.rundir import layout
 from dronecats.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig
 
 SIMULATOR = ChildKind("simulator", "dronecats.sitl.simulator_process", SimulatorConfig)
@@ -19,7 +20,7 @@ PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
 def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> SimulatorConfig:
     """Return the simulator of a flight whose record is in `folder`."""
     return SimulatorConfig(
-        episode=str(folder / "episode.json"),
+        episode=str(folder / layout.EPISODE),
         airframe=simulated.airframe,
         seed=spec.seed,
         speed=simulated.speed,

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from episodes.check.finding import RuleFinding, at_least, at_most
-from episodes.check.limits import CAP_S, OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M
+from episodes.check.limits import OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M
 from episodes.check.solid import StandingObstacles, box_of
 from episodes.target import motion
 from episodes.world import World
+from foundation.protocol import CAP_S
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from episodes.check.limits import RADIUS_M
 from episodes.check.pixels import patch
 from episodes.check.sight import CAMERA, bearing_deg, level
 from episodes.geometry import assemble, box
@@ -14,8 +13,8 @@ from episodes.scene import Instance, Material
 from episodes.visibility import Solids, Together
 from episodes.world import World, solids
 from foundation.frames import Vec3
+from foundation.protocol import RADIUS_M, SPEED_MAX
 
-SPEED_MPS = 1.2  # of the longest strides; replies cost a little more
 HEADING_STEP_DEG = 2
 ALONG_STEP_M = 0.5
 CLEAR_M = 0.3  # to both sides of a straight flight
@@ -82,7 +81,7 @@ def straight(world: World, off_deg: float) -> frozenset[int]:
     here = world.record.starts[0].position_ned
     span = max(math.dist(here, world.target_centre(0.0)), 1e-3)
     path = world.record.target.path
-    drift = 0.0 if path is None else path.speed_mps * (span + RADIUS_M) / SPEED_MPS
+    drift = 0.0 if path is None else path.speed_mps * (span + RADIUS_M) / SPEED_MAX
     wide = math.degrees(math.asin(min(1.0, (RADIUS_M + drift) / span)))
     first = round(world.record.starts[0].yaw_deg)
     low, high = math.floor(off_deg - wide), math.ceil(off_deg + wide)
@@ -97,7 +96,7 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
     free = min(world.solids.range_m(one, (north, east, 0.0)) for one in sides) - CLEAR_M
     near = max(span_m - RADIUS_M - drift_m, 0.0)
     for along in np.arange(near, min(free, span_m + RADIUS_M + drift_m), ALONG_STEP_M):
-        t, place = float(along) / SPEED_MPS, (here[0] + along * north, here[1] + along * east, here[2])
+        t, place = float(along) / SPEED_MAX, (here[0] + along * north, here[1] + along * east, here[2])
         if math.dist(place, world.target_centre(t)) <= RADIUS_M and world.measure(t, place, attitude, CAMERA).visible:
             return True
     return False

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 Bounds = tuple[float, float]  # least and most, both allowed
 
-CAP_S = 300.0  # an episode's longest time
 OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # of the picture, when the target is faced from the start
 # The paper has 0.40 % in its words on the residential map. At the 48 m that it has on the campus no fixture takes so
 # much; a kiosk takes 0.27 %, which is 25 pixels either way of the picture that a model gets.
@@ -14,7 +13,6 @@ DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # between what a record says and wh
 REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
 LEVEL_M = 0.10  # of ground under a start, across REACH_M: from a kerb a vehicle tips over before it lifts
 BODY_M = 0.45  # half the diagonal of a vehicle with its propellers
-RADIUS_M = 5.0  # of success: so far from the target's centre ends the way that must be clear
 OFF_GROUND_M = 0.02
 START_TO_PATH_M = 6.0  # a drone that waits at its start must not be passed within the radius of success
 

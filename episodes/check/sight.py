@@ -6,11 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from episodes.check.finding import RuleFinding, at_least, between
-from episodes.check.limits import BODY_M, OF_OTHER_MAPS, RADIUS_M, RULES
+from episodes.check.limits import BODY_M, OF_OTHER_MAPS, RULES
 from episodes.check.pixels import Patch, patch
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler
+from foundation.protocol import RADIUS_M
 
 CAMERA = CameraModel()
 STEP_M = 0.5

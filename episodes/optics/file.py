@@ -1,4 +1,4 @@
-"""Optics from a TOML file: docs/camera.md."""
+"""Optics from a TOML file: docs/cameras.md."""
 
 import dataclasses
 import difflib
@@ -34,7 +34,7 @@ def load(path: Path) -> Optics:
             raise UsageError(f"--optics {path} is longer than {BYTES_MAX} bytes, so it is no file of camera options")
         table = tomllib.loads(data.decode("utf-8"))
     except OSError as error:
-        raise UsageError(f"--optics {path} cannot be read: {error.strerror}; see docs/camera.md") from None
+        raise UsageError(f"--optics {path} cannot be read: {error.strerror}; see docs/cameras.md") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         reason = str(error).splitlines()[0] if str(error) else "it is nested too deeply"
         raise UsageError(f"--optics {path} is not TOML: {reason}") from None

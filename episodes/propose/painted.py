@@ -6,7 +6,7 @@ import random
 from collections.abc import Generator, Iterator
 
 from episodes import assets
-from episodes.check.limits import CAP_S, OF_OTHER_MAPS, RULES
+from episodes.check.limits import OF_OTHER_MAPS, RULES
 from episodes.check.sight import bearing_deg
 from episodes.check.solid import box_of
 from episodes.propose import phrases
@@ -16,6 +16,7 @@ from episodes.propose.site import ALTITUDES_M, Site, start
 from episodes.propose.spread import Share
 from episodes.record import MOVING, STANDING, Path3D, TargetRecord
 from episodes.scene import Instance
+from foundation.protocol import CAP_S
 
 # boards are for fleets, robots and carts for the campus, and people are too small in the picture at 16 m
 NOT_HERE = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")

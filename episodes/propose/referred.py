@@ -7,7 +7,7 @@ from collections.abc import Generator
 
 from episodes import assets
 from episodes.check import referring, scenery
-from episodes.check.limits import CAP_S, OF_OTHER_MAPS, RULES
+from episodes.check.limits import OF_OTHER_MAPS, RULES
 from episodes.check.nouns import kind_of, nouns
 from episodes.check.sight import CAMERA, bearing_deg
 from episodes.propose import phrases
@@ -17,6 +17,7 @@ from episodes.propose.site import ALTITUDES_M, PlacedTarget, Site, start
 from episodes.propose.spread import Share
 from episodes.record import HIDDEN, MOVING, Path3D, TargetRecord
 from episodes.scene import Instance
+from foundation.protocol import CAP_S
 
 # kinds of a map that no episode has as its target
 NO_TARGETS = (*scenery.UNNAMED, "clock-tower")

@@ -8,8 +8,9 @@ from collections import Counter
 from dataclasses import dataclass
 
 from foundation.mavlink import dialect
+from foundation.protocol import SETPOINT_HZ
 
-TICK_US = 50_000  # 20 Hz of vehicle time
+TICK_US = 1_000_000 // SETPOINT_HZ  # µs of vehicle time
 WATCHED = {  # message id -> µs between two
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_US,
     dialect.MAVLINK_MSG_ID_ATTITUDE: TICK_US,

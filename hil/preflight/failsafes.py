@@ -7,6 +7,7 @@ and left alone. Sources: PX4's parameter reference; failsafe.cpp, where noted; m
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from foundation.protocol import SPEED_MAX
 from hil.link.parameters import Value
 from hil.preflight.row import Change, Finding, Row
 
@@ -19,7 +20,6 @@ EXCEPT_OFFBOARD = 4  # bit of COM_RCL_EXCEPT
 OVERRIDE = 1 | 2  # bits of COM_RC_OVERRIDE: in automatic modes, such as the Hold that follows us, and in offboard
 MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
-AGENT_SPEED = 1.2  # m/s, the most that the agent's controller asks for
 LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 a radio that stutters would throw us out of offboard
 
 
@@ -52,7 +52,7 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
     """COM_OF_LOSS_T: how long the last velocity goes on being flown after its sender has died."""
-    flown = f"the last setpoint goes on for {value:g} s, {value * AGENT_SPEED:.1f} m at {AGENT_SPEED:g} m/s"
+    flown = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
     reason = f"a dead agent's last velocity ends after {LOSS_GOOD:g} s; the agent sends twenty setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
         too = "long" if value > LOSS_MOST else "short for a radio that stutters"
@@ -129,23 +129,23 @@ def _place_lost(s: Situation, value: Value) -> Finding:
 
 def _speed(s: Situation, value: Value) -> Finding:
     """MPC_XY_VEL_MAX, the last limit on a velocity that we ask for."""
-    if value < AGENT_SPEED:
-        return _bad("MPC_XY_VEL_MAX", value, f"the agent asks for {AGENT_SPEED:g} m/s and would not get it", "raise it")
-    return _good("MPC_XY_VEL_MAX", value, f"the agent asks for {AGENT_SPEED:g} m/s at most; the autopilot would fly "
+    if value < SPEED_MAX:
+        return _bad("MPC_XY_VEL_MAX", value, f"the agent asks for {SPEED_MAX:g} m/s and would not get it", "raise it")
+    return _good("MPC_XY_VEL_MAX", value, f"the agent asks for {SPEED_MAX:g} m/s at most; the autopilot would fly "
                  f"{value:g} m/s if it were told to")  # fmt: skip
 
 
 def _climb(s: Situation, value: Value) -> Finding:
     """MPC_Z_VEL_MAX_UP."""
-    if value < AGENT_SPEED:
-        return _bad("MPC_Z_VEL_MAX_UP", value, f"the agent climbs at up to {AGENT_SPEED:g} m/s", "raise it")
+    if value < SPEED_MAX:
+        return _bad("MPC_Z_VEL_MAX_UP", value, f"the agent climbs at up to {SPEED_MAX:g} m/s", "raise it")
     return _good("MPC_Z_VEL_MAX_UP", value, "as fast as the agent climbs, or faster")
 
 
 def _sink(s: Situation, value: Value) -> Finding:
     """MPC_Z_VEL_MAX_DN."""
-    if value < AGENT_SPEED:
-        return _bad("MPC_Z_VEL_MAX_DN", value, f"the agent sinks at up to {AGENT_SPEED:g} m/s", "raise it")
+    if value < SPEED_MAX:
+        return _bad("MPC_Z_VEL_MAX_DN", value, f"the agent sinks at up to {SPEED_MAX:g} m/s", "raise it")
     return _good("MPC_Z_VEL_MAX_DN", value, "as fast as the agent sinks, or faster")
 
 

@@ -19,9 +19,10 @@ def folder_of(tmp_path, true_s, estimated_s):
         for t in true_s
     ]  # fmt: skip
     estimates = [
-        {"kind": "pose", "t": t, "position_ned": [SPEED_MPS * t, 0.3, -2.0], "position_std_m": [0.2, 0.2, 0.2]}
+        {"kind": "pose", "t": t, "drone": 0, "position_ned": [SPEED_MPS * t, 0.3, -2.0],
+         "position_std_m": [0.2, 0.2, 0.2], "distance_m": None, "visible": None}
         for t in estimated_s
-    ]
+    ]  # fmt: skip
     head = {"kind": "estimate", "origin": ORIGIN}
     for name, rows in (("truth.jsonl", poses), ("estimate.jsonl", [head, *estimates]), ("decisions.jsonl", [])):
         (tmp_path / name).write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -12,11 +12,12 @@ import pytest
 from dronecats.afterflight.rejudge import rejudge
 from dronecats.afterflight.sources import from_tlog, from_ulog
 from dronecats.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
-from dronecats.afterflight.trace import FILE, derive
+from dronecats.afterflight.trace import derive
 from dronecats.cli.main import main
 from dronecats.judge.episode import judge_folder
-from dronecats.judge.files import read
 from dronecats.logger.estimate import EstimateRecorder
+from dronecats.rundir.layout import ESTIMATE
+from dronecats.rundir.reading import read
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.scenario import build, load_world, origin
 from foundation.errors import UsageError
@@ -57,7 +58,7 @@ class Flown:
         self.folder, self.truth, self.ulog, self.origin = folder, truth, ulog, map_origin
         begin = read(folder).begin
         assert begin is not None
-        self.t0_us = begin["t0_us"]
+        self.t0_us = begin.t0_us
 
     def true(self, t: float):
         """Return the true place at an instant of the episode, m, NED about the map's origin."""
@@ -111,7 +112,7 @@ def _fly(folder: Path, link: Link) -> None:
 
 
 def rows(flown: Flown, kind: str) -> list[dict[str, Any]]:
-    return [row for row in map(json.loads, (flown.folder / FILE).read_text().splitlines()) if row["kind"] == kind]
+    return [row for row in map(json.loads, (flown.folder / ESTIMATE).read_text().splitlines()) if row["kind"] == kind]
 
 
 def surveyed(flown: Flown, place, std_m: float = 0.02, altitude: bool = True) -> SurveyedTarget:
@@ -139,7 +140,7 @@ def test_the_trace_is_as_near_to_the_truth_as_it_says(flown: Flown, source: str)
 def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flown: Flown) -> None:
     derive(flown.folder)
     frames, decisions = rows(flown, "frame"), read(flown.folder).decisions
-    assert [(f["frame_id"], f["t"]) for f in frames] == [(d["frame_id"], round(d["t_frame"], 6)) for d in decisions]
+    assert [(f["frame_id"], f["t"]) for f in frames] == [(d.frame_id, round(d.t_frame, 6)) for d in decisions]
     moved = [np.subtract(f["position_ned"], frames[0]["position_ned"]) for f in frames]
     true = [flown.true(f["t"]) - flown.true(frames[0]["t"]) for f in frames]
     assert np.abs(np.subtract(moved, true)[:, :2]).max() < 0.5
@@ -148,9 +149,9 @@ def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flown: Flown)
 
 def test_a_surveyed_target_gives_distances_and_never_a_success(flown: Flown) -> None:
     """The target is where the vehicle truly was when it declared: nothing is nearer, and still nobody saw it."""
-    when = read(flown.folder).decisions[7]["t_frame"]
+    when = read(flown.folder).decisions[7].t_frame
     derive(flown.folder, surveyed(flown, flown.true(when) + np.array([0.3, 0.0, 0.0])))
-    verdict = judge_folder(flown.folder)
+    verdict = judge_folder(flown.folder).as_json()
     assert verdict["outcome"] == "distance only"
     assert verdict["success"] is None
     assert verdict["ne_m"] is None
@@ -172,7 +173,7 @@ def test_distances_are_true_within_their_standard_deviation(flown: Flown, altitu
     for row in rows(flown, "pose") + rows(flown, "frame"):
         true_m = float(np.linalg.norm((flown.true(row["t"]) - place)[:axes]))
         assert abs(row["distance_m"] - true_m) < 3.0 * row["distance_std_m"]
-    assert judge_folder(flown.folder)["distances"]["declarations"][0]["within"] is False
+    assert judge_folder(flown.folder).as_json()["distances"]["declarations"][0]["within"] is False
 
 
 def test_the_command_judges_anew_and_tells_it_in_words(flown: Flown, capsys: pytest.CaptureFixture[str]) -> None:
@@ -220,7 +221,7 @@ def test_the_target_may_stand_in_the_episode(flown: Flown) -> None:
     (flown.folder / "episode.json").write_text(json.dumps({"id": "x", "surveyed_target": target.as_json()}))
     try:
         derive(flown.folder)
-        assert judge_folder(flown.folder)["distances"]["target"] == target.as_json()
+        assert judge_folder(flown.folder).as_json()["distances"]["target"] == target.as_json()
         (flown.folder / "episode.json").write_text(json.dumps({"surveyed_target": {"latitude_deg": "north"}}))
         with pytest.raises(UsageError, match="a surveyed target wants"):
             derive(flown.folder)

@@ -5,7 +5,7 @@ import re
 
 from foundation.compiled import ROOT, sources
 
-ROOMS = ("vehicles", "autopilot", "episodes", "dronecats", "hil")
+ROOMS = ("foundation", "vehicles", "autopilot", "episodes", "dronecats", "hil")
 
 
 def file_of(module):

@@ -2,11 +2,13 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import pytest
 
 from dronecats.campaign.audit import pars, table, text
 from dronecats.campaign.batch import UNFINISHED, Batch
+from dronecats.rundir.results import Result
 from episodes import catalogue
 from foundation.errors import UsageError
 
@@ -91,9 +93,12 @@ def test_a_folder_that_cannot_be_is_a_sentence(tmp_path):
 
 
 def results():
-    rows = [("residential-tracking", "success", 4), ("residential-search-and-track", "success", 9)]
+    rows: list[tuple[str, Any, int]] = [
+        ("residential-tracking", "success", 4),
+        ("residential-search-and-track", "success", 9),
+    ]
     rows += [("campus-approaching", "failure", 30), ("residential-tracking", "error", 1)]
-    return [{"episode": f"{g}-{k:02d}", "outcome": o, "steps": s} for k, (g, o, s) in enumerate(rows, 1)]
+    return [Result(episode=f"{g}-{k:02d}", outcome=o, steps=s) for k, (g, o, s) in enumerate(rows, 1)]
 
 
 def test_errors_are_nobodys_score():

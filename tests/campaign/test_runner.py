@@ -62,12 +62,12 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
                 os.kill(worker.pid, signal.SIGKILL)
             return super()._one(worker, episode)
 
-    outcomes = {r["episode"]: r["outcome"] for r in Fragile(batch, ORACLE, jobs=1).fly(episodes)}
+    outcomes = {r.episode: r.outcome for r in Fragile(batch, ORACLE, jobs=1).fly(episodes)}
     assert len(killed) == 1
     assert outcomes == {episodes[0]: "success", episodes[1]: "error", episodes[2]: "success"}
     assert batch.left(episodes) == [episodes[1]]
     again = Runner(batch, ORACLE, jobs=2).fly(batch.left(episodes))
-    assert [r["outcome"] for r in again] == ["success"]
+    assert [r.outcome for r in again] == ["success"]
     assert not workers()
 
 

@@ -58,8 +58,9 @@ RUNS = (
     Run(r"dronecats flightlog trace runs/c", slow=True),  # which is flown by the line above it
     Run(r"dronecats (maps (?!import$)|tune|judge|flightlog trace|doctor)", drop=r"--ulog \S+"),
     Run(r"dronecats compare RUN", add="--seconds 5"),  # the flight of the test lasts no minute
-    Run(r"dronecats fly --sitl --speed max --pilot recorded", drop=r"--full", slow=True),
+    Run(r"dronecats fly --sitl --speed max --pilot recorded", slow=True),
     Run(r"dronecats fly --sitl --speed max --(latency|pilot blind)", slow=True),
+    Run(r"dronecats fly --spec RUN", add="--episode residential-approaching-01 --out again", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
     Run(r"python -m episodes\.pictures\.optics_sheet", slow=True),
 )
@@ -76,7 +77,7 @@ ELSEWHERE = (
     (r"dronecats fly --sitl( --episode \S+ --pilot vision| --optics FILE\.toml)?$", REAL_TIME),
     (r"(echo ARM \| )?dronecats fly (--connect|…)", VEHICLE),
     (r"dronecats (preflight|camera|flightlog (list|fetch))\b", VEHICLE),
-    (r"dronecats compare (ours px4|runs/ours runs/px4)", PX4),
+    (r"dronecats compare runs/ours runs/px4", PX4),
     (r"dronecats sitl --hitl", "a board"),
     (r"dronecats sitl\b|dronecats impair\b", FOREVER),
     (r"dronecats edit\b", "a browser's page, until it is interrupted; tests/editor does it"),

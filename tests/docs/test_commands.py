@@ -121,7 +121,11 @@ def lines(slow: bool) -> dict[str, list[str]]:
     return {page: [line for line, of in found.items() if of == page] for page in dict.fromkeys(found.values())}
 
 
-@pytest.mark.parametrize("page", lines(slow=False))
+LONG = {"docs/episodes.md", "docs/benchmarks.md"}  # pages whose short commands alone take a minute
+PAGES = [pytest.param(page, marks=pytest.mark.slow if page in LONG else ()) for page in lines(slow=False)]
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_run(page, workplace):
     for line in lines(slow=False)[page]:
         shell(line, workplace)

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from dronecats.editor.draft import HEIGHT_M, Drafting
 from dronecats.editor.session import Session
 from episodes import assets, catalogue, maps, record
-from episodes.check.limits import CAP_S, GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
+from episodes.check.limits import GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
 from episodes.record import CELLS, HIDDEN, MOVING
 from episodes.target import motion
 from episodes.world import World
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
 
 
 @pytest.fixture(scope="module")

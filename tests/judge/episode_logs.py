@@ -2,8 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
-from dronecats.judge.files import Logs
+from dronecats.judge import episode
+from dronecats.rundir.damage import taken
+from dronecats.rundir.reading import Logs
+from dronecats.rundir.rows import TRUTH_ROWS, Decision
 
 BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
 END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}
@@ -27,13 +31,39 @@ def pose(t, distance_m, visible=True, drone=0, place=None, **more):
 
 def logs(decisions=(), truth=(), begin=BEGIN, end=END) -> Logs:
     """Return the logs that hold these rows, frames and poses in `truth`."""
+
+    def row(told, kind):
+        made, fault = taken(told, kind)
+        assert fault is None, fault
+        return made
+
     return Logs(
-        decisions=tuple(decisions),
-        frames={(r["drone"], r["frame_id"]): r for r in truth if r["kind"] == "frame"},
-        poses=tuple(r for r in truth if r["kind"] == "pose"),
-        begin=begin,
-        end=end,
+        decisions=tuple(row(d, Decision) for d in decisions),
+        frames={(r["drone"], r["frame_id"]): row(r, TRUTH_ROWS["frame"]) for r in truth if r["kind"] == "frame"},
+        poses=tuple(row(r, TRUTH_ROWS["pose"]) for r in truth if r["kind"] == "pose"),
+        begin=begin and row(begin, TRUTH_ROWS["begin"]),
+        end=end and row(end, TRUTH_ROWS["end"]),
     )
+
+
+def judge_folder(folder: Path, *radius) -> dict[str, Any]:
+    """Return what `dronecats judge --json` prints of an episode folder."""
+    return episode.judge_folder(folder, *radius).as_json()
+
+
+def judge_run(run: Path, *radius) -> dict[str, Any]:
+    """Return what `dronecats judge --json` prints of a run."""
+    return {name: judged.as_json() for name, judged in episode.judge_run(run, *radius).items()}
+
+
+def outcome(flight: Logs, *radius) -> dict[str, Any]:
+    """Return the verdict of these logs as verdict.json holds it."""
+    return episode.outcome(flight, *radius).as_json()
+
+
+def write_verdict(folder: Path) -> dict[str, Any]:
+    """Judge and store, and return what is stored."""
+    return episode.write_verdict(folder).as_json()
 
 
 def write(folder: Path, decisions, truth) -> Path:

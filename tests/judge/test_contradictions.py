@@ -4,8 +4,7 @@ import pytest
 
 from dronecats.cli.judge import reread
 from dronecats.judge.contradictions import of_folder, of_logs, of_replies
-from dronecats.judge.episode import judge_folder, outcome
-from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, logs, pose, write
+from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, judge_folder, logs, outcome, pose, write
 
 GO = [decision(0, 0, 5.0, "go")]
 SEEN = [pose(0.0, 12.0), frame(0, 4.5, 9.0)]

@@ -7,10 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.contradictions import of_logs
-from dronecats.judge.episode import judge_run, outcome, write_verdict
-from dronecats.judge.files import read
+from dronecats.rundir.reading import read
 from foundation.errors import UsageError
-from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
+from tests.judge.episode_logs import BEGIN, END, decision, frame, judge_run, outcome, pose, write, write_verdict
 
 DECISIONS = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0), decision(2, 2, 12.0, None)]
 TARGET = {"target_ned": [10.0, 0.0, 0.0]}
@@ -86,7 +85,7 @@ def test_any_missing_key_is_judged_or_named(tmp_path, place):
         (("truth", 0, "t0_us"), 1.5, "its t0_us is not a whole number"),
         (("truth", 0, "cap_s"), -1, "its cap_s is not a time"),
         (("decisions", 1, "t_decided"), 8.4, "its t_decided is before its t_frame"),
-        (("decisions", 1, "drone"), 255, "its drone is not below 255"),
+        (("decisions", 1, "drone"), 255, "its drone is not a whole number below 255"),
         (("decisions", 1, "step"), -1, "its step is not a whole number"),
     ],
 )

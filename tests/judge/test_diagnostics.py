@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.diagnostics import of_drones, of_fleet
-from dronecats.judge.episode import outcome
-from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, pose
+from dronecats.rundir.rows import FrameTruth
+from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, outcome, pose
 
 TICK_S = 1 / 16
 GAP_TICKS = 12  # 0.75 s
@@ -50,59 +50,57 @@ class Naive:
     """One drone's diagnostics by the definition, tick by tick."""
 
     def __init__(self, flight, drone, delta_m):
-        everything = [r for r in (*flight.poses, *flight.frames.values()) if r["t"] <= 300.0]
-        measured = [r for r in everything if not (r["distance_m"] is None and r["visible"] is None)]
-        end_s = max([r["t"] for r in measured] + ([flight.end["t"]] if flight.end else []), default=0.0)
+        everything = [r for r in (*flight.poses, *flight.frames.values()) if r.t <= 300.0]
+        measured = [r for r in everything if not (r.distance_m is None and r.visible is None)]
+        end_s = max([r.t for r in measured] + ([flight.end.t] if flight.end else []), default=0.0)
         self.end = round(min(300.0, end_s) / TICK_S)
         self.delta_m = delta_m
-        self.rows = [r for r in measured if r["drone"] == drone]
-        self.poses = [p for p in flight.poses if p["drone"] == drone and p["t"] <= 300.0]
+        self.rows = [r for r in measured if r.drone == drone]
+        self.poses = [p for p in flight.poses if p.drone == drone and p.t <= 300.0]
         states = [self.state(tick + 0.5) for tick in range(self.end)]
-        self.dwell_s = TICK_S * sum(s is not None and s["visible"] is True and self.near(s) for s in states)
+        self.dwell_s = TICK_S * sum(s is not None and s.visible is True and self.near(s) for s in states)
         self.untraced_s = TICK_S * sum(s is None for s in states)
         self.longest_loss_s, run = 0.0, 0.0
         for state in states:
-            run = run + TICK_S if state is not None and state["visible"] is False else 0.0
+            run = run + TICK_S if state is not None and state.visible is False else 0.0
             self.longest_loss_s = max(self.longest_loss_s, run)
 
     def near(self, row):
-        return row["distance_m"] is not None and row["distance_m"] <= self.delta_m
+        return row.distance_m is not None and row.distance_m <= self.delta_m
 
     def state(self, tick):
         """The row that speaks for this moment, None in a gap."""
-        ticks = sorted({r["t"] / TICK_S for r in self.rows})
+        ticks = sorted({r.t / TICK_S for r in self.rows})
         before, after = [t for t in ticks if t <= tick], [t for t in ticks if t > tick]
         until = after[0] if after else self.end
         since = before[-1] if before else 0
         if not ticks or until - since > GAP_TICKS:
             return None
         at = before[-1] if before else after[0]
-        same = [r for r in self.rows if r["t"] / TICK_S == at]
-        return next((r for r in same if (r["kind"] == "frame") == bool(before)), same[0])
+        same = [r for r in self.rows if r.t / TICK_S == at]
+        return next((r for r in same if isinstance(r, FrameTruth) == bool(before)), same[0])
 
     def figures(self):
-        distances = [r["distance_m"] for r in self.rows if r["distance_m"] is not None]
-        by_time = sorted(self.rows, key=lambda r: (r["t"], r["kind"] == "frame"))
-        start = next((r["distance_m"] for r in by_time if r["distance_m"] is not None), None)
-        looked = any(r["visible"] is not None for r in self.rows)
+        distances = [r.distance_m for r in self.rows if r.distance_m is not None]
+        by_time = sorted(self.rows, key=lambda r: (r.t, isinstance(r, FrameTruth)))
+        start = next((r.distance_m for r in by_time if r.distance_m is not None), None)
+        looked = any(r.visible is not None for r in self.rows)
         path_m = 0.0
         for p in self.poses:
-            later = [q for q in self.poses if q["t"] > p["t"]]
-            following = min(later, key=lambda q: q["t"], default=None)
-            if following and (following["t"] - p["t"]) / TICK_S <= GAP_TICKS:
-                path_m += (
-                    sum((a - b) ** 2 for a, b in zip(p["position_ned"], following["position_ned"], strict=True)) ** 0.5
-                )
+            later = [q for q in self.poses if q.t > p.t]
+            following = min(later, key=lambda q: q.t, default=None)
+            if following and (following.t - p.t) / TICK_S <= GAP_TICKS:
+                path_m += sum((a - b) ** 2 for a, b in zip(p.position_ned, following.position_ned, strict=True)) ** 0.5
         return {
             "min_distance_m": min(distances) if distances else None,
             "start_distance_m": start,
             "approach_ratio": (start - min(distances)) / start if start else None,
             "oracle_success": any(d <= self.delta_m for d in distances) if distances else None,
-            "first_seen_s": min((r["t"] for r in self.rows if r["visible"]), default=None),
+            "first_seen_s": min((r.t for r in self.rows if r.visible), default=None),
             "dwell_s": self.dwell_s if looked and distances else None,
             "longest_loss_s": self.longest_loss_s if looked else None,
             "path_m": path_m,
-            "flown_s": max(r["t"] for r in self.rows),
+            "flown_s": max(r.t for r in self.rows),
             "untraced_s": self.untraced_s,
         }
 
@@ -116,7 +114,7 @@ def assert_same(told, naive):
 @given(flights(), st.sampled_from([1.0, 5.0]))
 def test_every_drone_is_as_the_definition_has_it(flight, delta_m):
     told = of_drones(flight, delta_m)
-    drones = {row["drone"] for row in (*flight.poses, *flight.frames.values())}
+    drones = {row.drone for row in (*flight.poses, *flight.frames.values())}
     for drone in drones:
         naive = Naive(flight, drone, delta_m)
         assert (drone in told) == bool(naive.rows)

@@ -2,13 +2,15 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
+from dronecats.judge import episode
 from dronecats.judge.distances import sentence
-from dronecats.judge.episode import judge_folder, judge_run, write_verdict
+from dronecats.rundir.results import Distances
 from foundation.errors import UsageError
+from tests.judge.episode_logs import judge_folder, judge_run, write_verdict
 
 TARGET = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 480.0, "std_m": 0.02}
 HEAD = {"kind": "estimate", "source": "flight.tlog", "target": TARGET}
@@ -62,7 +64,7 @@ def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_fram
     assert measured["closest"] == {"t": 4.0, "distance_m": 0.0, "std_m": 0.5, "within": True}
     assert measured["dwell_s"] == pytest.approx(5.5)
     assert (measured["last_action"]["distance_m"], measured["last_action"]["within"]) == (3, True)
-    assert "never declared" in sentence(measured, 5.0)
+    assert "never declared" in sentence(cast(Distances, episode.judge_folder(tmp_path / "e").verdict.distances), 5.0)
 
 
 def test_without_an_estimate_or_a_target_the_outcome_is_unknown(tmp_path: Path) -> None:
@@ -90,7 +92,8 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
     folder = flown(tmp_path / "e", [HEAD, *frames((9, 1), (2, 0.5), (1, 0.5))], [1, 2])
     stored = write_verdict(folder)
     assert judge_folder(folder)["stored_agrees"] is True
-    said = sentence(stored["distances"], 5.0)
+    assert stored == json.loads((folder / "verdict.json").read_text())
+    said = sentence(cast(Distances, episode.verdict_of(folder).distances), 5.0)
     assert said.startswith("DISTANCE ONLY: declared at 1.5 s, 2.00 ± 0.50 m away, within 5 m; 2 declarations")
     assert "SUCCESS" not in said
 

@@ -5,10 +5,21 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.episode import judge_folder, judge_run, outcome, write_verdict
-from dronecats.judge.files import read
+from dronecats.rundir.reading import read
 from foundation.errors import UsageError
-from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, pose, write
+from tests.judge.episode_logs import (
+    BEGIN,
+    DECIDED,
+    END,
+    decision,
+    frame,
+    judge_folder,
+    judge_run,
+    outcome,
+    pose,
+    write,
+    write_verdict,
+)
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ import json
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.judge.episode import judge_folder, write_verdict
-from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
+from tests.judge.episode_logs import BEGIN, END, decision, frame, judge_folder, pose, write, write_verdict
 
 DECISIONS = [decision(0, 0, 5.0, reply='{"action": "finished"}'), decision(1, 1, 9.0, "think", reply="{")]
 DECISIONS[1] = {**DECISIONS[1], "action": None}

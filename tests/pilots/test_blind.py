@@ -17,6 +17,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.pilots import patterns, roster
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.protocol import RADIUS_M
 from foundation.setpoints import Turn, Velocity
 
 UNDRAWN = Simulated(speed=None, rendered=False)
@@ -115,7 +116,7 @@ def test_what_knows_the_distance_declares_only_where_a_target_can_be() -> None:
     for name in ("straight-16", "right-90-16", "back-16", "arc", "ring"):
         claims = [math.hypot(n, e) for n, e, _, declares in walked(name, 20) if declares]
         assert claims
-        assert all(patterns.START_M - patterns.RADIUS_M <= far <= patterns.START_M + 5.0 for far in claims)
+        assert all(patterns.START_M - RADIUS_M <= far <= patterns.START_M + RADIUS_M for far in claims)
 
 
 def test_three_claims_of_the_arc_see_the_picture_of_the_first_frame() -> None:

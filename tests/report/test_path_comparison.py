@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.judge.files import episode_folder
 from dronecats.report.path_comparison import compare, figures, logs_of
+from dronecats.rundir.reading import episode_folder
 from foundation.errors import UsageError
 
 

@@ -1,10 +1,14 @@
 """Another agent in the same harness is one class: it gets a cockpit, and is judged like every other."""
 
 import json
+from dataclasses import replace
+
+import pytest
 
 from dronecats.agent.decisions import Decision
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.fly import fly
+from foundation.errors import UsageError
 from foundation.setpoints import Hold
 
 EPISODE = "residential-approaching-01"
@@ -53,5 +57,9 @@ def test_another_agent_flies_and_is_judged(tmp_path):
     assert asked[0][1] == "oracle"
     assert (result["status"], result["outcome"], result["steps"]) == (0, "failure", 1)
     assert (result["declarations"], result["false_declarations"]) == (1, 1)
+    told = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert told["agent"].endswith("test_another_agent_flies_and_is_judged.<locals>.make")
+    with pytest.raises(UsageError, match="another pilot or other settings"):  # two agents' flights are no one run
+        fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", lambda line: None)
     (begin, *_, end) = (json.loads(line) for line in (tmp_path / "run" / EPISODE / "truth.jsonl").open())
     assert (begin["cap_s"], end["reason"]) == (20.0, "cap")

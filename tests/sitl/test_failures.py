@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.sitl.failures import Failures
+from dronecats.sitl.failures import SENSORS, Failures
 from foundation.mavlink import dialect as d
 from vehicles import airframe
 from vehicles.faults import Fault
@@ -50,6 +50,12 @@ def test_one_rotor_of_several_stops_and_comes_back(plant):
 def test_what_cannot_be_done_is_refused_and_changes_nothing(plant, unit, kind, instance):
     assert not Failures(plant).inject(unit, kind, instance)
     assert int(plant.faults["count"]) == 0
+
+
+@pytest.mark.parametrize("unit", SENSORS, ids=SENSORS.get)
+def test_every_sensor_can_be_wrong_and_then_it_is(plant, unit):
+    assert Failures(plant).inject(unit, d.FAILURE_TYPE_WRONG, 0)
+    assert plant.faults["value"][0].any()
 
 
 def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():

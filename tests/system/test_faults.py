@@ -66,7 +66,7 @@ def test_unreadable_replies_are_the_models_failures_and_fly_on(fly):
 
 
 def test_a_mistake_of_ours_in_flight_still_lands_and_leaves_a_verdict(fly, monkeypatch):
-    monkeypatch.setattr("dronecats.agent.loop.plan", lambda action, camera: 1 / 0)
+    monkeypatch.setattr("dronecats.agent.drone.plan", lambda action, camera: 1 / 0)
     status, result, everything = fly(lambda prompt, images: '{"action":"think"}')
     assert status == 3
     assert "unexpected ZeroDivisionError" in result["error"]

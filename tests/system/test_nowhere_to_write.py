@@ -47,7 +47,7 @@ def test_a_read_only_folder_is_one_sentence(tmp_path):
 def test_without_a_home_kernels_are_compiled_and_left_nowhere(tmp_path):
     code = """
 from foundation import compiled
-@compiled.njit
+@compiled.njit()
 def double(x): return 2.0 * x
 print(double(1.5), compiled.KEEPS, type(double._cache).__name__)
 """

@@ -10,7 +10,7 @@ import subprocess
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.judge.files import lines
+from dronecats.rundir.reading import read
 from dronecats.sitl.scenario import load_world
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.simulated_vehicle import simulated_vehicle
@@ -42,12 +42,11 @@ def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, 
     assert result["episode"] == HERE
     folder = tmp_path / "run" / HERE
     start = load_world(HERE).record.starts[0]
-    poses = [line for line in lines(folder / "truth.jsonl") if line["kind"] == "pose"]
-    assert math.dist(poses[0]["position_ned"], start.position_ned) < 1.0
-    assert abs((poses[0]["yaw_deg"] - start.yaw_deg + 180.0) % 360.0 - 180.0) < 5.0
-    decided = {line["frame_id"] for line in lines(folder / "decisions.jsonl")}
-    measured = {line["frame_id"] for line in lines(folder / "truth.jsonl") if line["kind"] == "frame"}
-    assert decided <= measured
+    logs = read(folder)
+    assert math.dist(logs.poses[0].position_ned, start.position_ned) < 1.0
+    assert logs.poses[0].yaw_deg is not None
+    assert abs((logs.poses[0].yaw_deg - start.yaw_deg + 180.0) % 360.0 - 180.0) < 5.0
+    assert {(decision.drone, decision.frame_id) for decision in logs.decisions} <= set(logs.frames)
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     connected = run["flight"]["connected"]
     assert (connected["url"], connected["truth"], run["camera"]["width"]) == (link, truth, 1280)

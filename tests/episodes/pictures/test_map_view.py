@@ -45,9 +45,9 @@ def test_the_plan_names_what_stands(tmp_path: Path) -> None:
     assert np.ptp(columns) > 0.8 * SIDE_PX
 
 
-@pytest.mark.parametrize("name", sorted(VANTAGE))
+@pytest.mark.parametrize("name", maps.shipped())
 def test_a_picture_of_each_map_is_shipped(name: str) -> None:
-    assert name in maps.names()
+    assert name in VANTAGE
     file = SHIPPED / f"{name}.jpg"
     assert file.stat().st_size <= LARGEST_BYTES
     assert pictures.read(file).shape == (720, 1280, 3)

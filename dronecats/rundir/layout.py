@@ -1,0 +1,31 @@
+"""The names of everything in a run folder. Contract: docs/run-folder.md."""
+
+# of the run
+RUN = "run.json"
+
+# of an episode
+EPISODE = "episode.json"  # the record that was flown
+WORLD = "world.json"  # the record that was drawn and not judged
+DECISIONS = "decisions.jsonl"  # by the agent
+TRUTH = "truth.jsonl"  # by the logger
+ESTIMATE = "estimate.jsonl"  # derived after a flight without truth
+VERDICT = "verdict.json"
+TLOG = "flight.tlog"  # raw MAVLink
+FRAMES = "frames"  # folder of what the pilot saw
+INTENT = "intent"  # folder of what a dry run meant
+PICTURE = "flight.png"
+SAFETY = "safety.jsonl"  # what the envelope limited, if it ever did
+
+
+def frame_name(frame_id: int, drone: int = 0) -> str:
+    """Return the name of a frame's picture within FRAMES: NNNNNN.jpg, of other drones than the first NNNNNN_dK.jpg."""
+    return f"{frame_id:06d}{_of(drone)}.jpg"
+
+
+def intent_name(step: int, drone: int = 0) -> str:
+    """Return the name of a decision's picture within INTENT: NNNN.jpg, of other drones than the first NNNN_dK.jpg."""
+    return f"{step:04d}{_of(drone)}.jpg"
+
+
+def _of(drone: int) -> str:
+    return f"_d{drone}" if drone else ""

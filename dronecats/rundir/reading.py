@@ -1,0 +1,213 @@
+"""The one reader of the logs. Strict about what it knows, patient with what it does not.
+
+A torn last line is what a kill leaves, and is skipped; a value that cannot be is damage, named in one sentence; fields
+and kinds of rows that a later version added are passed over.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from dronecats.rundir import layout
+from dronecats.rundir.damage import taken
+from dronecats.rundir.results import Result
+from dronecats.rundir.rows import (
+    ESTIMATE_ROWS,
+    TRUTH_ROWS,
+    Begin,
+    Decision,
+    End,
+    EstimatedFrame,
+    EstimatedPose,
+    EstimateHead,
+    FrameTruth,
+    Pose,
+)
+from foundation.errors import UsageError
+
+SCHEMA = 1  # version of the run folder's files; counts up when a field changes its meaning, which adding one does not
+
+Row = TypeVar("Row")
+TruthRow = Begin | Pose | FrameTruth | End
+EstimateRow = EstimateHead | EstimatedPose | EstimatedFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """estimate.jsonl: where the autopilot thought it was, smoothed, in a flight whose truth nobody knew."""
+
+    head: EstimateHead
+    frames: dict[tuple[int, int], EstimatedFrame]  # by (drone, frame id)
+    poses: tuple[EstimatedPose, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Logs:
+    """What is known of an episode when its process is gone."""
+
+    decisions: tuple[Decision, ...]
+    frames: dict[tuple[int, int], FrameTruth]  # by (drone, frame id)
+    poses: tuple[Pose, ...]
+    begin: Begin | None
+    end: End | None
+    estimate: Estimate | None = None  # None: not derived, or not needed because the truth was known
+
+    @property
+    def true(self) -> bool:
+        """Whether truth.jsonl is the truth, and not what an autopilot said of itself."""
+        return self.begin is None or self.begin.source != "estimate"
+
+
+def read(folder: Path) -> Logs:
+    """Return the logs of an episode folder. Raises UsageError when a file is missing or a line in it is damaged."""
+    check_version(folder.resolve().parent)
+    told = list(truth(folder))
+    logs = Logs(
+        decisions=tuple(rows(folder / layout.DECISIONS, Decision)),
+        frames=_frames([row for row in told if isinstance(row, FrameTruth)], folder / layout.TRUTH),
+        poses=tuple(row for row in told if isinstance(row, Pose)),
+        begin=next((row for row in told if isinstance(row, Begin)), None),
+        end=next((row for row in told if isinstance(row, End)), None),
+    )
+    return logs if logs.true else replace(logs, estimate=estimate(folder))
+
+
+def truth(folder: Path) -> Iterator[TruthRow]:
+    """Yield the rows of an episode's truth.jsonl. Raises UsageError."""
+    return _of_kinds(folder / layout.TRUTH, TRUTH_ROWS)
+
+
+def estimate(folder: Path) -> Estimate | None:
+    """Return an episode's estimate.jsonl, None where none was derived. Raises UsageError."""
+    path = folder / layout.ESTIMATE
+    if not path.exists():
+        return None
+    told: list[EstimateRow] = list(_of_kinds(path, ESTIMATE_ROWS, never="end"))
+    head = next((row for row in told if isinstance(row, EstimateHead)), None)
+    if head is None:
+        raise UsageError(f"{path} is damaged: it does not say what it was derived from")
+    frames = _frames([row for row in told if isinstance(row, EstimatedFrame)], path)
+    return Estimate(head, frames, tuple(row for row in told if isinstance(row, EstimatedPose)))
+
+
+def rows(path: Path, row: type[Row]) -> Iterator[Row]:
+    """Yield the lines of a file that holds one kind of row. Raises UsageError naming the file and the line."""
+    for number, value in _objects(path):
+        yield _whole(path, number, value, row)
+
+
+def episode_folder(path: Path) -> Path:
+    """Return the episode folder that is meant: the folder itself, or a run's only one. Raises UsageError."""
+    if (path / layout.TRUTH).exists():
+        return path
+    inside = sorted(p.parent for p in path.glob(f"*/{layout.TRUTH}"))
+    if len(inside) != 1:
+        many = f"holds {len(inside)} episodes; name one of them" if inside else "holds no episode"
+        raise UsageError(f"{path} {many}")
+    return inside[0]
+
+
+def episodes(run: Path) -> list[Path]:
+    """Return the episode folders of a run, by name; of an episode folder, itself."""
+    if (run / layout.DECISIONS).exists():
+        return [run]
+    return sorted(path.parent for path in run.glob(f"*/{layout.DECISIONS}"))
+
+
+def stored_result(episode: str, folder: Path) -> Result:
+    """Return what verdict.json says of an episode that was judged. Raises UsageError when that is no verdict."""
+    path = folder / layout.VERDICT
+    return result_of({**(json_object(path) or {}), "episode": episode}, str(path))
+
+
+def result_of(told: Mapping[str, Any], where: str = "a worker's answer") -> Result:
+    """Return the result that a JSON object is. Raises UsageError naming where it stands."""
+    made, fault = taken(dict(told), Result)
+    if made is None:
+        raise UsageError(f"{where} is damaged: {fault}")
+    return made
+
+
+def run_configuration(run: Path) -> dict[str, Any] | None:
+    """Return what run.json holds, None when there is none. Raises UsageError when a newer version wrote it."""
+    check_version(run)
+    return json_object(run / layout.RUN)
+
+
+def check_version(run: Path) -> None:
+    """Raise UsageError when a run folder's files are of a version that this one does not know."""
+    version = (json_object(run / layout.RUN) or {}).get("schema", SCHEMA)  # none was written before there were any
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise UsageError(f"{run / layout.RUN} is damaged: its schema is not a version")
+    if version > SCHEMA:
+        raise UsageError(f"{run} is of a newer dronecats: its files have version {version}, known is {SCHEMA}; update")
+
+
+def json_object(path: Path) -> dict[str, Any] | None:
+    """Return the object that a JSON file holds, None when there is no such file or a kill has left half of one."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
+    """Yield the rows of these kinds; others are passed over, but for one that must not be."""
+    for number, value in _objects(path):
+        kind = value.get("kind")
+        if not isinstance(kind, str):
+            raise _damaged(path, number, "it has no kind")
+        if kind == never:
+            raise _damaged(path, number, f"there is no {never} of what it tells")
+        if kind in kinds:
+            yield _whole(path, number, value, kinds[kind])
+
+
+def _whole(path: Path, number: int, value: dict[str, Any], row: type[Row]) -> Row:
+    made, fault = taken(value, row)
+    if made is None:
+        raise _damaged(path, number, str(fault))
+    return made
+
+
+Framed = TypeVar("Framed", FrameTruth, EstimatedFrame)
+
+
+def _frames(told: list[Framed], path: Path) -> dict[tuple[int, int], Framed]:
+    frames: dict[tuple[int, int], Framed] = {}
+    for row in told:
+        if frames.setdefault((row.drone, row.frame_id), row) != row:
+            raise UsageError(f"{path} is damaged: it tells two truths of frame {row.frame_id} of drone {row.drone}")
+    return frames
+
+
+def _objects(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield (line number, object) of a JSON-lines file; a torn last line is left out."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}; is this the folder of an episode?") from None
+    lines = data.split(b"\n")
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            value = json.loads(line, parse_constant=_refuse)
+        except (ValueError, RecursionError):
+            if number == len(lines):
+                return  # no newline after it: the write was cut short
+            raise _damaged(path, number, "it is not JSON") from None
+        if not isinstance(value, dict):
+            raise _damaged(path, number, "it is not a JSON object")
+        yield number, value
+
+
+def _damaged(path: Path, number: int, reason: str) -> UsageError:
+    return UsageError(f"{path} line {number} is damaged: {reason}")
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(constant)

@@ -1,0 +1,184 @@
+"""The rows of the logs, a dataclass each: names, units and frames of everything that is flown into a file.
+
+Times are vehicle seconds since the episode began, places metres in the map's NED frame, unless a field says otherwise.
+A field with a default may be missing in the line of an older version: None, or UNSET where null would say something
+else. Fields may be added and none renamed, so that a reader takes what it does not know as it comes.
+
+The annotations are read three times over: by mypy, by the strict reader (`reading.py`), and by the published schemas
+(`schemas/`), which hold the descriptions.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from msgspec import UNSET, Meta, UnsetType
+
+from foundation.protocol import FINISHED
+
+LARGE = 1e12  # beyond it a number is damage
+DRONES = 255  # as many as MAVLink has system ids
+
+# `wrong`: what the reader says of a value that is none of these
+Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
+DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is the first",
+                                  extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
+Seconds = Annotated[float, Meta(description="s of vehicle time since the episode began")]
+Distance = Annotated[float, Meta(ge=0.0, extra={"wrong": "is not a distance"})]
+Deviation = Annotated[float, Meta(ge=0.0, extra={"wrong": "is not a standard deviation"})]
+Place = Annotated[tuple[float, float, float], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
+Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: nobody measured it",
+                                      extra={"wrong": "is neither true nor false"})]  # fmt: skip
+ActionObject = Annotated[
+    dict[str, Any],
+    Meta(
+        extra={"wrong": "is not an action"},
+        extra_json_schema={"properties": {"action": {"type": "string"}}, "required": ["action"]},
+    ),
+]
+Cap = Annotated[float, Meta(gt=0.0, extra={"wrong": "is not a time"})]
+Source = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
+Surveyed = Annotated[dict[str, float | None], Meta(extra={"wrong": "is not a surveyed place"})]
+
+
+def _of(description: str) -> Meta:
+    return Meta(description=description)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What every run.json tells, whatever flew; all else in it is the run's configuration."""
+
+    schema: Annotated[int, Meta(ge=1, description="version of the folder's files; none before there were any",
+                                extra={"wrong": "is not a version"})] | UnsetType = UNSET  # fmt: skip
+    versions: Annotated[dict[str, str], _of("of dronecats, Python and the packages that matter to a number")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What the pilot decided, on which frame, when: a line of decisions.jsonl, by the agent."""
+
+    step: Whole
+    drone: DroneNumber
+    frame_id: Whole
+    t_frame: Annotated[Seconds, _of("s, when the picture was taken")]
+    t_decided: Annotated[Seconds, _of("s, when the reply was there")]
+    reply: Annotated[str, _of("as received")] | UnsetType = UNSET
+    action: Annotated[ActionObject | None, _of("parsed, point in [x, y]; null: the reply holds no valid action")]
+    error: Annotated[str | None, _of("why there is no action")] = None
+    latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")] = None
+    tokens_in: int | None = None
+    tokens_out: int | None = None
+    thinking: Annotated[bool | None, _of("whether the model was let to reason at length")] = None
+    rate_hz: Annotated[float | None, _of("decisions per s of vehicle time since the last; null: the first")] = None
+
+    @property
+    def kind(self) -> str | None:
+        """The action's name, as in `foundation.protocol`; None where the reply holds none."""
+        return None if self.action is None else str(self.action["action"])
+
+    @property
+    def declares(self) -> bool:
+        """Whether it declares arrival."""
+        return self.kind == FINISHED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Begin:
+    """The beginning of the episode, in truth.jsonl."""
+
+    kind: Literal["begin"] = "begin"
+    t: Seconds = 0.0
+    t0_us: Annotated[int, _of("µs, the vehicle's clock at t = 0, whatever that counts from")]
+    cap_s: Annotated[Cap | None, _of("s, the length of the flight")] = None
+    source: Annotated[Source | UnsetType | None, _of("estimate: all that follows is an autopilot's own")] = UNSET
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Where a drone was, every half second, in truth.jsonl."""
+
+    kind: Literal["pose"] = "pose"
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place, _of("m, NED, of the body")]
+    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
+    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
+    visible: Visible
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameTruth:
+    """What was true when a frame was taken, in truth.jsonl."""
+
+    kind: Literal["frame"] = "frame"
+    frame_id: Whole
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place | None, _of("m, NED, of the body")] = None
+    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
+    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
+    distance_box_m: Annotated[Distance | None, _of("m, body to the nearest point of the target's box")] = None
+    visible: Visible
+    visible_fraction: Annotated[float | None, _of("share of the target's silhouette that is open to view")] = None
+    bearing_deg: Annotated[float | None, _of("°, of the target's centre from the nose, + right")] = None
+    oracle_depth_m: Annotated[float | None, _of("m along the optical axis, to the target's centre")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """The end of the episode, in truth.jsonl."""
+
+    kind: Literal["end"] = "end"
+    t: Seconds
+    reason: Annotated[str, _of("cap, decided, interrupted, takeover or error")]
+    error: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimateHead:
+    """What an estimate was derived from, the first line of estimate.jsonl."""
+
+    kind: Literal["estimate"] = "estimate"
+    source: Annotated[str, _of("name of the log that the positions are of")] | UnsetType = UNSET
+    origin: Annotated[Place | None, _of("lat °, lon °, alt m above mean sea level, of the local frame")] = None
+    target: Annotated[Surveyed | None, _of("latitude_deg, longitude_deg, altitude_m, std_m, as surveyed")] = None
+    target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedPose:
+    """Where the autopilot thought it was, smoothed, every half second, in estimate.jsonl."""
+
+    kind: Literal["pose"] = "pose"
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place, _of("m, NED in the autopilot's local frame")]
+    position_std_m: Annotated[Place | None, _of("m, standard deviation per axis")] = None
+    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
+    distance_m: Annotated[Distance | None, _of("m to the surveyed target, horizontally where it has no altitude")]
+    distance_std_m: Annotated[Deviation | None, _of("m, standard deviation of that")] = None
+    visible: Visible
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedFrame:
+    """Where the autopilot thought it was when a frame was taken, in estimate.jsonl."""
+
+    kind: Literal["frame"] = "frame"
+    frame_id: Whole
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place | None, _of("m, NED in the autopilot's local frame")] = None
+    position_std_m: Annotated[Place | None, _of("m, standard deviation per axis")] = None
+    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
+    distance_m: Annotated[Distance | None, _of("m to the surveyed target, horizontally where it has no altitude")]
+    distance_std_m: Annotated[Deviation | None, _of("m, standard deviation of that")] = None
+    visible: Visible
+
+
+TRUTH_ROWS = {"begin": Begin, "pose": Pose, "frame": FrameTruth, "end": End}  # by `kind`
+ESTIMATE_ROWS = {"estimate": EstimateHead, "pose": EstimatedPose, "frame": EstimatedFrame}

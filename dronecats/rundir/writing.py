@@ -1,0 +1,70 @@
+"""The one writer of the logs: append-only, flushed line by line, readable after a kill at any byte."""
+
+import json
+import struct
+from collections.abc import Iterable
+from dataclasses import is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO
+
+from msgspec import UNSET
+
+
+def as_json(value: Any) -> Any:
+    """Return a row as JSON has it: fields in their order, a class's own before those that it inherits, UNSET left out.
+
+    Anything else than a row, or a list of rows, is returned as it is.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        told = ((name, getattr(value, name)) for name in _names(type(value)))
+        return {name: as_json(each) for name, each in told if each is not UNSET}
+    if isinstance(value, tuple | list):
+        return [as_json(each) for each in value]
+    return value
+
+
+@cache
+def _names(row: type) -> tuple[str, ...]:
+    return tuple(name for each in row.__mro__ if "__dataclass_fields__" in vars(each) for name in each.__annotations__)
+
+
+class LineLog:
+    """A file of JSON lines that grows."""
+
+    def __init__(self, path: Path) -> None:
+        # half a surrogate pair, which JSON has and UTF-8 has not, is escaped
+        self._file: TextIO = path.open("a", encoding="utf-8", errors="backslashreplace")
+
+    def write(self, row: Any) -> None:
+        """Append a row, and have it on disk before anything else happens."""
+        self._file.write(_line(row))
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class TelemetryLog:
+    """A tlog: MAVLink frames as they came, each after eight bytes of time."""
+
+    def __init__(self, path: Path) -> None:
+        self._file: BinaryIO = path.open("ab")
+
+    def write(self, time_us: int, frame: bytes) -> None:
+        """Append a frame that was heard at `time_us` (µs, vehicle clock)."""
+        self._file.write(struct.pack(">Q", time_us) + frame)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def write_lines(path: Path, rows: Iterable[Any]) -> None:
+    """Write a whole file of JSON lines beside its place and move it there. Raises OSError."""
+    part = path.with_name(path.name + ".part")
+    part.write_text("".join(_line(row) for row in rows), encoding="utf-8")
+    part.replace(path)
+
+
+def _line(row: Any) -> str:
+    return json.dumps(as_json(row)) + "\n"

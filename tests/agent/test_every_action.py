@@ -1,0 +1,34 @@
+"""An action is told of in several places; each of them knows every one."""
+
+from dataclasses import fields
+from typing import get_args
+
+import jsonschema
+import pytest
+
+from dronecats.agent.action import Action, action_from
+from dronecats.agent.controller import plan
+from dronecats.agent.history import History, compact
+from dronecats.agent.models.reply_schema import action_schema
+from dronecats.agent.prompt import Prompt
+from dronecats.pilots import briefing
+from foundation.camera import CameraModel
+from foundation.redaction import MIN_CHARS, SPOKEN
+
+CAMERA = CameraModel()
+EACH = [kind(*(3.0 for _ in fields(kind))) for kind in get_args(Action)]
+
+
+@pytest.mark.parametrize("action", EACH, ids=lambda action: type(action).__name__)
+def test_every_place_knows_the_action(action):
+    declared = action.as_json()
+    assert action_from(declared) == action
+    assert f'{{"action":"{declared["action"]}"' in Prompt.load().template
+    jsonschema.validate(declared, action_schema())
+    words = {word for word in (*declared, declared["action"]) if len(word) >= MIN_CHARS}
+    assert words <= SPOKEN, "a key that is spelt so would garble the pilot's own words"
+    assert plan(action, CAMERA)
+    told = History(CAMERA)
+    told.append(action)
+    assert compact(action, CAMERA) in told.render()
+    assert [past.kind for past in briefing.read(told.render()).past(0)] == [declared["action"]]

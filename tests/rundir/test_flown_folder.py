@@ -1,0 +1,64 @@
+"""A folder that was flown, line by line as the published schemas say; with truth, and as if nobody had known it."""
+
+import contextlib
+import io
+import json
+import shutil
+
+import jsonschema
+import pytest
+
+from dronecats.afterflight.surveyed_target import SurveyedTarget
+from dronecats.afterflight.trace import derive
+from dronecats.cli.main import main
+from dronecats.judge.episode import write_verdict
+from dronecats.rundir import layout
+from tests.rundir.published import check, validator
+
+EPISODE = "residential-approaching-01"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Fly once, and return the episode folder and the object that was printed."""
+    out, said = tmp_path_factory.mktemp("run"), io.StringIO()
+    arguments = ["--pilot", "oracle", "--episode", EPISODE, "--out", str(out), "--json"]
+    with contextlib.redirect_stdout(said):
+        assert main(["fly", "--sitl", "--speed", "max", *arguments]) == 0
+    return out / EPISODE, json.loads(said.getvalue().splitlines()[-1])
+
+
+def test_every_line_is_as_the_schemas_say(flown):
+    folder, result = flown
+    validator("result").validate(result)
+    derive(folder)
+    counted = {name: check(folder / name) for name in (layout.DECISIONS, layout.TRUTH, layout.ESTIMATE, layout.VERDICT)}
+    assert check(folder.parent / layout.RUN) == counted[layout.VERDICT] == 1
+    assert counted[layout.DECISIONS] == result["steps"] > 3
+    assert counted[layout.TRUTH] > 2 * counted[layout.DECISIONS]
+    assert counted[layout.ESTIMATE] > counted[layout.DECISIONS]
+
+
+def test_so_is_a_flight_whose_truth_nobody_knew(flown, tmp_path):
+    folder = tmp_path / EPISODE
+    shutil.copytree(flown[0], folder)
+    told = [json.loads(line) for line in (folder / layout.TRUTH).read_text().splitlines()]
+    begin, *_, end = told
+    unknown = {"target_ned": None, "distance_m": None, "visible": None}
+    poses = [{**row, **unknown} for row in told if row["kind"] == "pose"]
+    rows = [{**begin, "source": "estimate"}, *poses, end]
+    (folder / layout.TRUTH).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    derive(folder, SurveyedTarget(47.4, 8.5456, None))
+    verdict = write_verdict(folder)
+    assert verdict.outcome in ("distance only", "error")
+    assert verdict.distances
+    for name in (layout.TRUTH, layout.ESTIMATE, layout.VERDICT):
+        assert check(folder / name)
+
+
+def test_a_schema_refuses_what_is_no_verdict(flown):
+    verdict = json.loads((flown[0] / layout.VERDICT).read_text())
+    changes: list[dict[str, object]] = [{"outcome": "solved"}, {"steps": -1}, {"drones": [{}]}, {"deciding": 3}]
+    for change in changes:
+        with pytest.raises(jsonschema.ValidationError):
+            validator("verdict").validate({**verdict, **change})
