@@ -122,10 +122,10 @@ def lines(slow: bool) -> dict[str, list[str]]:
 
 
 LONG = {"docs/episodes.md", "docs/benchmarks.md"}  # pages whose short commands alone take a minute
-PAGES = [pytest.param(page, marks=pytest.mark.slow if page in LONG else ()) for page in lines(slow=False)]
+PAGE_RUNS = [pytest.param(page, marks=pytest.mark.slow if page in LONG else ()) for page in lines(slow=False)]
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", PAGE_RUNS)
 def test_the_commands_of_a_page_run(page, workplace):
     for line in lines(slow=False)[page]:
         shell(line, workplace)
