@@ -40,7 +40,7 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class ReplayedFlight:
     """What the inner loop made of a recording, every `every` rows."""
 
     time_us: NDArray[np.int64]  # (m,)
@@ -98,11 +98,11 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
         ) from error
 
 
-def replay(core: FlightCore, recording: Recording, every: int) -> Outcome:
+def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight:
     """Return what a fresh inner loop makes of a recording; the state of `core` is used up by it."""
     sample, actuators = np.zeros(1, SENSORS), np.zeros(1, ACTUATORS)[0]
     arguments = core.kernel_args(sample[0], actuators)  # an element of a structured array is a view of it
-    kept: dict[str, list[Any]] = {name: [] for name in Outcome.__slots__}
+    kept: dict[str, list[Any]] = {name: [] for name in ReplayedFlight.__slots__}
     for row in range(len(recording.sensors)):
         sample[0] = recording.sensors[row]
         for field in SETPOINT.names or ():
@@ -113,7 +113,7 @@ def replay(core: FlightCore, recording: Recording, every: int) -> Outcome:
             for name, values in kept.items():
                 source = actuators if name == "command" else core.estimate
                 values.append(np.copy(source[name]))
-    return Outcome(**{name: np.array(values) for name, values in kept.items()})
+    return ReplayedFlight(**{name: np.array(values) for name, values in kept.items()})
 
 
 def _held(rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ from foundation.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class RecordedReply:
     """All that is asked of a decision here, so that a script may be written by hand."""
 
     step: Whole
@@ -25,7 +25,7 @@ class Said:
 def replies(path: Path) -> list[str]:
     """Return the replies of a decisions.jsonl, one per step, a fleet's whole. Raises UsageError."""
     by_step: dict[int, str] = {}
-    for said in rows(path, Said):
+    for said in rows(path, RecordedReply):
         by_step.setdefault(said.step, said.reply)
     if not by_step:
         raise UsageError(f"{path} holds no decision; give the {DECISIONS} of a flight that took steps")

@@ -36,7 +36,7 @@ ActionObject = Annotated[
     ),
 ]
 Cap = Annotated[float, Meta(gt=0.0, extra={"wrong": "is not a time"})]
-Source = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
+TraceSource = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
 Surveyed = Annotated[dict[str, float | None], Meta(extra={"wrong": "is not a surveyed place"})]
 
 
@@ -90,7 +90,7 @@ class Begin:
     t: Seconds = 0.0
     t0_us: Annotated[int, _of("µs, the vehicle's clock at t = 0, whatever that counts from")]
     cap_s: Annotated[Cap | None, _of("s, the length of the flight")] = None
-    source: Annotated[Source | UnsetType | None, _of("estimate: all that follows is an autopilot's own")] = UNSET
+    source: Annotated[TraceSource | UnsetType | None, _of("estimate: all that follows is an autopilot's own")] = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

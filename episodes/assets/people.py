@@ -19,7 +19,7 @@ SHOES = colors.plain("shoes", (36, 34, 34), 0.15)
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class Posture:
     """Where the joints of a body are (m, FLU); the right side is first in every pair."""
 
     hip: Vec3  # middle of the pelvis
@@ -33,13 +33,13 @@ class Pose:
 
 
 FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-STANDING = Pose(
+STANDING = Posture(
     hip=(0.0, 0.0, 0.93), chest=(0.0, 0.0, 1.42), head=(0.03, 0.0, 1.64),
     knees=((0.03, -0.11, 0.50), (0.02, 0.11, 0.50)), ankles=((-0.03, -0.13, 0.08), (-0.03, 0.13, 0.08)),
     elbows=((-0.04, -0.27, 1.13), (-0.04, 0.27, 1.13)), hands=((0.05, -0.27, 0.87), (0.05, 0.27, 0.87)),
     toes=((0.96, -0.25, 0.0), (0.96, 0.25, 0.0)),
 )  # fmt: skip
-WALKING = Pose(
+WALKING = Posture(
     hip=(0.0, 0.0, 0.90), chest=(0.05, 0.0, 1.39), head=(0.10, 0.0, 1.61),
     knees=((0.26, -0.09, 0.52), (-0.08, 0.09, 0.47)), ankles=((0.34, -0.09, 0.10), (-0.42, 0.09, 0.20)),
     elbows=((-0.19, -0.28, 1.13), (0.20, 0.28, 1.12)), hands=((-0.16, -0.27, 0.87), (0.40, 0.24, 0.98)),
@@ -56,7 +56,7 @@ def limb(joints: Sequence[Vec3], radii: Sequence[float], material: Material, seg
     return parts
 
 
-def _torso(pose: Pose, material: Material) -> MeshPart:
+def _torso(pose: Posture, material: Material) -> MeshPart:
     """Return the trunk from the hem of the jacket to the neck: ellipses along the spine."""
     low, high = np.array(pose.hip), np.array(pose.chest)
     spine = high - low
@@ -73,7 +73,7 @@ def _torso(pose: Pose, material: Material) -> MeshPart:
     return g.grid(np.stack(rings, axis=1), material, 60.0)
 
 
-def body(pose: Pose, paint: str, helmet: Material | None = None) -> list[MeshPart]:
+def body(pose: Posture, paint: str, helmet: Material | None = None) -> list[MeshPart]:
     """Return a person of 1.75 m in a pose, bare-headed or with a helmet. Raises UsageError for an unknown paint."""
     jacket = colors.paint(paint)
     cloth = Material(f"cloth-{paint}", jacket.color, specular=0.05)

@@ -8,7 +8,7 @@ import numpy as np
 
 from episodes import geometry as g
 from episodes.assets import paint as colors
-from episodes.assets.people import FORWARD, Pose, body
+from episodes.assets.people import FORWARD, Posture, body
 from episodes.assets.vehicles import about_y, plates
 from episodes.geometry import MeshPart
 from episodes.scene import Material, Mesh
@@ -17,12 +17,12 @@ MOTORCYCLE_SIZE = 1.06  # of the drawing below: 2.4 m long, as the largest toure
 SADDLE = colors.plain("saddle", (30, 28, 28), 0.15)
 ALLOY = colors.plain("alloy", (150, 153, 158), 0.6)
 
-RIDER = Pose(
+RIDER = Posture(
     hip=(-0.22, 0.0, 1.00), chest=(0.20, 0.0, 1.42), head=(0.33, 0.0, 1.61),
     knees=((0.16, -0.11, 0.80), (0.10, 0.11, 0.62)), ankles=((-0.02, -0.12, 0.40), (-0.10, 0.12, 0.19)),
     elbows=((0.36, -0.27, 1.20), (0.36, 0.27, 1.20)), hands=((0.56, -0.25, 1.03), (0.56, 0.25, 1.03)), toes=FORWARD,
 )  # fmt: skip
-BIKER = Pose(
+BIKER = Posture(
     hip=(-0.30, 0.0, 0.90), chest=(-0.14, 0.0, 1.40), head=(-0.06, 0.0, 1.62),
     knees=((0.16, -0.24, 0.76), (0.16, 0.24, 0.76)), ankles=((-0.14, -0.26, 0.40), (-0.14, 0.26, 0.40)),
     elbows=((0.12, -0.36, 1.14), (0.12, 0.36, 1.14)), hands=((0.40, -0.34, 1.08), (0.40, 0.34, 1.08)), toes=FORWARD,

@@ -24,7 +24,7 @@ from episodes.maps.places import Spot
 from episodes.propose import phrases
 from episodes.propose.draft import Proposal, flight_seed
 from episodes.propose.site import PlacedTarget, Site, start
-from episodes.propose.spread import Share
+from episodes.propose.spread import Draw
 from episodes.record import TargetRecord
 from episodes.scene import Instance
 from foundation.frames import Vec3
@@ -45,7 +45,7 @@ SEEN = 0.3  # of every candidate, from every drone …
 FACED = 0.6  # … and of the named one, from the first
 
 
-def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Share, None]:
+def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Yield drafts without end, each for the share that is sent: looks in turn, places at random."""
     share = yield None
     signs = site.name != "residential"
@@ -68,7 +68,7 @@ def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Share, 
 
 
 def _groups(
-    site: Site, spots: tuple[Spot, ...], asset: str, paint: str, texts: list[str], share: Share, rng: random.Random
+    site: Site, spots: tuple[Spot, ...], asset: str, paint: str, texts: list[str], share: Draw, rng: random.Random
 ) -> Iterator[Proposal]:
     for _ in range(GROUPS):
         group = four(spots, rng)
@@ -130,7 +130,7 @@ def _draft(
     everyone: list[TargetRecord],
     things: list[PlacedTarget],
     middle: tuple[float, float],
-    share: Share,
+    share: Draw,
     rng: random.Random,
 ) -> Proposal | None:
     """Return the draft of a fleet before four things; None when none is at the target's distance or one is hidden."""

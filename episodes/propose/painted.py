@@ -13,7 +13,7 @@ from episodes.propose import phrases
 from episodes.propose.draft import Proposal, flight_seed, yaw_deg
 from episodes.propose.lanes import stretch
 from episodes.propose.site import ALTITUDES_M, Site, start
-from episodes.propose.spread import Share
+from episodes.propose.spread import Draw
 from episodes.record import MOVING, STANDING, Path3D, TargetRecord
 from episodes.scene import Instance
 from foundation.protocol import CAP_S
@@ -32,7 +32,7 @@ ANY_GROUND = ("kerb", "drive")
 FOOTWAY = "pavement"  # in the name of a lane that nothing with wheels takes
 
 
-def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
+def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Yield drafts without end, each for the share that is sent: assets and paints in turn, places at random."""
     share = yield None
     moving = cell in MOVING
@@ -79,7 +79,7 @@ def _moving(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
     return TargetRecord(asset, paint, path=Path3D(points, speed))
 
 
-def _around(site: Site, cell: str, target: TargetRecord, share: Share, rng: random.Random) -> Iterator[Proposal]:
+def _around(site: Site, cell: str, target: TargetRecord, share: Draw, rng: random.Random) -> Iterator[Proposal]:
     thing = site.placed(target)
     low, high = RULES.get(site.name, OF_OTHER_MAPS).start_distance_m
     distance = (low + high) / 2 if high - low < 2.0 else low + 0.5 + share.distance * (min(high, 30.0) - low - 0.5)

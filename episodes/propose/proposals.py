@@ -14,7 +14,7 @@ from episodes.check.sight import bearing_deg
 from episodes.propose import commanding, painted, referred
 from episodes.propose.draft import Proposal, flight_seed, yaw_deg
 from episodes.propose.site import Site, no_room, start
-from episodes.propose.spread import Share, shares
+from episodes.propose.spread import Draw, shares
 from episodes.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world import World
 from foundation.errors import UsageError
@@ -104,7 +104,7 @@ def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
     return request.count < spread.ENOUGH or within
 
 
-def _kept(site: Site, record: EpisodeRecord, share: Share, rng: random.Random) -> Proposal | None:
+def _kept(site: Site, record: EpisodeRecord, share: Draw, rng: random.Random) -> Proposal | None:
     """Return the draft of a record that stands, with a yaw that is drawn; None where the target fits no picture."""
     thing, place = site.placed(record.target), record.starts[0].position_ned
     yaw = yaw_deg(record.cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
@@ -121,7 +121,7 @@ def _kept(site: Site, record: EpisodeRecord, share: Share, rng: random.Random) -
     )
 
 
-def _sent(drafts: Generator[Proposal | None, Share, None], share: Share) -> Proposal | None:
+def _sent(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
     """Return the next draft for a share; None when there are no more."""
     try:
         return drafts.send(share)
@@ -129,7 +129,7 @@ def _sent(drafts: Generator[Proposal | None, Share, None], share: Share) -> Prop
         return None
 
 
-def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
+def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
     if cell == "commanding":
         return commanding.drafts(site, rng)

@@ -14,7 +14,7 @@ from episodes.propose import phrases
 from episodes.propose.draft import Proposal, flight_seed, yaw_deg
 from episodes.propose.lanes import stretch
 from episodes.propose.site import ALTITUDES_M, PlacedTarget, Site, start
-from episodes.propose.spread import Share
+from episodes.propose.spread import Draw
 from episodes.record import HIDDEN, MOVING, Path3D, TargetRecord
 from episodes.scene import Instance
 from foundation.protocol import CAP_S
@@ -30,7 +30,7 @@ NEARER_SAID = 0.8  # of the things that only nearness tells are passed over
 STARTS = 12  # looked at before one thing
 
 
-def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
+def drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Yield drafts without end, each for the share that is sent: kinds in turn, things, starts and words at random."""
     if cell in MOVING:
         yield from _walking(site, cell, rng)
@@ -59,7 +59,7 @@ def _native(one: Instance) -> TargetRecord:
     return TargetRecord(one.kind, None, None, (round(n, 3), round(e, 3), round(d, 3)), yaw, native=one.name)
 
 
-def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Share, None]:
+def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     share = yield None
     movers = list(MOVERS)
     speed = RULES.get(site.name, OF_OTHER_MAPS).speed_mps or 0.15
@@ -89,7 +89,7 @@ def _before(
     thing: PlacedTarget,
     name: str,
     kind: str,
-    share: Share,
+    share: Draw,
     rng: random.Random,
 ) -> Proposal | None:
     """Return a draft of a start before a thing from which words can tell it; None when none is found.

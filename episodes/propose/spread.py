@@ -7,7 +7,7 @@ JITTER = 0.25  # of a stratum, either way
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class Draw:
     """Where one record's draw lies between the least and the most that is allowed, each 0 … 1."""
 
     turn: float  # of the yaws that show the target whole, or of those that hide it
@@ -15,13 +15,13 @@ class Share:
     height: float  # of the start heights
 
 
-def shares(count: int, rng: random.Random) -> list[Share]:
+def shares(count: int, rng: random.Random) -> list[Draw]:
     """Return the shares of so many records: each dimension cut into as many strata, and each stratum drawn once.
 
     Where there are many records the first and the last stratum lie at the ends, so that the whole range is used.
     """
     turns, distances, heights = (_strata(count, rng) for _ in range(3))
-    return [Share(*three) for three in zip(turns, distances, heights, strict=True)]
+    return [Draw(*three) for three in zip(turns, distances, heights, strict=True)]
 
 
 def _strata(count: int, rng: random.Random) -> list[float]:

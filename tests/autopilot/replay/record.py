@@ -12,7 +12,7 @@ import numpy as np
 from autopilot.autopilot import Autopilot
 from autopilot.flight_core import FlightCore, update
 from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
-from autopilot.replay import Outcome, Recording, load, replay, save
+from autopilot.replay import Recording, ReplayedFlight, load, replay, save
 from vehicles import airframe
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite
@@ -84,7 +84,7 @@ def main() -> None:
     save(recording, FILE)
     kept, _ = load(FILE)  # as it will be replayed: inertial samples in single precision
     outcome = replay(FlightCore(airframe.load(AIRFRAME)), kept, EVERY)
-    golden = {f"golden.{name}": getattr(outcome, name) for name in Outcome.__slots__}
+    golden = {f"golden.{name}": getattr(outcome, name) for name in ReplayedFlight.__slots__}
     save(kept, FILE, **truth, **golden)
 
 

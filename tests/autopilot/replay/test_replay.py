@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autopilot.flight_core import FlightCore
-from autopilot.replay import Outcome, load, replay, save
+from autopilot.replay import ReplayedFlight, load, replay, save
 from foundation.errors import UsageError
 from tests.autopilot.replay.record import AIRFRAME, EVERY, FILE, fly
 from vehicles import airframe
@@ -43,7 +43,7 @@ def test_no_number_moves(name, golden, flown):
 
 
 def test_every_outcome_has_a_tolerance_and_something_to_say(golden, flown):
-    assert set(TOLERANCES) | {"time_us"} == set(Outcome.__slots__)
+    assert set(TOLERANCES) | {"time_us"} == set(ReplayedFlight.__slots__)
     assert (flown.time_us == golden[1]["golden.time_us"]).all()
     assert np.ptp(flown.position_ned, axis=0).min() > 1.0
     assert flown.command.max() > 0.5
