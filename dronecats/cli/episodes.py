@@ -6,7 +6,7 @@ One file per action, imported when it is asked for.
 import argparse
 import importlib
 
-ACTIONS = ("list", "show", "check", "new", "sheet", "audit", "probe")
+ACTIONS = ("list", "show", "check", "new", "sheet", "optics", "audit", "probe")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -1,6 +1,5 @@
-"""One place under every camera option: `python -m episodes.pictures.optics_sheet FILE.jpg`."""
+"""One place under every camera option: `dronecats episodes optics FILE.jpg`."""
 
-import argparse
 import math
 from pathlib import Path
 
@@ -65,9 +64,3 @@ def write(file: Path, episode: str | None = None) -> None:
         file.write_bytes(data.tobytes())
     except OSError as error:
         raise UsageError(f"the picture '{file}' cannot be written: {error.strerror}.") from None
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("file", type=Path)
-    write(parser.parse_args().file)

@@ -53,3 +53,8 @@ def test_a_model_is_opened_in_one_place():
     formats = {"dronecats.agent.models.openai_chat"}
     users = {name for name, edges in graph(modules()).items() if edges & formats}
     assert users == {"dronecats.agent.models.open"}
+
+
+def test_only_the_command_line_reads_a_command_line():
+    reading = {name for name, path in modules().items() if "import argparse" in path.read_text(encoding="utf-8")}
+    assert all(name.startswith("dronecats.cli.") for name in reading)

@@ -62,7 +62,7 @@ RUNS = (
     Run(r"dronecats fly --sitl --speed max --(latency|pilot blind)", slow=True),
     Run(r"dronecats fly --spec RUN", add="--episode residential-approaching-01 --out again", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
-    Run(r"python -m episodes\.pictures\.optics_sheet", slow=True),
+    Run(r"dronecats episodes optics", slow=True),
 )
 
 VEHICLE = "a vehicle or a camera that is running; tests/system, tests/hil/cameras, tests/cli do it"
