@@ -57,8 +57,10 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status: 0 done, 2 wrong usage, 3 something broke, 130 interrupted.
+    """Run the command line and return its exit status.
 
+    0 done, 2 wrong usage, 3 something broke, 130 interrupted; 1 and 4 are what a verb found: something that is not
+    solved or not fit, a verdict that differs.
     A reader of the output that goes away, as `head` does, changes nothing of what is done and of its status.
     """
     arguments = sys.argv[1:] if argv is None else argv

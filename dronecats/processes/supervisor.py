@@ -164,8 +164,20 @@ class ChildProcess:
         return InfrastructureError(f"the {self.kind} process hangs: no answer for {self._silent_s:g} s; see {self.log}")
 
     def _end(self, status: int) -> InfrastructureError:
+        """Return the error of a process that has ended: in its own last words, where it had some."""
+        if (said := self._last_words()) is not None:
+            return InfrastructureError(f"{self.kind}: {said}")
         when = " in flight" if self._heartbeat is not None else ""
         return InfrastructureError(f"the {self.kind} process ended{when} ({_ending(status)}); see {self.log}")
+
+    def _last_words(self) -> str | None:
+        """Return why the process ended, if it has said so; None for one that was killed or that broke."""
+        assert self._process.stdout is not None
+        while self._hears(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
+            self._buffer += data
+        *lines, self._buffer = self._buffer.split(b"\n")
+        self._answers.extend(map(json.loads, lines))
+        return next((str(answer["error"]) for answer in self._answers if "error" in answer), None)
 
     def _fault(self, answer: dict[str, Any]) -> Exception:
         text = str(answer.get("error", "an answer it should not give"))

@@ -8,9 +8,12 @@ from pathlib import Path
 import pytest
 
 from dronecats.pilots.config import PilotConfig
-from dronecats.processes.supervisor import Supervisor
+from dronecats.processes.supervisor import ChildKind, Supervisor
 from dronecats.stages import parts
 from foundation.errors import InfrastructureError, UsageError
+from tests.processes.ending_part import EndingConfig
+
+ENDING = ChildKind("ending", "tests.processes.ending_part", EndingConfig)
 
 
 @pytest.fixture
@@ -34,6 +37,15 @@ def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
     supervisor.check()
     supervisor.close()
     assert gone(child.pid)
+
+
+@pytest.mark.parametrize("asks", [False, True], ids=["looked after", "told something"])
+def test_a_child_that_ends_is_told_of_in_its_own_words(supervisor, asks):
+    child = supervisor.start(ENDING, EndingConfig(turns=3))
+    child.ready()
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    with pytest.raises(InfrastructureError, match=r"^ending: the wire is out$"):
+        child.do("begin") if asks else supervisor.check()
 
 
 def test_a_killed_child_is_named_with_the_signal(supervisor):

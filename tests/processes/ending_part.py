@@ -1,0 +1,39 @@
+"""A part that ends by itself, a little after it has begun, as one whose wire has been pulled."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from foundation.errors import LinkError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndingConfig:
+    """How long it lasts."""
+
+    turns: int
+
+
+class EndingPart:
+    """Raises in its last turn."""
+
+    def __init__(self, config: EndingConfig) -> None:
+        self._left = config.turns
+
+    def ready(self) -> dict[str, Any]:
+        return {}
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        return None
+
+    def turn(self) -> None:
+        self._left -= 1
+        if self._left < 0:
+            raise LinkError("the wire is out")
+
+    def close(self) -> None:
+        pass
+
+
+def create(config: EndingConfig) -> EndingPart:
+    """Return the part."""
+    return EndingPart(config)
