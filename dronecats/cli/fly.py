@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
 
 ARM = "ARM"  # what has to be typed
@@ -51,8 +52,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, recorded:FILE; no models")
-    pilot.add_argument("--model", metavar="PROVIDER/NAME", help="openai/…, openrouter/…, vllm/… or local/…")
-    pilot.add_argument("--base-url", metavar="URL", help="an OpenAI-compatible endpoint, http://HOST:PORT/v1")
+    pilot.add_argument("--model", metavar="PROVIDER/NAME", help=f"PROVIDER is one of {', '.join(PROVIDERS)}")
+    pilot.add_argument("--base-url", metavar="URL", help="where that is served, http://HOST:PORT/v1")
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
     pilot.add_argument(
         "--latency",

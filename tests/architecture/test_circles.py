@@ -50,7 +50,7 @@ def test_children_that_are_named_can_be_imported():
 
 def test_a_model_is_opened_in_one_place():
     """Whoever wants one says which by a `ModelSpec`: a wire format is one file more, and no other place knows it."""
-    formats = {"dronecats.agent.models.openai_chat"}
+    formats = {f"dronecats.agent.models.{name}" for name in ("openai_chat", "gemini", "anthropic")}
     users = {name for name, edges in graph(modules()).items() if edges & formats}
     assert users == {"dronecats.agent.models.open"}
 

@@ -40,13 +40,13 @@ def test_keys_are_named_and_never_shown(monkeypatch, capsys, flag):
 
 def test_only_keys_that_a_provider_uses_are_offered(monkeypatch):
     used = {provider.key_variable for provider in PROVIDERS.values()} - {None}
-    for name in (*used, "GEMINI_API_KEY"):
+    for name in used:
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("GEMINI_API_KEY", "of-no-use-here")
+    monkeypatch.setenv("MISTRAL_API_KEY", "of-no-use-here")
     found = next(f for f in doctor.examine() if f.name == "model keys")
     assert found.state == doctor.NOTE
     offered = set(re.findall(r"[A-Z]+_API_KEY", found.detail + found.remedy))
-    assert offered == {"OPENAI_API_KEY", "OPENROUTER_API_KEY"}
+    assert offered == {"OPENAI_API_KEY", "OPENROUTER_API_KEY", "GEMINI_API_KEY", "ANTHROPIC_API_KEY"}
     for name in used:
         monkeypatch.setenv(name, "x")
     found = next(f for f in doctor.examine() if f.name == "model keys")

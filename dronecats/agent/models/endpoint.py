@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as NotInTimeError
 from dataclasses import dataclass
@@ -39,6 +39,17 @@ DEFAULT = RetryPolicy()
 
 
 @dataclass(frozen=True, slots=True)
+class KeyHeader:
+    """Which header carries the key, and what stands before it there."""
+
+    name: str
+    before: str = ""
+
+
+BEARER = KeyHeader("Authorization", "Bearer ")
+
+
+@dataclass(frozen=True, slots=True)
 class Answer:
     """What came back with status 200."""
 
@@ -50,16 +61,25 @@ class Answer:
 class Endpoint:
     """A base URL with its key. What it says of itself, and what it lets through of what came back, holds no secret."""
 
-    def __init__(self, base_url: str, key: str | None, secrets: tuple[str, ...], patience: RetryPolicy) -> None:
+    def __init__(
+        self,
+        base_url: str,
+        key: str | None,
+        secrets: tuple[str, ...],
+        patience: RetryPolicy,
+        key_header: KeyHeader = BEARER,
+        headers: Mapping[str, str] = HEADERS,
+    ) -> None:
         """Connect nothing yet. Raises UsageError for what is no URL, and for a key that cannot be sent."""
         self.shown = redacted_url(base_url)
         self.patience = patience
         self._secrets = worth_hiding(key, *secrets, *secrets_of(base_url))
         if key and not (key.isascii() and key.isprintable()):
             raise UsageError(f"the API key for {self.shown} holds a character that cannot be sent; is it copied whole?")
+        signed = {key_header.name: key_header.before + key} if key else {}
         try:
             self._base = httpx.URL(base_url)
-            self._http = httpx.Client(headers={**HEADERS, **({"Authorization": f"Bearer {key}"} if key else {})})
+            self._http = httpx.Client(headers={**headers, **signed})
         except (httpx.InvalidURL, ValueError):
             raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
 

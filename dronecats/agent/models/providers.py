@@ -1,24 +1,35 @@
-"""Who serves models in the OpenAI chat format, where, with which key, and how each switches extended reasoning."""
+"""Who serves models, where, in which format, with which key, and how each switches extended reasoning."""
 
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import UsageError
 
+Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
+_EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
+_TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
+
 
 @dataclass(frozen=True, slots=True)
 class Provider:
-    """One endpoint family. `thinking` and `quick` are merged into the request body."""
+    """One endpoint family.
+
+    `thinking` and `quick` are merged into the request body, with Gemini into its generationConfig. Where both are empty
+    the server has no switch, and the model reasons as it likes.
+    """
 
     name: str
     base_url: str | None  # None: must be given with --base-url
     key_variable: str | None  # environment variable that holds the key
     thinking: Mapping[str, Any] = field(default_factory=dict)
     quick: Mapping[str, Any] = field(default_factory=dict)
-    tokens_field: str = "max_tokens"
+    tokens_field: str = "max_tokens"  # in the OpenAI chat format
+    wire: Wire = "openai"
+    top_p: float | None = None  # None: none is sent
+    top_k: int | None = None
 
 
 PROVIDERS = {
@@ -40,12 +51,28 @@ PROVIDERS = {
             quick={"reasoning": {"enabled": False}},
         ),
         Provider(
-            "vllm",
-            "http://127.0.0.1:8000/v1",
-            "VLLM_API_KEY",
-            thinking={"chat_template_kwargs": {"enable_thinking": True}},
-            quick={"chat_template_kwargs": {"enable_thinking": False}},
+            "gemini",
+            "https://generativelanguage.googleapis.com/v1",
+            "GEMINI_API_KEY",
+            thinking={"thinkingConfig": {"thinkingBudget": -1}},  # as much as the model likes
+            quick={"thinkingConfig": {"thinkingBudget": 0}},
+            wire="gemini",
+            top_p=0.95,
+            top_k=40,
         ),
+        Provider(
+            "anthropic",
+            "https://api.anthropic.com/v1",
+            "ANTHROPIC_API_KEY",
+            thinking={"thinking": {"type": "enabled", "budget_tokens": 4096}},  # half of a reply's 8192
+            wire="anthropic",
+        ),
+        Provider("vllm", "http://127.0.0.1:8000/v1", "VLLM_API_KEY", *_TEMPLATE),
+        Provider("sglang", "http://127.0.0.1:30000/v1", "SGLANG_API_KEY", *_TEMPLATE),
+        Provider("llamacpp", "http://127.0.0.1:8080/v1", "LLAMA_API_KEY", *_TEMPLATE),
+        Provider("ollama", "http://127.0.0.1:11434/v1", "OLLAMA_API_KEY", *_EFFORT),
+        Provider("lmstudio", "http://127.0.0.1:1234/v1", "LMSTUDIO_API_KEY"),
+        Provider("litellm", "http://127.0.0.1:4000/v1", "LITELLM_API_KEY", *_EFFORT),
         Provider("local", None, None),
     )
 }

@@ -14,10 +14,12 @@ class ModelSpec:
     name: str  # as the provider calls it
     base_url: str | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
-    temperature: float = 0.4
+    temperature: float | None = 0.4  # None: none is sent, for models that refuse one
+    top_p: float | None = None  # None: the provider's, if it has one
+    top_k: int | None = None  # … likewise
     max_tokens: int = 8192  # of a reply
     schema: Literal["object", "array"] | None = None  # the root that the server holds replies to; None: none is sent
-    thinking: dict[str, Any] | None = None  # of the request while reasoning is lifted; None: the provider's fields
+    thinking: dict[str, Any] | None = None  # fields while reasoning is lifted; None: the provider's
     quick: dict[str, Any] | None = None  # … and while it is not
 
     @property

@@ -9,7 +9,8 @@ import pytest
 
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
-from dronecats.agent.models.providers import spec_of
+from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.providers import PROVIDERS, spec_of
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 
@@ -69,7 +70,7 @@ def test_one_user_message_text_first_then_the_picture(endpoint, monkeypatch):
     assert body["temperature"] == 0.4
 
 
-@pytest.mark.parametrize("provider", ["openai", "openrouter", "vllm"])
+@pytest.mark.parametrize("provider", [p.name for p in PROVIDERS.values() if p.wire == "openai" and p.thinking])
 def test_thinking_changes_the_request_and_nothing_else(provider):
     chat = model("http://127.0.0.1:1/v1", provider)
     quick = chat.body(REQUEST)
@@ -125,6 +126,24 @@ def test_a_key_that_is_echoed_and_a_password_in_a_url_are_never_said(endpoint, m
     with pytest.raises(UsageError) as refused:
         model("http://me:pw777@127.0.0.1:1/v1").check()
     assert "pw777" not in str(refused.value)
+
+
+def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
+    declared = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:1", top_p=0.9, top_k=20)
+    body = ChatModel(declared).body(REQUEST)
+    assert (body["temperature"], body["top_p"], body["top_k"]) == (0.4, 0.9, 20)
+    bare = ChatModel(ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:1", temperature=None))
+    assert bare.body(REQUEST).keys() == {"model", "messages", "max_tokens"}
+
+
+def test_servers_of_ones_own_are_on_the_loopback_and_want_no_key(monkeypatch):
+    for provider in PROVIDERS.values():
+        monkeypatch.delenv(provider.key_variable or "NONE", raising=False)
+    own = [p for p in PROVIDERS.values() if (p.base_url or "").startswith("http://127.0.0.1:")]
+    assert {p.name for p in own} == {"vllm", "sglang", "ollama", "llamacpp", "lmstudio", "litellm"}
+    assert len({p.base_url for p in own}) == len(own)
+    for provider in own:
+        open_model(ModelSpec(provider=provider.name, name="m")).close()
 
 
 def test_providers_are_split_at_the_first_slash():

@@ -1,0 +1,72 @@
+"""Anthropic's own format, Messages: one user message, a text block, then the frames."""
+
+import base64
+from typing import Any
+
+from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
+from dronecats.agent.models.http_model import HttpModel, count, list_of, text_of
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.reply_schema import reply_schema
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import UsageError
+
+VERSION = "2026-10-21"  # of the API; it refuses every sampling
+WITH_SAMPLING = "2023-06-01"
+_UNKNOWN = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")  # of output_config, by the vendor's SDK
+_REASONS = ("enabled", "adaptive")  # the types of `thinking` beside which the vendor refuses a sampling
+
+
+class AnthropicModel(HttpModel):
+    """A model behind the Anthropic API."""
+
+    answer = "Anthropic message"
+    path = "messages"
+    key_header = KeyHeader("x-api-key")
+
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> None:
+        """Raises UsageError as every model, for a root that the vendor refuses, and for a budget that fills a reply."""
+        super().__init__(spec, patience)
+        if spec.schema == "array":
+            raise UsageError(f"{spec.title} cannot be held to an array of actions: Anthropic wants an object")
+        budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
+        if budget >= spec.max_tokens:
+            said = f"{spec.title} may think for {budget} tokens and reply with {spec.max_tokens}, thinking included"
+            raise UsageError(f"{said}; give it more max_tokens")
+
+    def headers(self) -> dict[str, str]:
+        """Return the version of the API: the newest, or the last one that takes a sampling where one is declared."""
+        return {"anthropic-version": WITH_SAMPLING if self._sampling() else VERSION}
+
+    def _sampling(self) -> dict[str, float]:
+        return self.sampling("temperature", "top_p", "top_k")
+
+    def body(self, request: Request) -> dict[str, Any]:
+        """Return the request as the endpoint gets it."""
+        images = [
+            {
+                "type": "image",
+                "source": {"type": "base64", "media_type": "image/jpeg", "data": base64.b64encode(jpeg).decode()},
+            }
+            for jpeg in request.images_jpeg
+        ]
+        reasoning = self.reasoning(request.thinking)
+        reasons = reasoning.get("thinking", {}).get("type") in _REASONS
+        output = dict(reasoning.get("output_config", {}))
+        if self._spec.schema:
+            output["format"] = {"type": "json_schema", "schema": reply_schema("object", _UNKNOWN)}
+        return {
+            "model": self.name,
+            "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
+            "max_tokens": self._spec.max_tokens,
+            **({} if reasons else self._sampling()),
+            **reasoning,
+            **({"output_config": output} if output else {}),
+        }
+
+    def read(self, data: Any) -> tuple[str, int | None, int | None]:
+        """Return (text, tokens in, tokens out) of an answer. Of a refusal the text is what there is, mostly nothing."""
+        if data["type"] != "message":
+            raise ValueError
+        usage = data.get("usage") or {}
+        text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
+        return text, count(usage.get("input_tokens")), count(usage.get("output_tokens"))

@@ -1,0 +1,63 @@
+"""Gemini's own format, generateContent: a text part, then the frames. Paper, "API Request Format", second listing."""
+
+import base64
+from typing import Any
+from urllib.parse import quote
+
+from dronecats.agent.models.endpoint import KeyHeader
+from dronecats.agent.models.http_model import HttpModel, count, list_of, text_of
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.reply_schema import reply_schema
+
+_UNKNOWN = ("exclusiveMinimum",)  # of responseJsonSchema, by the vendor's list of what it knows
+
+
+class GeminiModel(HttpModel):
+    """A model behind the Gemini API."""
+
+    answer = "Gemini content"
+    key_header = KeyHeader("x-goog-api-key")
+
+    @property
+    def path(self) -> str:
+        """Where requests go: the model's name is part of it."""
+        return f"models/{quote(self.name, safe='')}:generateContent"
+
+    def body(self, request: Request) -> dict[str, Any]:
+        """Return the request as the endpoint gets it. The reasoning's fields are those of generationConfig."""
+        images = [
+            {"inlineData": {"data": base64.urlsafe_b64encode(jpeg).decode(), "mimeType": "image/jpeg"}}
+            for jpeg in request.images_jpeg
+        ]
+        config: dict[str, Any] = {
+            **self.sampling("temperature", "topP", "topK"),
+            "maxOutputTokens": self._spec.max_tokens,
+            **self.reasoning(request.thinking),
+        }
+        if self._spec.schema:
+            config["responseMimeType"] = "application/json"
+            config["responseJsonSchema"] = reply_schema(self._spec.schema, _UNKNOWN)
+        return {
+            "contents": [{"parts": [{"text": request.text}, *images], "role": "user"}],
+            "generationConfig": config,
+        }
+
+    def read(self, data: Any) -> tuple[str, int | None, int | None]:
+        """Return (text, tokens in, tokens out) of an answer. Thoughts count as tokens and are no text."""
+        usage = data.get("usageMetadata") or {}
+        tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
+        return _text(data), count(usage.get("promptTokenCount")), tokens_out
+
+
+def _text(data: dict[str, Any]) -> str:
+    """Return what the model says. What the vendor withheld, or cut off before the first word, is an empty answer."""
+    if not data.get("candidates"):
+        text_of(data["promptFeedback"]["blockReason"])
+        return ""
+    candidate = data["candidates"][0]
+    content = candidate.get("content") or {}
+    if "parts" not in content:
+        text_of(candidate["finishReason"])
+        return ""
+    parts = list_of(content["parts"])
+    return "".join(text_of(part["text"]) for part in parts if "text" in part and not part.get("thought"))

@@ -1,0 +1,110 @@
+"""A model behind an endpoint: what the wire formats share, from the key in its header to an answer that is none."""
+
+import json
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, Endpoint, KeyHeader, RetryPolicy
+from dronecats.agent.models.model import Reply, Request
+from dronecats.agent.models.providers import PROVIDERS, provider_of
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError, UsageError
+
+
+class HttpModel(ABC):
+    """`ask` blocks for one HTTP exchange. Keys come from the environment and go nowhere but into the header."""
+
+    answer: ClassVar[str]  # what a proper answer is called
+    key_header: ClassVar[KeyHeader] = BEARER
+
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> None:
+        """Raises UsageError for an unknown provider, and where an address or a key is missing."""
+        provider = provider_of(spec.provider)
+        url = spec.base_url or provider.base_url
+        if url is None:
+            raise UsageError(f"--model {spec.title} needs --base-url http://HOST:PORT/v1")
+        self.name = spec.name
+        self._spec, self._provider = spec, provider
+        variables = [known.key_variable for known in PROVIDERS.values() if known.key_variable]
+        keys = {variable: os.environ.get(variable, "").strip() for variable in variables}
+        key = keys.get(provider.key_variable or "")
+        if provider.key_variable and not key and spec.base_url is None and not url.startswith("http://127."):
+            raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
+        headers = {**HEADERS, **self.headers()}
+        self._endpoint = Endpoint(url, key, tuple(keys.values()), patience, self.key_header, headers)
+
+    def close(self) -> None:
+        self._endpoint.close()
+
+    def check(self) -> None:
+        """Raise UsageError when nothing answers at the endpoint; what it answers does not matter here."""
+        self._endpoint.check()
+
+    def headers(self) -> dict[str, str]:
+        """Return the headers of this format, beside those of every request and the key."""
+        return {}
+
+    @property
+    @abstractmethod
+    def path(self) -> str:
+        """Where requests go, below the base URL and without a slash before it."""
+
+    @abstractmethod
+    def body(self, request: Request) -> dict[str, Any]:
+        """Return the request as the endpoint gets it."""
+
+    @abstractmethod
+    def read(self, data: Any) -> tuple[str, int | None, int | None]:
+        """Return (text, tokens in, tokens out) of an answer; the text is empty where the model says nothing.
+
+        Raises KeyError, IndexError, TypeError, AttributeError or ValueError for what is no answer of this format.
+        """
+
+    def ask(self, request: Request) -> Reply:
+        """Return the reply, without any key of ours that is echoed in it. Raises ModelError."""
+        answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode())
+        try:
+            text, tokens_in, tokens_out = self.read(json.loads(answer.body))
+        except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
+            said = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
+            raise ModelError(f"the model endpoint {self._endpoint.shown} {said}") from None
+        return Reply(self._endpoint.hide(text), answer.latency_s, tokens_in, tokens_out, answer.waited_s)
+
+    def reasoning(self, lifted: bool) -> Mapping[str, Any]:
+        """Return the fields of the request that switch extended reasoning on or off."""
+        own, of_provider = (
+            (self._spec.thinking, self._provider.thinking) if lifted else (self._spec.quick, self._provider.quick)
+        )
+        return of_provider if own is None else own
+
+    def sampling(self, temperature: str, top_p: str, top_k: str) -> dict[str, float]:
+        """Return the sampling that is declared, under the names that the format has for it."""
+        spec, provider = self._spec, self._provider
+        declared = {
+            temperature: spec.temperature,
+            top_p: provider.top_p if spec.top_p is None else spec.top_p,
+            top_k: provider.top_k if spec.top_k is None else spec.top_k,
+        }
+        return {name: value for name, value in declared.items() if value is not None}
+
+
+def text_of(value: Any) -> str:
+    """Return a text. Raises TypeError for anything else."""
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def list_of(value: Any) -> list[Any]:
+    """Return a list. Raises TypeError for anything else."""
+    if not isinstance(value, list):
+        raise TypeError
+    return value
+
+
+def count(*values: Any) -> int | None:
+    """Return the sum of those that are numbers of tokens; None where none is."""
+    counts = [value for value in values if isinstance(value, int) and not isinstance(value, bool)]
+    return sum(counts) if counts else None

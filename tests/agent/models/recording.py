@@ -1,0 +1,49 @@
+"""A server on the loopback that keeps what it is sent, and answers what it is told."""
+
+import json
+import threading
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """One request, as it came over the wire."""
+
+    path: str  # with its query
+    headers: dict[str, str]  # names in lower case
+    body: Any  # read as JSON
+
+
+class Recording:
+    """As a context: `url` while it is open, `sent` afterwards too."""
+
+    def __init__(self, answer: bytes = b"{}", status: int = 200) -> None:
+        self.sent: list[Sent] = []
+        sent = self.sent
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self):
+                body = self.rfile.read(int(self.headers["Content-Length"]))
+                headers = {name.lower(): value for name, value in self.headers.items()}
+                sent.append(Sent(self.path, headers, json.loads(body)))
+                self.send_response(status)
+                self.send_header("Content-Type", "application/json")
+                self.send_header("Content-Length", str(len(answer)))
+                self.end_headers()
+                self.wfile.write(answer)
+
+            def log_message(self, format, *args):
+                pass
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self._server.server_port}"
+
+    def __enter__(self) -> "Recording":
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._server.shutdown()
+        self._server.server_close()

@@ -1,0 +1,129 @@
+"""Anthropic's format: what is sent, and what is made of what comes back. Over real HTTP."""
+
+import json
+
+import pytest
+
+from dronecats.agent.models.anthropic import VERSION, WITH_SAMPLING
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError, UsageError
+from tests.agent.models.recording import Recording
+
+KEY = "sk-ant-SECRET-1234567890"
+REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
+LIFTED = Request("text", (b"\xff\xd8jpeg",), thinking=True)
+
+
+def answer(*blocks, usage=None, **more):
+    return {"type": "message", "role": "assistant", "content": list(blocks), "usage": usage or {}, **more}
+
+
+def text(said):
+    return {"type": "text", "text": said}
+
+
+def ask(said, request=REQUEST, status=200, **declared):
+    """Return (the reply, the request that was sent) of a server that answers `said`."""
+    data = said if isinstance(said, bytes) else json.dumps(said).encode()
+    with Recording(data, status) as server:
+        model = open_model(ModelSpec(provider="anthropic", name="claude-x", base_url=server.url + "/v1", **declared))
+        try:
+            return model.ask(request), server.sent[0]
+        finally:
+            model.close()
+
+
+def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    _, sent = ask(answer(text("{}")), Request("text", (b"a", b"b"), thinking=False))
+    assert sent.path == "/v1/messages"
+    assert sent.headers["x-api-key"] == KEY
+    assert "authorization" not in sent.headers
+    (message,) = sent.body["messages"]
+    assert message["role"] == "user"
+    assert [part["type"] for part in message["content"]] == ["text", "image", "image"]
+    assert sent.body.keys() == {"model", "messages", "max_tokens", "temperature"}  # no system message, no tools
+    assert (sent.body["temperature"], sent.body["max_tokens"]) == (0.4, 8192)
+
+
+def test_no_sampling_goes_with_reasoning():
+    _, sent = ask(answer(), LIFTED, top_p=0.9, top_k=40)
+    assert sent.body.keys() == {"model", "messages", "max_tokens", "thinking"}
+    assert 1024 <= sent.body["thinking"]["budget_tokens"] < sent.body["max_tokens"]
+    adaptive = {"thinking": {"type": "adaptive"}, "output_config": {"effort": "high"}}
+    _, sent = ask(answer(), LIFTED, thinking=adaptive, schema="object")
+    assert "temperature" not in sent.body
+    assert sent.body["thinking"] == {"type": "adaptive"}
+    assert sent.body["output_config"].keys() == {"effort", "format"}
+    _, sent = ask(answer(), REQUEST, top_p=0.9, top_k=40, quick={"thinking": {"type": "disabled"}})
+    assert (sent.body["temperature"], sent.body["top_p"], sent.body["top_k"]) == (0.4, 0.9, 40)
+
+
+def test_the_version_is_one_that_takes_what_is_declared():
+    assert ask(answer())[1].headers["anthropic-version"] == WITH_SAMPLING
+    _, sent = ask(answer(), temperature=None)
+    assert sent.headers["anthropic-version"] == VERSION
+    assert sent.body.keys() == {"model", "messages", "max_tokens"}
+
+
+def test_what_the_vendor_has_not_is_refused_before_anything_is_sent():
+    with pytest.raises(UsageError, match="anthropic/m cannot be held to an array"):
+        open_model(ModelSpec(provider="anthropic", name="m", base_url="http://127.0.0.1:1", schema="array"))
+    with pytest.raises(UsageError, match="may think for 4096 tokens and reply with 4096"):
+        open_model(ModelSpec(provider="anthropic", name="m", base_url="http://127.0.0.1:1", max_tokens=4096))
+
+
+@pytest.mark.parametrize(
+    ("said", "reply_text", "tokens"),
+    [
+        (answer(text('{"act'), text('ion"}')), '{"action"}', (None, None)),
+        (answer({"type": "thinking", "thinking": "I muse", "signature": "s"}, text("yes")), "yes", (None, None)),
+        (answer({"type": "redacted_thinking", "data": "abc"}, text("yes")), "yes", (None, None)),
+        (answer(text("x"), usage={"input_tokens": 9, "output_tokens": 7}), "x", (9, 7)),
+        (answer(text("x"), usage={"input_tokens": None, "output_tokens": True}), "x", (None, None)),
+        (answer(stop_reason="refusal", usage={"input_tokens": 9, "output_tokens": 0}), "", (9, 0)),
+        (answer({"type": "thinking", "thinking": "…"}, stop_reason="max_tokens"), "", (None, None)),
+    ],
+    ids=["blocks", "thoughts", "hidden thoughts", "tokens", "no counts", "refusal", "cut off"],
+)
+def test_what_a_model_says_and_what_it_costs(said, reply_text, tokens):
+    reply, _ = ask(said)
+    assert (reply.text, (reply.tokens_in, reply.tokens_out)) == (reply_text, tokens)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"",
+        b"<html>busy</html>",
+        b"[" * 100_000,
+        [],
+        {},
+        {"type": "error", "error": {"type": "overloaded_error", "message": "Overloaded"}},
+        {"type": "error", "content": []},
+        {"type": "message"},
+        {"type": "message", "content": {}},
+        {"type": "message", "content": [{"type": "text", "text": 5}]},
+        {"type": "message", "content": ["text"]},
+    ],
+)
+def test_what_is_no_answer_is_a_fault_of_the_infrastructure(said):
+    with pytest.raises(ModelError, match="no Anthropic message"):
+        ask(said)
+
+
+def test_a_key_that_is_echoed_is_not_said(monkeypatch):
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    with pytest.raises(ModelError, match=r"401: .*invalid x-api-key \*\*\*") as refused:
+        ask({"type": "error", "error": {"message": f"invalid x-api-key {KEY}"}}, status=401)
+    assert KEY not in str(refused.value)
+    reply, _ = ask(answer(text(f"it is {KEY}")))
+    assert reply.text == "it is ***"
+
+
+def test_without_a_key_nothing_is_opened(monkeypatch):
+    monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    with pytest.raises(UsageError, match="anthropic needs an API key in the environment variable ANTHROPIC_API_KEY"):
+        open_model(ModelSpec(provider="anthropic", name="claude-x"))

@@ -1,0 +1,120 @@
+"""Gemini's format: what is sent, and what is made of what comes back. Over real HTTP."""
+
+import json
+
+import pytest
+
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError, UsageError
+from tests.agent.models.recording import Recording
+
+KEY = "AIza-SECRET-1234567890"
+REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
+
+
+def answer(*parts, usage=None, **candidate):
+    content = {"content": {"role": "model", "parts": list(parts)}} if parts else {}
+    return {"candidates": [{**content, "finishReason": "STOP", **candidate}], "usageMetadata": usage or {}}
+
+
+def ask(said, request=REQUEST, status=200, name="gemini-x", **declared):
+    """Return (the reply, the request that was sent) of a server that answers `said`."""
+    data = said if isinstance(said, bytes) else json.dumps(said).encode()
+    with Recording(data, status) as server:
+        model = open_model(ModelSpec(provider="gemini", name=name, base_url=server.url + "/v1", **declared))
+        try:
+            return model.ask(request), server.sent[0]
+        finally:
+            model.close()
+
+
+def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
+    monkeypatch.setenv("GEMINI_API_KEY", KEY)
+    _, sent = ask(answer({"text": "{}"}), Request("text", (b"a", b"b"), thinking=False))
+    assert sent.path == "/v1/models/gemini-x:generateContent"
+    assert sent.headers["x-goog-api-key"] == KEY
+    assert "authorization" not in sent.headers
+    (message,) = sent.body["contents"]
+    assert [next(iter(part)) for part in message["parts"]] == ["text", "inlineData", "inlineData"]
+    assert sent.body.keys() == {"contents", "generationConfig"}  # no system message, no tools
+    assert sent.body["generationConfig"] == {
+        "temperature": 0.4,
+        "topP": 0.95,
+        "topK": 40,
+        "maxOutputTokens": 8192,
+        "thinkingConfig": {"thinkingBudget": 0},
+    }
+
+
+def test_what_is_declared_of_a_model_goes_before_the_providers(monkeypatch):
+    level = {"thinkingConfig": {"thinkingLevel": "high"}}
+    asked = Request("text", (), thinking=True)
+    _, sent = ask(answer({"text": ""}), asked, top_p=0.5, top_k=7, temperature=None, thinking=level, quick={})
+    config = sent.body["generationConfig"]
+    assert config == {"topP": 0.5, "topK": 7, "maxOutputTokens": 8192, **level}
+
+
+def test_a_models_name_cannot_leave_its_place_in_the_address():
+    _, sent = ask(answer({"text": ""}), name="../x?key=y#z")
+    assert sent.path == "/v1/models/..%2Fx%3Fkey%3Dy%23z:generateContent"
+
+
+@pytest.mark.parametrize(
+    ("said", "text", "tokens"),
+    [
+        (answer({"text": '{"act'}, {"text": 'ion"}'}), '{"action"}', (None, None)),
+        (answer({"text": "I muse", "thought": True}, {"text": "yes"}), "yes", (None, None)),
+        (
+            answer({"text": "x"}, usage={"promptTokenCount": 9, "candidatesTokenCount": 3, "thoughtsTokenCount": 4}),
+            "x",
+            (9, 7),
+        ),
+        (answer(finishReason="MAX_TOKENS", usage={"promptTokenCount": 9, "thoughtsTokenCount": 4}), "", (9, 4)),
+        (answer(finishReason="SAFETY"), "", (None, None)),
+        (answer({"text": "x"}, usage={"promptTokenCount": "many", "candidatesTokenCount": True}), "x", (None, None)),
+        ({"promptFeedback": {"blockReason": "PROHIBITED_CONTENT"}}, "", (None, None)),
+    ],
+    ids=["parts", "thoughts", "tokens", "cut off", "withheld", "no counts", "blocked"],
+)
+def test_what_a_model_says_and_what_it_costs(said, text, tokens):
+    reply, _ = ask(said)
+    assert (reply.text, (reply.tokens_in, reply.tokens_out)) == (text, tokens)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"",
+        b"<html>busy</html>",
+        b"[" * 100_000,
+        [],
+        {},
+        {"error": {"code": 500, "message": "internal"}},
+        {"candidates": []},
+        {"candidates": {}},
+        {"candidates": [{}]},
+        {"candidates": [{"content": {"parts": {}}}]},
+        {"candidates": [{"content": {"parts": [{"text": 5}]}}]},
+        {"candidates": [{"content": {"parts": ["text"]}}]},
+    ],
+)
+def test_what_is_no_answer_is_a_fault_of_the_infrastructure(said):
+    with pytest.raises(ModelError, match="no Gemini content"):
+        ask(said)
+
+
+def test_a_key_that_is_echoed_is_not_said(monkeypatch):
+    monkeypatch.setenv("GEMINI_API_KEY", KEY)
+    with pytest.raises(ModelError, match=r"400: .*key \*\*\* not valid") as refused:
+        ask({"error": {"message": f"key {KEY} not valid"}}, status=400)
+    assert KEY not in str(refused.value)
+    reply, _ = ask(answer({"text": f"it is {KEY}"}))
+    assert reply.text == "it is ***"
+
+
+def test_without_a_key_nothing_is_opened(monkeypatch):
+    monkeypatch.delenv("GEMINI_API_KEY", raising=False)
+    with pytest.raises(UsageError, match="gemini needs an API key in the environment variable GEMINI_API_KEY"):
+        open_model(ModelSpec(provider="gemini", name="gemini-x"))

@@ -1,0 +1,181 @@
+"""The same question, asked by us and by the vendor's own client: the requests are equal, field by field."""
+
+import base64
+import re
+from typing import Any
+
+import anthropic
+import openai
+import pytest
+from anthropic import transform_schema
+from google import genai
+from google.genai import types
+
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.reply_schema import action_schema, response_format
+from dronecats.agent.models.spec import ModelSpec
+from tests.agent.models.recording import Recording, Sent
+
+KEY = "sk-SECRET-1234567890"
+TEXT = "a prompt, with “quotes” and\nlines"
+JPEG = b"\xff\xd8\xff\xfb\xef\xbe"  # in base64 with both letters in which its two alphabets differ
+PICTURES = [pytest.param(n, id=f"{n} pictures") for n in (1, 4)]
+LIFTED = [pytest.param(False, id="quick"), pytest.param(True, id="thinking")]
+
+
+def request(pictures: int, thinking: bool) -> Request:
+    return Request(TEXT, tuple(JPEG + bytes([n]) for n in range(pictures)), thinking)
+
+
+def ours(monkeypatch: pytest.MonkeyPatch, asked: Request, base: str, answer: bytes, **declared: Any) -> Sent:
+    """Return what our client sends to a server below whose address the vendor's API is at `base`."""
+    for name in ("OPENAI", "OPENROUTER", "OLLAMA", "VLLM", "GEMINI", "ANTHROPIC"):
+        monkeypatch.setenv(f"{name}_API_KEY", KEY)
+    with Recording(answer) as server:
+        model = open_model(ModelSpec(base_url=server.url + base, **declared))
+        model.ask(asked)
+        model.close()
+    (sent,) = server.sent
+    assert KEY not in sent.path
+    return sent
+
+
+CHAT = b'{"id":"1","object":"chat.completion","created":1,"model":"m","choices":[{"index":0,"finish_reason":"stop","message":{"role":"assistant","content":"{}"}}]}'  # noqa: E501
+SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "openai": ({"reasoning_effort": "minimal"}, {"reasoning_effort": "medium"}),
+    "openrouter": (
+        {"extra_body": {"reasoning": {"enabled": False}}},
+        {"extra_body": {"reasoning": {"enabled": True}}},
+    ),
+    "ollama": ({"reasoning_effort": "none"}, {"reasoning_effort": "medium"}),
+    "vllm": (
+        {"extra_body": {"chat_template_kwargs": {"enable_thinking": False}}},
+        {"extra_body": {"chat_template_kwargs": {"enable_thinking": True}}},
+    ),
+}
+
+
+@pytest.mark.parametrize("provider", SWITCHES)
+@pytest.mark.parametrize("pictures", PICTURES)
+@pytest.mark.parametrize("thinking", LIFTED)
+@pytest.mark.parametrize("schema", [None, "array"])
+def test_openai(monkeypatch, provider, pictures, thinking, schema):
+    asked = request(pictures, thinking)
+    images: list[Any] = [
+        {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
+        for jpeg in asked.images_jpeg
+    ]
+    options: dict[str, Any] = dict(SWITCHES[provider][thinking])
+    options["max_completion_tokens" if provider == "openai" else "max_tokens"] = 8192
+    if schema:
+        options["response_format"] = response_format(schema)
+    with Recording(CHAT) as server, openai.OpenAI(api_key=KEY, base_url=server.url + "/v1") as client:
+        client.chat.completions.create(
+            model="maker/m",
+            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *images]}],
+            temperature=0.4,
+            **options,
+        )
+    (theirs,) = server.sent
+    sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema)
+    assert (sent.body, sent.path) == (theirs.body, theirs.path)
+    assert sent.headers["authorization"] == theirs.headers["authorization"] == f"Bearer {KEY}"
+
+
+CONTENT = b'{"candidates":[{"content":{"role":"model","parts":[{"text":"{}"}]},"finishReason":"STOP"}]}'
+
+
+def camel(value: Any) -> Any:
+    """Return JSON with its names as the API's documents write them; it takes `mime_type` for `mimeType` as well."""
+    if isinstance(value, dict):
+        return {
+            re.sub("_(.)", lambda m: m[1].upper(), key): inner if key == "responseJsonSchema" else camel(inner)
+            for key, inner in value.items()
+        }
+    return [camel(inner) for inner in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("pictures", PICTURES)
+@pytest.mark.parametrize("thinking", LIFTED)
+@pytest.mark.parametrize("schema", [None, {"type": "array", "items": action_schema()}], ids=["free", "schema"])
+def test_gemini(monkeypatch, pictures, thinking, schema):
+    asked = request(pictures, thinking)
+    parts: list[Any] = [
+        types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in asked.images_jpeg
+    ]
+    config = types.GenerateContentConfig(
+        temperature=0.4,
+        top_p=0.95,
+        top_k=40,
+        max_output_tokens=8192,
+        thinking_config=types.ThinkingConfig(thinking_budget=-1 if thinking else 0),
+    )
+    if schema:
+        config.response_mime_type = "application/json"
+        config.response_json_schema = schema
+    with Recording(CONTENT) as server:
+        client = genai.Client(api_key=KEY, http_options=types.HttpOptions(base_url=server.url))
+        client.models.generate_content(model="gemini-x", contents=[TEXT, *parts], config=config)
+    (theirs,) = server.sent
+    root = "array" if schema else None
+    sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root)
+    expected = camel(theirs.body)
+    if schema:  # theirs goes as it is given; what the API does not know we leave out
+        go = expected["generationConfig"]["responseJsonSchema"]["items"]["anyOf"][0]
+        assert go["properties"]["depth_m"].pop("exclusiveMinimum") == 0
+    assert (sent.body, sent.path) == (expected, theirs.path)
+    assert sent.headers["x-goog-api-key"] == theirs.headers["x-goog-api-key"] == KEY
+    assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-goog-api-key"})
+
+
+MESSAGE = b'{"id":"1","type":"message","role":"assistant","model":"m","content":[{"type":"text","text":"{}"}],"stop_reason":"end_turn","usage":{"input_tokens":1,"output_tokens":1}}'  # noqa: E501
+
+
+@pytest.mark.parametrize("pictures", PICTURES)
+@pytest.mark.parametrize("thinking", LIFTED)
+@pytest.mark.parametrize("schema", [None, "object"])
+@pytest.mark.parametrize("temperature", [0.4, None])
+def test_anthropic(monkeypatch, pictures, thinking, schema, temperature):
+    """The vendor's client knows no temperature any more, so that the paper's is put in there by hand."""
+    asked = request(pictures, thinking)
+    images: list[Any] = [
+        {
+            "type": "image",
+            "source": {"type": "base64", "media_type": "image/jpeg", "data": base64.b64encode(jpeg).decode()},
+        }
+        for jpeg in asked.images_jpeg
+    ]
+    options: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}} if thinking else {}
+    if schema:
+        options["output_config"] = {"format": {"type": "json_schema", "schema": transform_schema(action_schema())}}
+    if temperature is not None and not thinking:
+        options["extra_body"] = {"temperature": temperature}
+    with Recording(MESSAGE) as server, anthropic.Anthropic(api_key=KEY, base_url=server.url) as client:
+        client.messages.create(
+            model="claude-x",
+            max_tokens=8192,
+            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *images]}],
+            **options,
+        )
+    (theirs,) = server.sent
+    sent = ours(
+        monkeypatch, asked, "/v1", MESSAGE, provider="anthropic", name="claude-x", schema=schema,
+        temperature=temperature,
+    )  # fmt: skip
+    assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path)
+    assert (
+        sent.headers["x-api-key"] == KEY
+    )  # the API takes both; its documents show this one, the client sends a bearer
+    assert theirs.headers["authorization"] == f"Bearer {KEY}"
+    assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-api-key"})
+    if temperature is None:
+        assert sent.headers["anthropic-version"] == theirs.headers["anthropic-version"]
+
+
+def bare(body: Any) -> Any:
+    """Return a request without what the client makes of a schema's limits: a sentence, and an enum without a type."""
+    if isinstance(body, dict):
+        kept = {key: value for key, value in body.items() if key != "description"}
+        return {key: bare(value) for key, value in kept.items() if not (key == "type" and "enum" in kept)}
+    return [bare(value) for value in body] if isinstance(body, list) else body
