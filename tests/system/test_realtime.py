@@ -10,7 +10,10 @@ import psutil
 import pytest
 
 from dronecats.pilots.server import PilotServer
+from dronecats.stages import parts
 from tests.support.command_line import DRONECATS, last_object
+
+MODULES = {part.name: part.module for part in (parts.SIMULATOR, parts.CAMERA, parts.LOGGER, parts.PILOT)}
 
 
 class Flight:
@@ -32,7 +35,7 @@ class Flight:
         raise AssertionError(f"'{text}' never came; {self.process.stderr.read()}")
 
     def child(self, kind):
-        return next(c for c in self.children if c.cmdline()[-1] == kind)
+        return next(c for c in self.children if c.cmdline()[-1] == MODULES[kind])
 
     def ends(self, timeout=300):
         out, errors = self.process.communicate(timeout=timeout)
