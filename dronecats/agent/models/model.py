@@ -1,7 +1,7 @@
 """What the agent needs of a model: text and pictures in, text out."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,6 +11,11 @@ class Request:
     text: str
     images_jpeg: tuple[bytes, ...]  # one per drone, in a fixed order
     thinking: bool  # extended reasoning for this call only
+    labels: tuple[str, ...] = ()  # the line of text before each image; empty: there is none
+    # whose question it is, which no format sends: a recorded flight is replayed by it
+    step: int = 0
+    drone: int = 0  # the first of those that are asked for
+    role: Literal["pilot", "commander"] = "pilot"
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,8 @@ class ModelSpec:
     schema: Literal["object", "array"] | None = None  # the root that the server holds replies to; None: none is sent
     thinking: dict[str, Any] | None = None  # fields while reasoning is lifted; None: the provider's
     quick: dict[str, Any] | None = None  # … and while it is not
+    input_usd: float | None = None  # $ per million tokens of a question; None: not known
+    output_usd: float | None = None  # … of a reply, reasoning included
 
     @property
     def title(self) -> str:
