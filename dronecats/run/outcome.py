@@ -2,6 +2,7 @@
 
 import signal
 import statistics
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -95,7 +96,10 @@ def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, D
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Ignore Ctrl-C and its like for the moment that it takes to write the verdict."""
+    """Ignore Ctrl-C and its like for the moment of writing the verdict; they reach the main thread alone."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
     try:

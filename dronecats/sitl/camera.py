@@ -116,7 +116,9 @@ class WorldCamera:
         )
 
     def close(self) -> None:
-        pass
+        """Let the renderer's threads go; no frame is asked for afterwards."""
+        if self._renderer:
+            self._renderer.close()
 
 
 def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, DronePose]:

@@ -58,6 +58,7 @@ class CameraPart:
         self._server.shutdown()
         self._server.server_close()
         self._bus.close()
+        self._camera.close()
 
 
 def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:

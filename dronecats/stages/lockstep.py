@@ -86,6 +86,7 @@ class LockstepStage:
 
     def close(self) -> None:
         self._recorder.close()
+        self.camera.close()
         if self._px4:
             for link in self.links:
                 link.close()

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from dronecats.campaign.batch import UNFINISHED, Batch
-from dronecats.campaign.runner import Runner
+from dronecats.campaign.runner import Runner, shares
 from dronecats.flight.file import as_kept
 from dronecats.flight.spec import FlightSpec, Simulated
 from episodes import catalogue
@@ -48,6 +48,55 @@ def workers():
     return [p for p in psutil.Process().children(recursive=True) if "dronecats.processes.child" in p.cmdline()]
 
 
+def flown_bytes(folder):
+    return {name: (folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")}
+
+
+def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path, monkeypatch):
+    """Whatever a process keeps for all of its flights must not move one of them."""
+    monkeypatch.setattr("dronecats.campaign.runner.cores", lambda: 1)
+    seen = FlightSpec(pilot="vision", simulated=Simulated(speed=None), latency="fixed:0.1", seconds=6.0, full=True)
+    # one map twice, a fleet, and a target that moves
+    episodes = [EASY, "residential-tracking-01", "blocks-commanding-01"]
+    together, alone = (Batch(tmp_path / name, {"flight": as_kept(seen)}) for name in ("together", "alone"))
+    in_flight = []
+
+    class Watched(Runner):
+        def _begin(self, worker, episode, flying):
+            super()._begin(worker, episode, flying)
+            in_flight.append((worker.pid, len(flying)))
+
+    Watched(together, seen, jobs=3).fly(episodes)
+    assert [count for _, count in in_flight] == [1, 2, 3]
+    assert len({pid for pid, _ in in_flight}) == 1
+    Runner(alone, seen, jobs=1).fly(episodes)
+    for episode in episodes:
+        assert flown_bytes(together.folder(episode)) == flown_bytes(alone.folder(episode))
+
+
+@pytest.mark.parametrize(
+    ("jobs", "on", "expected"), [(1, 2, [1]), (2, 2, [1, 1]), (16, 2, [8, 8]), (5, 2, [3, 2]), (3, 8, [1, 1, 1])]
+)
+def test_flights_are_shared_out_evenly(jobs, on, expected):
+    assert shares(jobs, on) == expected
+
+
+def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
+    """The others of its worker fly on, since nothing has died."""
+    batch = Batch(tmp_path / "run", SETTINGS)
+
+    class Mistold(Runner):
+        def _begin(self, worker, episode, flying):
+            if episode == "residential-searching-01":
+                batch._records[episode] = dataclasses.replace(batch._record(episode), map="nowhere")
+            super()._begin(worker, episode, flying)
+
+    results = {r.episode: r for r in Mistold(batch, ORACLE, jobs=2).fly([EASY, "residential-searching-01"])}
+    assert results[EASY].outcome == "success"
+    assert results["residential-searching-01"].outcome == "error"
+    assert "nowhere" in str(results["residential-searching-01"].error)
+
+
 @pytest.mark.slow
 def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     episodes = [EASY, "residential-searching-01", "residential-tracking-01"]
@@ -56,11 +105,11 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     class Fragile(Runner):
         """Its second episode's worker dies when it has just been told to fly."""
 
-        def _one(self, worker, episode):
+        def _begin(self, worker, episode, flying):
             if episode == episodes[1]:
                 killed.append(worker.pid)
                 os.kill(worker.pid, signal.SIGKILL)
-            return super()._one(worker, episode)
+            super()._begin(worker, episode, flying)
 
     outcomes = {r.episode: r.outcome for r in Fragile(batch, ORACLE, jobs=1).fly(episodes)}
     assert len(killed) == 1

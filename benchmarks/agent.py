@@ -1,0 +1,256 @@
+"""What the agent itself costs beside its model, and how many flights two cores keep waiting for theirs.
+
+    python -m benchmarks.agent [--json] [--steps N] [--jobs N] [--seconds S] [--short]
+
+`step_ms…` is our own time of a step: from the frame in hand until the question is at the model's, and from its reply
+until the setpoint is the link's. Real frames of a map, the real client over HTTP on the loopback, the real logs on
+disk; vehicle and camera are stand-ins that cost nothing, and so is the model.
+
+`in_flight` flies so many episodes at once in lockstep, every frame rendered, under a model that takes 2 s for each
+question: its `wall_over_model` is the wall time of all of them by that which the model alone takes for the longest, and
+`rss_mb` the greatest sum of the resident memory of all processes (`pss_mb`: what they share counted once).
+"""
+
+import argparse
+import json
+import math
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+
+from benchmarks.machine import Machine
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
+from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.latency import latency
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.prompt import Prompt
+from dronecats.campaign.batch import Batch
+from dronecats.campaign.runner import Runner
+from dronecats.flight.file import as_kept
+from dronecats.flight.spec import FlightSpec, Simulated
+from episodes import catalogue, suites
+from episodes.render.pose import camera_pose
+from episodes.render.renderer import Renderer
+from episodes.world import World
+from foundation.camera import CameraModel, Frame
+from foundation.frames import quat_from_euler
+from foundation.setpoints import Setpoint, Sight
+
+EPISODE = "blocks-commanding-01"  # four starts, from each of which there is something to see
+ACTION = '{"action": "go", "point": [480, 520], "depth_m": 9.5}'
+MODEL_S = 2.0
+TICK_US = 50_000
+UNCOUNTED = 5  # steps at the beginning, in which connections are made and caches filled
+
+
+@contextmanager
+def stand_in(seconds: float, reply: str) -> Iterator[str]:
+    """Run a model that takes `seconds` to say `reply`, in a process of its own, and return its address."""
+    command = [sys.executable, "-m", "benchmarks.stand_in", str(seconds), reply]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdin is not None
+    try:
+        yield process.stdout.readline().strip()
+    finally:
+        process.stdin.close()
+        process.wait()
+        process.stdout.close()
+
+
+class StandInAircraft:
+    """A vehicle whose time passes at once. Keeps when it was last told what to fly."""
+
+    steady = True
+
+    def __init__(self) -> None:
+        self.time_us = 0
+        self.told_s = 0.0  # monotonic
+
+    def sight(self, time_us: int) -> Sight:
+        return Sight((0.0, 0.0, 0.0), 0.0)
+
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+        if seen is not None:
+            self.told_s = time.monotonic()
+
+    def listen(self) -> None:
+        """Nothing has come."""
+
+    def tick(self) -> None:
+        self.time_us += TICK_US
+
+
+class StandInCamera:
+    """Gives the same frames again and again. Keeps when the last of a question's was in hand."""
+
+    def __init__(self, frames: Sequence[Frame], aircraft: Sequence[StandInAircraft]) -> None:
+        self._frames, self._aircraft = frames, aircraft
+        self._taken = 0
+        self.in_hand_s = 0.0  # monotonic
+
+    def close(self) -> None:
+        """There is nothing to let go of."""
+
+    def newest(self, drone: int = 0) -> Frame:
+        self._taken += 1
+        frame = Frame(self._taken, drone, self._aircraft[drone].time_us, self._frames[drone].image_rgb)
+        self.in_hand_s = time.monotonic()
+        return frame
+
+
+def frames() -> list[Frame]:
+    """Return what the four drones of an episode see first."""
+    world, camera = World(catalogue.load(EPISODE)), CameraModel()
+    renderer = Renderer(world.filmed, camera)
+    found = []
+    for drone, start in enumerate(world.record.starts):
+        pose = camera_pose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)), camera)
+        found.append(Frame(0, drone, 0, renderer.render(pose, world.moved(0.0)).rgb))
+    renderer.close()
+    return found
+
+
+def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
+    """Return our own milliseconds of a step, as many drones under one decider as there are frames."""
+    reply = ACTION if len(seen) == 1 else "[" + ", ".join([ACTION] * len(seen)) + "]"
+    aircraft = [StandInAircraft() for _ in seen]
+    camera = StandInCamera(seen, aircraft)
+    before: list[float] = []
+    after: list[float] = []
+    with stand_in(0.0, reply) as address, tempfile.TemporaryDirectory() as folder, httpx.Client() as looker:
+        model = open_model(ModelSpec(provider="local", name="stand-in", base_url=f"{address}/v1"))
+        questions = Questions(model, Prompt.load(), "Find the red sign that reads EXIT.", latency("fixed:0"))
+
+        log = DecisionLog(Path(folder) / "decisions.jsonl")
+        cockpit = Cockpit(
+            aircraft=aircraft, camera=camera, camera_model=CameraModel(), log=log, frames_dir=Path(folder),
+            executor=InlineExecutor(), t0_us=0,
+        )  # fmt: skip
+
+        def flown(decision: Decision) -> bool:
+            """Note the times of a step when it has been flown."""
+            if decision.drone == 0:
+                times = looker.get(f"{address}/times").json()
+                before.append(times["asked"] - camera.in_hand_s)
+                after.append(max(one.told_s for one in aircraft) - times["answered"])
+            return len(before) == UNCOUNTED + steps
+
+        PaperAgent(questions, cockpit).fly(1e6, flown)
+        log.close()
+        model.close()
+    own_ms = [1e3 * (b + a) for b, a in zip(before, after, strict=True)][UNCOUNTED:]
+    name = "step_ms" if len(seen) == 1 else f"step_ms_{len(seen)}_drones"
+    return {
+        name: round(statistics.median(own_ms), 2),
+        f"{name}_p95": round(sorted(own_ms)[int(0.95 * len(own_ms))], 2),
+        f"{name}_to_the_model": round(1e3 * statistics.median(before[UNCOUNTED:]), 2),
+        f"{name}_from_the_model": round(1e3 * statistics.median(after[UNCOUNTED:]), 2),
+    }
+
+
+class Memory:
+    """Looks twice a second how much this process and all below it hold."""
+
+    def __init__(self) -> None:
+        self.rss, self.pss = 0, 0  # bytes, the most at a time
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        us = psutil.Process()
+        while not self._over.wait(0.5):
+            held = [h for h in map(_held, [us, *us.children(recursive=True)]) if h]
+            self.rss, self.pss = max(self.rss, sum(h[0] for h in held)), max(self.pss, sum(h[1] for h in held))
+
+
+def _held(process: psutil.Process) -> tuple[int, int] | None:
+    """Return a process's resident bytes, all and with what is shared counted once; None for one that has ended."""
+    try:
+        full = process.memory_full_info()
+    except psutil.Error:
+        return None
+    return full.rss, full.pss
+
+
+def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
+    """Return what `jobs` episodes at once cost beside their model, each `seconds` of vehicle time long."""
+    episodes = suites.ids("one-drone")[:: max(1, 80 // jobs)][:jobs]
+    memory = Memory()
+    with stand_in(MODEL_S, ACTION) as address, tempfile.TemporaryDirectory() as folder:
+        model = ModelSpec(provider="local", name="stand-in", base_url=f"{address}/v1")
+        flight = FlightSpec(
+            model=model, simulated=Simulated(speed=None), latency=f"fixed:{MODEL_S:g}", seconds=seconds, full=True
+        )
+        batch = Batch(Path(folder) / "run", {"flight": as_kept(flight)})
+        began, cpu = time.monotonic(), _cpu_s()
+        results = Runner(batch, flight, jobs).fly(episodes)
+        wall_s, cpu_s = time.monotonic() - began, _cpu_s() - cpu
+        memory.close()
+        batch.close()
+    flown = [r for r in results if r.outcome != "error"]
+    steps = [r.steps for r in flown]
+    alone_s = MODEL_S * max(steps)
+    return {
+        "flights": len(flown),
+        "steps": sum(steps),
+        "wall_s": round(wall_s, 1),
+        "model_alone_s": round(alone_s, 1),
+        "wall_over_model": round(wall_s / alone_s, 3),
+        "cpu_ms_per_step": round(1e3 * cpu_s / sum(steps), 1),
+        "rss_mb": round(memory.rss / 2**20),
+        "pss_mb": round(memory.pss / 2**20),
+    }
+
+
+def _cpu_s() -> float:
+    """Return the processor seconds of all children that have ended."""
+    used = psutil.Process().cpu_times()
+    return float(used.children_user + used.children_system)
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--steps", type=int, default=100, metavar="N", help="steps that are timed (100)")
+    parser.add_argument("--jobs", type=int, default=16, metavar="N", help="episodes in flight (16)")
+    parser.add_argument("--seconds", type=float, default=300.0, metavar="S", help="vehicle time of each (300)")
+    parser.add_argument("--short", action="store_true", help="only show that every figure can be had")
+    args = parser.parse_args()
+    if args.short:
+        args.steps, args.jobs, args.seconds = 3, 2, 10.0
+    machine, seen = Machine(), frames()
+    found: dict[str, Any] = {**own_time(seen[:1], args.steps), **own_time(seen, args.steps)}
+    machine.look()
+    found["in_flight"] = in_flight(args.jobs, args.seconds)
+    machine.look()
+    found["machine"] = machine.figures()
+    if args.json:
+        print(json.dumps(found))
+        return
+    for name, value in found.items():
+        print(f"{name:34} {value}")
+
+
+if __name__ == "__main__":
+    main()

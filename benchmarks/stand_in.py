@@ -1,0 +1,69 @@
+"""A model that says the same after the same time: what is left of a step's time is ours. No model, and no pilot.
+
+    python -m benchmarks.stand_in SECONDS REPLY
+
+An OpenAI-compatible endpoint on the loopback, whose address is its first line of output; it ends when its standard
+input does. `GET /times` returns when the newest question was there and when its reply left, s of the system's monotonic
+clock, which every process of a machine shares.
+"""
+
+import json
+import sys
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+
+class StandIn(ThreadingHTTPServer):
+    """Answers after `seconds` with `reply`."""
+
+    daemon_threads = True
+    request_queue_size = 128
+
+    def __init__(self, seconds: float, reply: str) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.seconds = seconds
+        said = {"choices": [{"index": 0, "message": {"role": "assistant", "content": reply}, "finish_reason": "stop"}]}
+        self.body = json.dumps({**said, "usage": {"prompt_tokens": 1000, "completion_tokens": 30}}).encode()
+        self.times = {"asked": 0.0, "answered": 0.0}
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: StandIn
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    wbufsize = -1  # header and body leave together
+
+    def do_GET(self) -> None:
+        self._send(json.dumps(self.server.times if self.path == "/times" else {"data": []}).encode())
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        asked = time.monotonic()
+        if self.server.seconds:
+            time.sleep(self.server.seconds)
+        self.server.times = {"asked": asked, "answered": time.monotonic()}
+        self._send(self.server.body)
+
+    def _send(self, body: bytes) -> None:
+        self.send_response_only(200)
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        """Silent."""
+
+
+def main() -> None:
+    """Serve until standard input ends."""
+    server = StandIn(float(sys.argv[1]), sys.argv[2])
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    sys.stdout.write(f"http://127.0.0.1:{server.server_port}\n")
+    sys.stdout.flush()
+    sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main()
