@@ -4,13 +4,13 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from episodes import assets, maps
 from episodes.assets.multirotor import X500, Outline
 from episodes.fleet import DronePose, Fleet
+from episodes.once import once
 from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Moved, Scene
 from episodes.target import TargetMotion, motion
@@ -138,7 +138,7 @@ def solids(name: str, seed: int) -> Solids:
     return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
 
 
-@lru_cache(maxsize=4)
+@once(4)
 def _solids(name: str, seed: int) -> Solids:
     return Solids(maps.build(name, seed).instances)
 

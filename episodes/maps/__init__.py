@@ -3,10 +3,10 @@
 import difflib
 import hashlib
 from collections.abc import Callable
-from functools import lru_cache
 
 from episodes.maps import blocks, campus, residential, residential_places, user
 from episodes.maps.places import Places
+from episodes.once import once
 from episodes.scene import Scene
 from foundation.errors import UsageError
 
@@ -48,7 +48,7 @@ def build(name: str, seed: int = 1) -> Scene:
     return _shipped(name, seed)
 
 
-@lru_cache(maxsize=3)  # a run flies many episodes on one map, and a scene is never changed
+@once(3)  # a run flies many episodes on one map, and a scene is never changed
 def _shipped(name: str, seed: int) -> Scene:
     return _MAPS[name](seed)
 
