@@ -77,3 +77,4 @@ class Scene:
     spawn_ned: Vec3 = (0.0, 0.0, 0.0)  # m, a free place on the ground
     spawn_yaw: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    base: "Scene | None" = None  # the map to whose instances this one's others were added; None: it is a map itself

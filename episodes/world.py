@@ -56,7 +56,7 @@ class World:
         self.target = target
         self.target_id: int = target.id
         added = others if native else (target, *others)
-        self.scene: Scene = replace(built, instances=(*built.instances, *added))
+        self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
         # what cameras see: the scene and the drones of a fleet
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))

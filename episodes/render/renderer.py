@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from episodes.once import once
 from episodes.render.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
+from episodes.render.layout import Laid, laid_out, lay_out
 from episodes.render.pose import depth_per_metre, eye_of
 from episodes.render.resolve import resolve_rows
 from episodes.render.shading import shade_rows
-from episodes.render.shadow import CELLS, cast_movable, restore, sun_map
+from episodes.render.shadow import CELLS, SunMap, cast_movable, restore, sun_map
 from episodes.render.sky import daylight, display_table
-from episodes.render.triangles import lay_out, place_all
+from episodes.render.triangles import SceneArrays, place_all
 from episodes.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
@@ -52,10 +54,10 @@ class Renderer:
                 "give at least one pixel each way and a field of view between 0 and 180°."
             )
         self.camera = camera
-        self._layout = lay_out(scene)
+        of_map = laid_out(scene.base) if scene.base else None
+        self._layout = lay_out(scene, of_map)
         place_all(self._layout, NOTHING_MOVED)
-        ground = frozenset(i.id for i in scene.instances if i.kind == "ground")
-        self._sun = sun_map(self._layout, scene.sun, ground, shadow_cells)
+        self._sun = _shadows(scene, self._layout, of_map, shadow_cells)
         self._day = daylight(scene.sun)
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
@@ -118,3 +120,20 @@ class Renderer:
         finally:
             for other in others:
                 other.result()
+
+
+def _shadows(scene: Scene, layout: SceneArrays, of_map: Laid | None, cells: int) -> SunMap:
+    """Return the shadows of what never moves in a scene; those of its map are kept where that is laid out."""
+    if scene.base is None or of_map is None:
+        return sun_map(layout, scene.sun, _ground(scene), cells)
+    before = _shadows_of_map(scene.base, cells)
+    return sun_map(layout, scene.sun, _ground(scene), cells, before, of_map.arrays.static_count)
+
+
+@once(3)
+def _shadows_of_map(scene: Scene, cells: int) -> SunMap:
+    return sun_map(lay_out(scene), scene.sun, _ground(scene), cells)
+
+
+def _ground(scene: Scene) -> frozenset[int]:
+    return frozenset(i.id for i in scene.instances if i.kind == "ground")

@@ -38,8 +38,18 @@ class SunMap(NamedTuple):
     per_cell: float  # 1/m
 
 
-def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
-    """Return the map of the things that never move, fitted around what stands on the ground and its shadows."""
+def sun_map(
+    layout: SceneArrays,
+    sun: Sun,
+    ground_ids: frozenset[int],
+    cells: int = CELLS,
+    before: SunMap | None = None,
+    drawn: int = 0,
+) -> SunMap:
+    """Return the map of the things that never move, fitted around what stands on the ground and its shadows.
+
+    `before` is that of the first `drawn` triangles alone: where its grid is this one, what it has is not drawn again.
+    """
     toward = np.asarray(sun.toward_ned, float) / np.linalg.norm(sun.toward_ned)
     helper = np.array([1.0, 0.0, 0.0]) if abs(toward[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     across = np.cross(helper, toward)
@@ -65,7 +75,11 @@ def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: in
         cell=cell,
         per_cell=1.0 / cell,
     )
-    draw_heights(result, triangles.position, 0, layout.static_count)
+    if before is not None and before.height.shape == result.height.shape and before[1:] == result[1:]:
+        np.copyto(result.height, before.height)
+        draw_heights(result, triangles.position, drawn, layout.static_count)
+    else:
+        draw_heights(result, triangles.position, 0, layout.static_count)
     return result
 
 

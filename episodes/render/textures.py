@@ -43,14 +43,18 @@ def srgb_to_linear(value: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def build_atlas(pictures: Sequence[NDArray[np.uint8]]) -> Atlas:
-    """Return the atlas of (H, W, 3) sRGB pictures, texture k being `pictures[k]`. Raises UsageError otherwise."""
+def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = None) -> Atlas:
+    """Return the atlas of (H, W, 3) sRGB pictures, texture k being `pictures[k]`; with `before`, after its textures.
+
+    Raises UsageError for what is no such picture.
+    """
+    if before is None or not len(before.first_level):
+        before = Atlas(np.zeros(0, np.uint32), np.zeros((0, 3), np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
     curve = srgb_to_linear(np.arange(256, dtype=np.float32) / 255.0)
-    texels: list[NDArray[np.uint32]] = []
-    levels: list[tuple[int, int, int]] = []
-    first_level, depth = [], []
-    filled = 0
-    for k, picture in enumerate(pictures):
+    texels, filled = [before.texels], len(before.texels)
+    levels = [(int(first), int(width), int(height)) for first, width, height in before.levels]
+    first_level, depth = before.first_level.tolist(), before.depth.tolist()
+    for k, picture in enumerate(pictures, len(first_level)):
         if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8 or 0 in picture.shape:
             raise UsageError(
                 f"texture {k} has shape {picture.shape} and type {picture.dtype}: give (H, W, 3) uint8 sRGB."
@@ -66,7 +70,7 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]]) -> Atlas:
             )
             filled += texels[-1].size
     return Atlas(
-        texels=np.concatenate(texels) if texels else np.zeros(1, np.uint32),
+        texels=np.concatenate(texels) if filled else np.zeros(1, np.uint32),
         levels=np.array(levels, np.int64).reshape(-1, 3),
         first_level=np.array(first_level, np.int32),
         depth=np.array(depth, np.int32),

@@ -1,4 +1,4 @@
-"""The scene laid out for the kernels: one row per triangle, movable things last."""
+"""The scene as the kernels take it: one row per triangle, movable things last."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.render.pose import as_floats
-from episodes.render.textures import Atlas, build_atlas
-from episodes.scene import Instance, Material, Mesh, Moved, Scene
+from episodes.render.textures import Atlas
+from episodes.scene import Instance, Mesh, Moved
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, rotate
 
@@ -66,73 +66,6 @@ class SceneArrays:
     static_count: int  # the triangles that never move are the first ones
 
 
-def lay_out(scene: Scene) -> SceneArrays:
-    """Return `scene` as arrays. Raises UsageError for ids that repeat or are below 1, or a corner not finite."""
-    ids = [instance.id for instance in scene.instances]
-    if len(set(ids)) != len(ids) or min(ids, default=1) < 1:
-        raise UsageError(
-            f"map '{scene.name}' has instance ids that repeat or are below 1: number its instances from 1."
-        )
-    for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in scene.instances}.values():
-        if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
-            raise UsageError(f"the mesh of '{name}' has a corner that is not finite: mend its vertices, normals or uv.")
-    instances = sorted((i for i in scene.instances if len(i.mesh.triangles)), key=lambda i: i.movable)
-    total = sum(len(instance.mesh.triangles) for instance in instances)
-    triangles = Triangles(
-        position=np.zeros((total, 3, 3), np.float32),
-        normal=np.zeros((total, 3, 3), np.float32),
-        uv=np.zeros((total, 3, 2), np.float32),
-        face=np.zeros((total, 3), np.float32),
-        flat=np.zeros(total, np.bool_),
-        material=np.zeros(total, np.int32),
-        instance=np.zeros(total, np.int32),
-        plane=np.zeros(total, np.int32),
-        chunk_first=np.array(_chunk_starts(instances), np.int32),
-        chunk_count=np.zeros(0, np.int32),
-        chunk_center=np.zeros((0, 3)),
-        chunk_radius=np.zeros(0),
-    )
-    chunks = len(triangles.chunk_first)
-    triangles = triangles._replace(
-        chunk_count=np.diff(np.append(triangles.chunk_first, total)).astype(np.int32),
-        chunk_center=np.zeros((chunks, 3)),
-        chunk_radius=np.zeros(chunks),
-    )
-    materials: list[Material] = []
-    row_of: dict[int, int] = {}
-    planes: dict[int, NDArray[np.int32]] = {}
-    movable: list[MovablePart] = []
-    filled = first_chunk = static_count = plane_count = 0
-    for instance in instances:
-        mesh = instance.mesh
-        rows = slice(filled, filled + len(mesh.triangles))
-        filled = rows.stop
-        chunk_rows = slice(first_chunk, first_chunk + math.ceil(len(mesh.triangles) / CHUNK))
-        first_chunk = chunk_rows.stop
-        for material in mesh.materials:
-            if id(material) not in row_of:
-                row_of[id(material)] = len(materials)
-                materials.append(material)
-        position, face = mesh.vertices[mesh.triangles], face_normals(mesh)
-        part = MovablePart(instance, rows, chunk_rows, position, mesh.normals[mesh.triangles], face)
-        place(triangles, part, instance.position_ned, instance.yaw)
-        uv = mesh.uv[mesh.triangles]
-        triangles.uv[rows] = uv - np.floor(uv.min(axis=1, keepdims=True))  # small numbers keep their precision
-        triangles.flat[rows] = (np.ptp(part.normal, axis=1) < 1e-6).all(axis=1)
-        triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
-        triangles.instance[rows] = instance.id
-        if id(mesh) not in planes:
-            planes[id(mesh)] = _flat_pieces(mesh, position, face)
-        triangles.plane[rows] = planes[id(mesh)] + plane_count
-        plane_count += int(planes[id(mesh)].max()) + 1
-        if instance.movable:
-            movable.append(part)
-        else:
-            static_count = filled
-    surfaces, atlas = _surfaces(materials)
-    return SceneArrays(triangles, surfaces, atlas, tuple(movable), static_count)
-
-
 def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: float | Quat) -> None:
     """Write the corners of one instance at `position_ned` (m) into `triangles`, by its yaw (rad) or its attitude."""
     if isinstance(turned, tuple):
@@ -178,37 +111,3 @@ def face_normals(mesh: Mesh) -> NDArray[np.float32]:
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     return np.where(length > 0.0, cross / np.maximum(length, 1e-30), (0.0, 0.0, -1.0)).astype(np.float32)
-
-
-def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return for each triangle a number shared by those with its material and its plane."""
-    offset = np.einsum("ij,ij->i", position[:, 0].astype(np.float64), face)
-    key = np.column_stack((mesh.material, np.rint(face * 16.0), np.rint(offset * 8.0)))
-    return np.unique(key, axis=0, return_inverse=True)[1].ravel().astype(np.int32)
-
-
-def _chunk_starts(instances: list[Instance]) -> list[int]:
-    """Return the first triangle of each chunk; a chunk never spans two instances."""
-    starts: list[int] = []
-    filled = 0
-    for instance in instances:
-        starts.extend(range(filled, filled + len(instance.mesh.triangles), CHUNK))
-        filled += len(instance.mesh.triangles)
-    return starts
-
-
-def _surfaces(materials: list[Material]) -> tuple[Surfaces, Atlas]:
-    """Return the table of materials and the atlas of their textures, each picture stored once."""
-    pictures: list[NDArray[np.uint8]] = []
-    texture_of: dict[int, int] = {}
-    for material in materials:
-        if material.texture is not None and id(material.texture) not in texture_of:
-            texture_of[id(material.texture)] = len(pictures)
-            pictures.append(material.texture)
-    surfaces = Surfaces(
-        color=np.array([m.color for m in materials], np.float32).reshape(-1, 3).clip(0.0),
-        emission=np.array([m.emission for m in materials], np.float32),
-        specular=np.array([m.specular for m in materials], np.float32),
-        texture=np.array([texture_of.get(id(m.texture), -1) for m in materials], np.int32),
-    )
-    return surfaces, build_atlas(pictures)
