@@ -21,6 +21,7 @@ _PARTS = re.compile(
     re.DOTALL,
 )
 _WORD = re.compile(r"@?[A-Za-z0-9_.~-]{0,15}", re.ASCII)
+_KEY = re.compile(r"key|token|secret|sig|auth|pass|code", re.IGNORECASE)
 _DATE = re.compile(r"\d{4}-\d\d(-\d\d)?(-preview)?")
 
 
@@ -53,6 +54,19 @@ def redacted_url(url: str) -> str:
     if query:
         shown += "?" + "&".join(_named(pair) for pair in query.split("&"))
     return shown + (f"#{HIDDEN}" if fragment else "")
+
+
+def keyless(url: str) -> str:
+    """Return an address without its user and without the values in its query that are named as keys.
+
+    It is for a digest: a piece of its path may still be a secret. One that cannot be taken apart is returned whole.
+    """
+    parts = _PARTS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
+    if parts is None:
+        return url
+    scheme, host, port, path, query = (parts[name] or "" for name in ("scheme", "host", "port", "path", "query"))
+    kept = [pair for pair in query.split("&") if pair and not _KEY.search(pair.partition("=")[0])]
+    return f"{scheme}://{host}{port}{path}?{'&'.join(kept)}"
 
 
 def secrets_of(url: str) -> tuple[str, ...]:

@@ -135,7 +135,7 @@ class End:
 
     kind: Literal["end"] = "end"
     t: Seconds
-    reason: Annotated[str, _of("cap, decided, interrupted, takeover or error")]
+    reason: Annotated[str, _of("cap, decided, budget, interrupted, takeover or error")]
     error: str | None = None
 
 

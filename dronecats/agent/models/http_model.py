@@ -1,5 +1,6 @@
 """A model behind an endpoint: what the wire formats share, from the key in its header to an answer that is none."""
 
+import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
@@ -13,7 +14,7 @@ from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import PROVIDERS, provider_of
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
-from foundation.redaction import redacted_url
+from foundation.redaction import keyless, redacted_url
 
 CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
 IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
@@ -53,6 +54,7 @@ class HttpModel(ABC):
         if provider.key_variable and not key and spec.base_url is None and not url.startswith("http://127."):
             raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
         headers = {**HEADERS, **self.headers()}
+        self._address = keyless(url)
         limiter = limiters(redacted_url(url), spec.name) if limiters else None
         self._endpoint = Endpoint(url, key, tuple(keys.values()), patience, self.key_header, headers, limiter)
 
@@ -82,6 +84,14 @@ class HttpModel(ABC):
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for what is no answer of this format.
         """
+
+    def fingerprint(self, request: Request) -> str:
+        """Return what tells a question from every other: SHA-256 of the exact body, its format and its address.
+
+        No key is in it: whoever asks the same with another one is answered the same.
+        """
+        asked = [self._address, self.answer, self.headers(), self.body(request)]
+        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     def ask(self, request: Request) -> Reply:
         """Return the reply, without any key of ours that is echoed in it. Raises ModelError."""

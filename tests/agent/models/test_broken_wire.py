@@ -152,7 +152,8 @@ def test_the_delay_that_gemini_asks_for_stands_in_the_body(serve):
 
 
 def test_an_answer_that_complains_of_nothing_has_no_fault():
-    for data in ({}, [], {"error": None}, {"error": {}}, {"choices": []}, {"choices": [{"error": None}]}):
+    answers: list[object] = [{}, [], {"error": None}, {"error": {}}, {"choices": []}, {"choices": [{"error": None}]}]
+    for data in answers:
         assert fault_in(json.dumps(data).encode()) is None
     assert fault_in(b"[" * 99_999) is None
     fault = fault_in(b'{"error": {"code": 200}}')
