@@ -7,6 +7,7 @@ of the path, the names of the query. The rest is looked for in whatever comes ba
 import base64
 import html
 import re
+from collections.abc import Mapping
 from urllib.parse import unquote, unquote_plus
 
 HIDDEN = "***"
@@ -22,6 +23,7 @@ _PARTS = re.compile(
 )
 _WORD = re.compile(r"@?[A-Za-z0-9_.~-]{0,15}", re.ASCII)
 _KEY = re.compile(r"key|token|secret|sig|auth|pass|code", re.IGNORECASE)
+_KEY_VARIABLE = re.compile(r"(KEY|TOKEN|SECRET|PASSWORD)$", re.IGNORECASE)
 _DATE = re.compile(r"\d{4}-\d\d(-\d\d)?(-preview)?")
 
 
@@ -35,6 +37,11 @@ def without(text: str, *secrets: str | None) -> str:
     for secret in sorted(filter(None, secrets), key=len, reverse=True):
         text = _spellings(secret).sub(HIDDEN, text)
     return text
+
+
+def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return what of an environment a program gets that asks nobody: all but what is named as a key, whoever's."""
+    return {name: value for name, value in environment.items() if not _KEY_VARIABLE.search(name)}
 
 
 def redacted_url(url: str) -> str:

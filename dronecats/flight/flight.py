@@ -87,7 +87,7 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     if spec.model and not spec.replay:
         model = open_model(spec.model)
         try:
-            if ask_model:
+            if ask_model and spec.accounts.cache is None:  # which may know every reply
                 model.check()
         finally:
             model.close()

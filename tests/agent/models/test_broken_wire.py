@@ -10,11 +10,10 @@ from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError
-from tests.agent.models.faulty_wire import Wire, answer, completion, cut, reset, say, trickle
+from tests.agent.models.faulty_wire import AGAIN, HTML, Wire, answer, completion, say, trickle
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
 QUICK = RetryPolicy(give_up_s=5.0, attempts=3, pause_s=0.0)
-HTML = b"<html><body>gateway</body></html>"
 
 
 @pytest.fixture
@@ -34,25 +33,6 @@ def ask(wire, provider="local", patience=QUICK):
     return open_model(ModelSpec(provider=provider, name="m", base_url=wire.url), patience).ask(REQUEST)
 
 
-AGAIN = {
-    "429 with seconds": say(answer(429, b"busy", "Retry-After: 0")),
-    "503 with a date": say(answer(503, b"busy", "Retry-After: Sun, 01 Mar 2020 12:00:00 GMT")),
-    "500": say(answer(500, HTML)),
-    "408": say(answer(408, b"")),
-    "nothing": say(b""),
-    "reset": reset,
-    "half a header": say(b"HTTP/1.1 200 OK\r\nContent-Len"),
-    "half a body": cut(completion("x")),
-    "half a body of unknown length": say(b'HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n{"choices": [{"mess'),
-    "no HTTP": say(b"220 mail ready\r\n\r\n"),
-    "OpenRouter busy": say(answer(200, {"error": {"code": 429, "message": "slow down"}})),
-    "OpenRouter's provider down": say(answer(200, {"error": {"code": "502", "message": "down"}})),
-    "in the middle of a reply": say(
-        answer(200, {"choices": [{"finish_reason": "error", "message": {"content": "Go"}, "error": {"code": 502}}]})
-    ),
-    "Anthropic overloaded": say(answer(200, {"type": "error", "error": {"type": "overloaded_error"}})),
-    "Gemini unavailable": say(answer(200, {"error": {"status": "UNAVAILABLE", "message": "later"}})),
-}
 FINAL = {
     "401": (say(answer(401, b"who are you")), "answered 401: who are you"),
     "400 in a 200": (
