@@ -32,3 +32,7 @@ class ModelError(InfrastructureError):
 
 class CameraError(InfrastructureError):
     """The camera gives no frame."""
+
+
+class BudgetError(InfrastructureError):
+    """What the flight may cost is spent. Nobody's fault, and nobody's score."""

@@ -7,6 +7,7 @@ of the path, the names of the query. The rest is looked for in whatever comes ba
 import base64
 import html
 import re
+from collections.abc import Mapping
 from urllib.parse import unquote, unquote_plus
 
 HIDDEN = "***"
@@ -21,6 +22,8 @@ _PARTS = re.compile(
     re.DOTALL,
 )
 _WORD = re.compile(r"@?[A-Za-z0-9_.~-]{0,15}", re.ASCII)
+_KEY = re.compile(r"key|token|secret|sig|auth|pass|code", re.IGNORECASE)
+_KEY_VARIABLE = re.compile(r"(KEY|TOKEN|SECRET|PASSWORD)$", re.IGNORECASE)
 _DATE = re.compile(r"\d{4}-\d\d(-\d\d)?(-preview)?")
 
 
@@ -34,6 +37,11 @@ def without(text: str, *secrets: str | None) -> str:
     for secret in sorted(filter(None, secrets), key=len, reverse=True):
         text = _spellings(secret).sub(HIDDEN, text)
     return text
+
+
+def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return what of an environment a program gets that asks nobody: all but what is named as a key, whoever's."""
+    return {name: value for name, value in environment.items() if not _KEY_VARIABLE.search(name)}
 
 
 def redacted_url(url: str) -> str:
@@ -53,6 +61,19 @@ def redacted_url(url: str) -> str:
     if query:
         shown += "?" + "&".join(_named(pair) for pair in query.split("&"))
     return shown + (f"#{HIDDEN}" if fragment else "")
+
+
+def keyless(url: str) -> str:
+    """Return an address without its user and without the values in its query that are named as keys.
+
+    It is for a digest: a piece of its path may still be a secret. One that cannot be taken apart is returned whole.
+    """
+    parts = _PARTS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
+    if parts is None:
+        return url
+    scheme, host, port, path, query = (parts[name] or "" for name in ("scheme", "host", "port", "path", "query"))
+    kept = [pair for pair in query.split("&") if pair and not _KEY.search(pair.partition("=")[0])]
+    return f"{scheme}://{host}{port}{path}?{'&'.join(kept)}"
 
 
 def secrets_of(url: str) -> tuple[str, ...]:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 
+from msgspec import UNSET
+
 from dronecats.agent import action as actions
 from dronecats.agent.asking import Asking
 from dronecats.agent.cockpit import Cockpit
@@ -117,7 +119,8 @@ class Decider:
             asked.instruction, self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
         )
         question = Question(cockpit.seed, step, self._drones[0].index)
-        return Asking(asked.model, Request(text, pictures, thinking), cockpit.executor, asked.latency, question, now_s)
+        request = Request(text, pictures, thinking, step=step, drone=question.drone)
+        return Asking(asked.model, request, cockpit.executor, asked.latency, question, now_s)
 
     def _histories(self) -> str:
         if len(self._drones) == 1:
@@ -146,6 +149,7 @@ class Decider:
                 tokens_out=reply.tokens_out,
                 thinking=thinking,
                 rate_hz=None if rate_hz is None else round(rate_hz, 6),
+                finish=reply.finish or UNSET,
             )
             self._cockpit.log.write(decision)
             drone.thinks_next = isinstance(action, actions.Think)

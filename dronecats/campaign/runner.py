@@ -15,7 +15,7 @@ from dronecats.rundir.reading import result_of
 from dronecats.rundir.results import Result
 from foundation.errors import DronecatsError, InfrastructureError
 
-WORKER = ChildKind("worker", "dronecats.campaign.worker", WorkerConfig)
+WORKER = ChildKind("worker", "dronecats.campaign.worker", WorkerConfig, asks=True)
 Todo = queue.SimpleQueue[str]
 Ended = queue.SimpleQueue[Result | DronecatsError | None]
 

@@ -52,8 +52,14 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, recorded:FILE; no models")
-    pilot.add_argument("--model", metavar="PROVIDER/NAME", help=f"PROVIDER is one of {', '.join(PROVIDERS)}")
+    pilot.add_argument(
+        "--model", metavar="PROVIDER/NAME", help=f"PROVIDER is one of {', '.join(PROVIDERS)}, replay:RUN"
+    )
     pilot.add_argument("--base-url", metavar="URL", help="where that is served, http://HOST:PORT/v1")
+    pilot.add_argument("--cost-limit", type=float, metavar="USD", help="with --model: land when so much is spent")
+    pilot.add_argument("--token-limit", type=int, metavar="N", help="with --model: land when so many are spent")
+    pilot.add_argument("--cache", type=Path, metavar="FILE", help="with --model: replies kept, and not asked for twice")
+    pilot.add_argument("--ledger", type=Path, metavar="FILE", help="with --model: of several runs (in the folder)")
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
     pilot.add_argument(
         "--latency",
@@ -79,12 +85,14 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-    from dronecats.cli.fly_spec import spec_of
+    from dronecats.cli.fly_spec import said_of_replay, spec_of
 
     signals.as_interrupts()
     spec = spec_of(args)
     if spec.connected and spec.connected.authority.arm:
         _confirm(spec.connected.url)
+    if spec.replay:
+        _say(said_of_replay(args, spec.replay.flight))
     from dronecats.run.fly import fly
 
     if spec.connected and not spec.connected.truth:

@@ -1,14 +1,14 @@
 """From the words of `dronecats fly` to a flight."""
 
 import argparse
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.speed import speed
 
 if TYPE_CHECKING:
-    from dronecats.flight.spec import FlightSpec
+    from dronecats.flight.spec import Accounts, FlightSpec
     from hil.link.envelope import Limits
 
 SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4", "no_envelope")
@@ -16,7 +16,13 @@ CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
     "target", "target_std",
 )  # fmt: skip
-BESIDE_SPEC = ("episode", "base_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run")
+ACCOUNTS = ("cost_limit", "token_limit", "ledger", "cache")
+BESIDE_SPEC = (
+    "episode", "base_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run", *ACCOUNTS
+)  # fmt: skip
+REPLAY = "replay:"
+REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
+            "full", "prompt")  # fmt: skip
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
 
@@ -38,6 +44,8 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
     if stray:
         raise UsageError(f"--{_option(stray)} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
+    if (args.model or "").startswith(REPLAY):
+        return _replayed(args)
     return _connected(args) if args.connect else _simulated(args)
 
 
@@ -46,10 +54,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
     from episodes import catalogue
     from episodes.optics.file import load as load_optics
     from foundation.errors import UsageError
-    from hil.link.envelope import SIMULATED
 
-    if args.no_envelope and args.envelope:
-        raise UsageError("--no-envelope and --envelope FILE contradict each other; choose one")
     if args.px4 and args.autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
     factor = speed(args.speed or "1")
@@ -67,8 +72,73 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         latency=args.latency or (LATENCY if factor is None else "real"),
         seed=args.seed or 0,
         full=args.full,
-        envelope=None if args.no_envelope else _limits(args.envelope, SIMULATED),
+        envelope=_envelope(args),
     )
+
+
+def _replayed(args: argparse.Namespace) -> "FlightSpec":
+    """Return a recorded flight, but for what is said otherwise."""
+    from dronecats.flight.recording import recorded
+    from dronecats.flight.spec import Simulated
+    from episodes.optics.file import load as load_optics
+    from foundation.errors import UsageError
+
+    path = args.model.removeprefix(REPLAY)
+    if args.connect:
+        raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
+    if args.base_url:
+        raise UsageError("a replay asks nobody: leave --base-url out")
+    spec = recorded(Path(path))
+    vehicle = spec.simulated or Simulated()
+    for name in ("airframe", "autopilot", "px4"):
+        if (value := getattr(args, name)) is not None:
+            vehicle = replace(vehicle, **{name: value})
+    if args.speed:
+        vehicle = replace(vehicle, speed=speed(args.speed))
+    if args.optics:
+        vehicle = replace(vehicle, optics=load_optics(args.optics).as_dict())
+    changes: dict[str, Any] = {"simulated": vehicle, "accounts": _accounts(args), "full": args.full or spec.full}
+    if args.episode:
+        changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
+    changes |= {name: value for name in ("seed", "latency") if (value := getattr(args, name)) is not None}
+    if args.prompt:
+        changes |= {"prompt": _template(args.prompt)}
+    if args.no_envelope or args.envelope:
+        changes |= {"envelope": _envelope(args)}
+    return replace(spec, **changes)
+
+
+def said_of_replay(args: argparse.Namespace, flight: str) -> str:
+    """Return what a replay takes from the recorded flight, and what not, a sentence."""
+    given = [f"--{_option(name)}" for name in REPLAYED if getattr(args, name) not in (None, False)]
+    other = f", but for {', '.join(given)}" if given else ""
+    return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{other}"
+
+
+def _accounts(args: argparse.Namespace) -> "Accounts":
+    from dronecats.flight.spec import Accounts
+
+    return Accounts(
+        cost_limit_usd=args.cost_limit,
+        token_limit=args.token_limit,
+        ledger=str(args.ledger) if args.ledger else None,
+        cache=str(args.cache) if args.cache else None,
+    )
+
+
+def _template(file: Path) -> str:
+    from dronecats.agent.prompt import Prompt
+
+    return Prompt.load(file).template
+
+
+def _envelope(args: argparse.Namespace) -> "Limits | None":
+    from foundation.errors import UsageError
+    from hil.link.envelope import SIMULATED
+
+    if args.no_envelope and args.envelope:
+        raise UsageError("--no-envelope and --envelope FILE contradict each other; choose one")
+    return None if args.no_envelope else _limits(args.envelope, SIMULATED)
 
 
 def _connected(args: argparse.Namespace) -> "FlightSpec":
@@ -111,9 +181,11 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
     if args.base_url and spec.model:
         spec = replace(spec, model=replace(spec.model, base_url=args.base_url))
+    changed = {name: value for name, value in asdict(_accounts(args)).items() if value is not None}
+    spec = replace(spec, accounts=replace(spec.accounts, **changed))
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
-    if missing := hidden(spec):
+    if not spec.replay and (missing := hidden(spec)):
         raise UsageError(f"--spec {args.spec} does not hold the whole address, which may have a key: add {missing[0]}")
     if spec.simulated and not (spec.episode or spec.record or spec.map):
         raise UsageError(f"--spec {args.spec} is of a run of several episodes: name one with --episode")
@@ -122,13 +194,12 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
 
 def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
     from dronecats.agent.models.providers import spec_of
-    from dronecats.agent.prompt import Prompt
     from dronecats.pilots import roster
 
-    prompt = Prompt.load(args.prompt).template if args.prompt else None
+    common = {"prompt": _template(args.prompt) if args.prompt else None, "accounts": _accounts(args)}
     if args.model:
-        return {"model": spec_of(args.model, args.base_url), "prompt": prompt}
-    return {"pilot": roster.check(args.pilot or "vision"), "prompt": prompt}
+        return {"model": spec_of(args.model, args.base_url), **common}
+    return {"pilot": roster.check(args.pilot or "vision"), **common}
 
 
 def _of_episode(name: str) -> dict[str, Any]:

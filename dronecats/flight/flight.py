@@ -3,9 +3,12 @@
 import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from dronecats.agent.latency import Latency, latency
+from dronecats.agent.models.budget import Budget
+from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.open import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.flight.free_flight import free_flight
@@ -64,12 +67,13 @@ class Flight:
 def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     """Return the flight of a spec; `ask_model`: see whether its endpoint answers. Raises UsageError."""
     _check_numbers(spec)
-    if spec.pilot:
+    _check_accounts(spec)
+    if spec.pilot and not spec.replay:
         roster.check(spec.pilot)
     simulated = spec.simulated
     if simulated:
         airframes.load(simulated.airframe)
-        if not simulated.rendered and (spec.model or roster.looks(spec.pilot or "")):
+        if not (simulated.rendered or spec.replay) and (spec.model or roster.looks(spec.pilot or "")):
             raise UsageError(
                 "only the oracle and the blind can fly without rendering; every other pilot looks at the frames"
             )
@@ -80,10 +84,10 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
         raise UsageError(
             "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
         )
-    if spec.model:
+    if spec.model and not spec.replay:
         model = open_model(spec.model)
         try:
-            if ask_model:
+            if ask_model and spec.accounts.cache is None:  # which may know every reply
                 model.check()
         finally:
             model.close()
@@ -108,6 +112,22 @@ def _check_numbers(spec: FlightSpec) -> None:
     speed = spec.simulated.speed if spec.simulated else None
     if speed is not None and not slowest <= speed <= fastest:
         raise UsageError(f"--speed wants max or a factor from {slowest:g} to {fastest:g}, got '{speed:g}'")
+
+
+def _check_accounts(spec: FlightSpec) -> None:
+    accounts = spec.accounts
+    if accounts.cost_limit_usd is not None and not 0.0 < accounts.cost_limit_usd < math.inf:
+        raise UsageError(f"--cost-limit wants more than 0 $, got {accounts.cost_limit_usd:g}")
+    if accounts.token_limit is not None and accounts.token_limit < 1:
+        raise UsageError(f"--token-limit wants at least 1, got {accounts.token_limit}")
+    if spec.model is None or spec.replay:
+        given = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
+        if stray := next((name for field, name in given.items() if getattr(accounts, field) is not None), None):
+            raise UsageError(f"--{stray} goes with --model PROVIDER/NAME: nobody else is paid; leave it out")
+        return
+    Budget(accounts.cost_limit_usd).check_prices(spec.model)
+    if accounts.cache is not None:
+        ReplyCache(Path(accounts.cache)).close()
 
 
 def _record(spec: FlightSpec) -> EpisodeRecord | None:

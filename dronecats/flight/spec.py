@@ -1,12 +1,13 @@
 """Everything that decides what is flown, by whom and on what, as one value: it pickles, and it is JSON.
 
-It names nothing that only one machine has, but for a recording that is played and a map of one's own: what a file says
-is in it, not the file's name. So it is all that a worker needs, wherever that is.
+It names nothing that only one machine has, but for a script that is played, a map of one's own and the accounts' files:
+what a file says is in it, not the file's name. So it is all that a worker needs, wherever that is.
 """
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from dronecats.agent.models.replay import Recording
 from dronecats.agent.models.spec import ModelSpec
 from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
@@ -48,6 +49,16 @@ class Connected:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Accounts:
+    """What a model may cost, and the files of this machine on which its questions are booked."""
+
+    cost_limit_usd: float | None = None  # $, of all that the ledger holds; None: no limit
+    token_limit: int | None = None  # of questions and replies, likewise
+    ledger: str | None = None  # file; None: one in the run folder
+    cache: str | None = None  # file of replies; None: every question is sent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSpec:
     """One flight; or, without an episode, each flight of a run. Raises ValueError for what contradicts itself."""
 
@@ -59,6 +70,8 @@ class FlightSpec:
     connected: Connected | None = None
     pilot: str | None = None  # a built-in pilot, no model; or
     model: ModelSpec | None = None
+    replay: Recording | None = None  # in the place of whichever of the two flew it
+    accounts: Accounts = Accounts()
     prompt: str | None = None  # a template; None: the one that ships
     latency: str = LATENCY
     patience_s: float | None = None  # s without a frame or a reply after which the flight ends; None: theirs
@@ -78,8 +91,9 @@ class FlightSpec:
 
     @property
     def pilot_name(self) -> str:
-        """The built-in pilot's name, or the model's as PROVIDER/NAME."""
-        return self.pilot or (self.model.title if self.model else "")
+        """The built-in pilot's name, or the model's as PROVIDER/NAME; of a replay, that of who flew it."""
+        name = self.pilot or (self.model.title if self.model else "")
+        return f"replay of {name}" if self.replay else name
 
 
 def _one(names: str, *values: object) -> None:

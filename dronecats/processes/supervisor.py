@@ -19,6 +19,7 @@ import msgspec
 
 from dronecats.processes.heartbeat import Heartbeat
 from foundation.errors import InfrastructureError, UsageError
+from foundation.redaction import keyless_environment
 
 READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
 # To a command, and to the question for a sign of life, which every part answers between two turns of some milliseconds.
@@ -36,6 +37,7 @@ class ChildKind(Generic[C]):
     name: str  # in sentences, and of its log
     module: str  # with `create(config) -> Part`; by name, since only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
+    asks: bool = False  # a model, for which it needs the keys of the environment
 
 
 class ChildProcess:
@@ -50,6 +52,7 @@ class ChildProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
+                env=None if kind.asks else keyless_environment(os.environ),
                 start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone
             )
         self._buffer = b""

@@ -63,7 +63,7 @@ def fly_connected(
                 return fly(
                     stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, agent), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                    check=pilot.check, on_step=progress(say, camera.model), say=say,
+                    check=pilot.check, on_step=progress(say, camera.model, pilot.spent), say=say,
                 )  # fmt: skip
         finally:
             stage.close()

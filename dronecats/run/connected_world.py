@@ -70,7 +70,7 @@ def fly_world(
                 return fly(
                     stage, [start], pilot.agent(flight, agent), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                    check=pilot.check, on_step=progress(say), say=say,
+                    check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
                 )  # fmt: skip
         finally:
             stage.close()

@@ -15,7 +15,7 @@ from dronecats.run.safety_log import SafetyLog
 from dronecats.rundir import layout
 from dronecats.rundir.reading import read
 from dronecats.stages.stage import Stage
-from foundation.errors import DronecatsError
+from foundation.errors import BudgetError, DronecatsError
 from foundation.protocol import CAP_S
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
@@ -28,7 +28,7 @@ EVERYTHING = Authority()
 class Flown:
     """How the episode ended."""
 
-    reason: str  # cap, decided, interrupted, takeover, error
+    reason: str  # cap, decided, budget, interrupted, takeover, error
     error: DronecatsError | None
     sim_seconds: float
     wall_seconds: float
@@ -79,6 +79,8 @@ def fly(
         reason = "interrupted"
     except TakeoverError as taken:
         reason, error = "takeover", taken
+    except BudgetError as spent:
+        reason, error = "budget", spent
     except DronecatsError as fault:
         reason, error = "error", fault
     except Exception as bug:
@@ -87,7 +89,7 @@ def fly(
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     error = finish(stage, reason, error, authority.then, say) or error
     log.close()
-    ended = "error" if error and reason != "takeover" else reason
+    ended = "error" if error and reason not in ("takeover", "budget") else reason
     return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
 
 

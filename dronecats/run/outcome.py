@@ -20,7 +20,7 @@ from dronecats.rundir.reading import rows
 from dronecats.rundir.results import Result
 from dronecats.rundir.rows import Decision
 from foundation.camera import CameraModel
-from foundation.errors import DronecatsError, InfrastructureError, UsageError
+from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
 
 Say = Callable[[str], None]
 DECLARED = CameraModel()
@@ -42,6 +42,8 @@ def fly_and_judge(
         flown = flight()
     except KeyboardInterrupt:
         flown = Flown("interrupted", None, 0.0, 0.0, 0)
+    except BudgetError as spent:
+        flown = Flown("budget", spent, 0.0, 0.0, 0)
     except DronecatsError as error:
         flown = Flown("error", error, 0.0, 0.0, 0)
     except ImportError as missing:
@@ -109,13 +111,16 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def progress(say: Say, camera: CameraModel = DECLARED) -> Callable[[Decision], None]:
-    """Return the function that prints one line per step and drone, points in the pixels of `camera`."""
+def progress(
+    say: Say, camera: CameraModel = DECLARED, spent: Callable[[], str] = lambda: ""
+) -> Callable[[Decision], None]:
+    """Return the function that prints a line per step and drone: points in pixels of `camera`, and what is spent."""
 
     def line(decision: Decision) -> None:
         what = compact(action_from(decision.action), camera) if decision.action else f"! {decision.error}"
         drone = f" drone {decision.drone}" if decision.drone else ""
-        say(f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)")
+        told = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)"
+        say(f"{told}  {cost}" if (cost := spent()) else told)
 
     return line
 

@@ -11,12 +11,14 @@ from dronecats.agent.decider import Questions
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.replay import ReplayModel
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.flight import Flight
 from dronecats.pilots import roster
 from dronecats.pilots.config import PilotConfig
 from dronecats.pilots.server import PilotServer
 from dronecats.processes.supervisor import Supervisor
+from dronecats.run.accounts import accounted
 from dronecats.stages.parts import PILOT
 from dronecats.stages.stage import Stage
 
@@ -47,6 +49,7 @@ class OpenPilot:
     model: Model
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
     check: Callable[[], None] = lambda: None  # raises InfrastructureError when what serves it is gone
+    spent: Callable[[], str] = lambda: ""  # what the run has cost so far, in a few words; nothing where nobody is paid
 
     def agent(self, flight: Flight, maker: AgentMaker) -> AgentFactory:
         """Return what makes an agent of it."""
@@ -63,13 +66,19 @@ class OpenPilot:
 def opened(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
     """Open a pilot that needs no truth; `folder` takes its log. Raises UsageError, InfrastructureError."""
     spec = flight.spec
-    with _served(spec.pilot, stage, folder) if spec.pilot else _endpoint(spec.model) as pilot:
-        yield pilot
+    if spec.replay:
+        yield OpenPilot(ReplayModel(spec.replay))
+    elif spec.model:
+        with accounted(spec.model, spec.accounts, folder.parent) as asked:
+            yield OpenPilot(asked.model, spent=asked.spent)
+    else:
+        assert spec.pilot is not None  # a flight has one of the two
+        with _served(spec.pilot, stage, folder) as pilot:
+            yield pilot
 
 
 @contextmanager
-def _endpoint(spec: ModelSpec | None) -> Iterator[OpenPilot]:
-    assert spec is not None  # a flight has one of the two
+def _endpoint(spec: ModelSpec) -> Iterator[OpenPilot]:
     model = open_model(spec)
     try:
         yield OpenPilot(model)

@@ -7,6 +7,7 @@ from typing import Any
 
 from dronecats.flight.flight import Flight, look_up
 from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.run.accounts import check_budget
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
 from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
@@ -25,7 +26,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say, agent: AgentMake
     record = _record(flight)
     found = settings(flight, flight.camera, agent)
     folder = folders.create(out, spec.pilot_name, record.id, found)
-    disclaimer = " (built in, not a model)" if spec.pilot else ""
+    disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
     say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
 
     def afterwards(flown: Flown) -> None:
@@ -73,6 +74,7 @@ def _fly(
     from episodes.world import World
 
     spec, simulated = flight.spec, flight.spec.simulated or Simulated()
+    check_budget(spec.accounts, folder.parent)
     pace: Callable[[], dict[str, float]] | None = None
     if simulated.speed is None:
         say("lockstep: loading the flight core and the camera; the first run compiles them, about a minute …")
@@ -93,7 +95,7 @@ def _fly(
             return fly(
                 stage, starts, pilot.agent(flight, agent), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
-                check=pilot.check, on_step=progress(say), say=say,
+                check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
             )  # fmt: skip
     finally:
         try:

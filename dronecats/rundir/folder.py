@@ -19,6 +19,7 @@ from foundation.json_file import write_json as write_json
 OURS = ("foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil")
 SIMULATION = ("numba", "embreex", "matplotlib")
 PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
+PER_SITTING = ("accounts",)  # in which a run may be gone on with
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
@@ -77,7 +78,7 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
     """Return what a run was configured with otherwise, but for its episodes; `before` is as it stands in run.json."""
     now = json.loads(json.dumps(configuration))  # tuples are lists there
     flight, then = now.pop("flight", {}), before.get("flight", {})
-    named = [key for key in flight if key not in PER_EPISODE and then.get(key) != flight[key]]
+    named = [key for key in flight if key not in (*PER_EPISODE, *PER_SITTING) and then.get(key) != flight[key]]
     return named + [key for key, value in now.items() if before.get(key) != value]
 
 

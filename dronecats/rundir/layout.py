@@ -2,6 +2,7 @@
 
 # of the run
 RUN = "run.json"
+LEDGER = "ledger.sqlite"  # what its models have cost, and whose turn it is
 
 # of an episode
 EPISODE = "episode.json"  # the record that was flown

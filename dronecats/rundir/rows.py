@@ -70,6 +70,9 @@ class Decision:
     tokens_out: int | None = None
     thinking: Annotated[bool | None, _of("whether the model was let to reason at length")] = None
     rate_hz: Annotated[float | None, _of("decisions per s of vehicle time since the last; null: the first")] = None
+    finish: (
+        Annotated[str, _of("why the reply ends: length, filtered, refusal, …; missing: it was done")] | UnsetType
+    ) = UNSET
 
     @property
     def kind(self) -> str | None:
@@ -132,7 +135,7 @@ class End:
 
     kind: Literal["end"] = "end"
     t: Seconds
-    reason: Annotated[str, _of("cap, decided, interrupted, takeover or error")]
+    reason: Annotated[str, _of("cap, decided, budget, interrupted, takeover or error")]
     error: str | None = None
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numba
 
 from foundation.compiled import KEEPS, ROOT, Kernel, cache_folder
+from foundation.redaction import keyless_environment
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
@@ -33,7 +34,7 @@ def compile_both(core: Kernel[..., object], core_arguments: Iterable[Any]) -> No
     with subprocess.Popen(
         [sys.executable, "-m", "dronecats.sitl.compile_ahead"],
         cwd=ROOT,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache_folder().parents[1].resolve())},
+        env=keyless_environment(os.environ) | {"NUMBA_CACHE_DIR": str(cache_folder().parents[1].resolve())},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

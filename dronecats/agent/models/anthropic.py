@@ -4,7 +4,8 @@ import base64
 from typing import Any
 
 from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
-from dronecats.agent.models.http_model import HttpModel, count, list_of, text_of
+from dronecats.agent.models.http_model import HttpModel, Said, count, finish_of, list_of, text_of
+from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import reply_schema
 from dronecats.agent.models.spec import ModelSpec
@@ -14,6 +15,12 @@ VERSION = "2026-10-21"  # of the API; it refuses every sampling
 WITH_SAMPLING = "2023-06-01"
 _UNKNOWN = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")  # of output_config, by the vendor's SDK
 _REASONS = ("enabled", "adaptive")  # the types of `thinking` beside which the vendor refuses a sampling
+_FINISH = {
+    "end_turn": None,
+    "stop_sequence": None,
+    "max_tokens": "length",
+    "model_context_window_exceeded": "length",
+}
 
 
 class AnthropicModel(HttpModel):
@@ -23,9 +30,9 @@ class AnthropicModel(HttpModel):
     path = "messages"
     key_header = KeyHeader("x-api-key")
 
-    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> None:
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
         """Raises UsageError as every model, for a root that the vendor refuses, and for a budget that fills a reply."""
-        super().__init__(spec, patience)
+        super().__init__(spec, patience, limiters)
         if spec.schema == "array":
             raise UsageError(f"{spec.title} cannot be held to an array of actions: Anthropic wants an object")
         budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
@@ -63,10 +70,11 @@ class AnthropicModel(HttpModel):
             **({"output_config": output} if output else {}),
         }
 
-    def read(self, data: Any) -> tuple[str, int | None, int | None]:
-        """Return (text, tokens in, tokens out) of an answer. Of a refusal the text is what there is, mostly nothing."""
+    def read(self, data: Any) -> Said:
+        """Return what an answer holds. Of a refusal the text is what there is, mostly nothing."""
         if data["type"] != "message":
             raise ValueError
         usage = data.get("usage") or {}
         text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
-        return text, count(usage.get("input_tokens")), count(usage.get("output_tokens"))
+        finish = finish_of(data.get("stop_reason"), _FINISH)
+        return Said(text, count(usage.get("input_tokens")), count(usage.get("output_tokens")), finish)

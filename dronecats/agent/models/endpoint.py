@@ -13,6 +13,9 @@ from typing import TypeVar
 import httpx
 
 from dronecats.agent.executors import DaemonExecutor
+from dronecats.agent.models.body_fault import BUSY, delay_in, fault_in
+from dronecats.agent.models.limiter import Limiter, Unlimited
+from dronecats.agent.models.rate_headers import allowances
 from foundation.errors import ModelError, UsageError
 from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
 
@@ -55,7 +58,17 @@ class Answer:
 
     body: bytes  # decompressed
     latency_s: float  # wall s, of the attempt that was answered
-    waited_s: float  # wall s before it
+    waited_s: float  # wall s before it: for a turn, and with attempts that failed
+
+
+@dataclass(frozen=True, slots=True)
+class Exchanged:
+    """What one request came to."""
+
+    status: int  # of HTTP; of an error in a 200 its own
+    body: bytes  # decompressed
+    wish_s: float | None  # s to wait that the answer asks for
+    told: str = "answered {}"  # what is said of the status
 
 
 class Endpoint:
@@ -69,10 +82,12 @@ class Endpoint:
         patience: RetryPolicy,
         key_header: KeyHeader = BEARER,
         headers: Mapping[str, str] = HEADERS,
+        limiter: Limiter | None = None,
     ) -> None:
         """Connect nothing yet. Raises UsageError for what is no URL, and for a key that cannot be sent."""
         self.shown = redacted_url(base_url)
         self.patience = patience
+        self._limiter = limiter or Unlimited()
         self._secrets = worth_hiding(key, *secrets, *secrets_of(base_url))
         if key and not (key.isascii() and key.isprintable()):
             raise UsageError(f"the API key for {self.shown} holds a character that cannot be sent; is it copied whole?")
@@ -116,9 +131,13 @@ class Endpoint:
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise UsageError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
-    def post(self, path: str, content: bytes) -> Answer:
-        """Return the answer of status 200, after as many attempts as patience allows. Raises ModelError."""
-        return self._within(self.patience.give_up_s, lambda until: self._attempts(self.url(path), content, until))
+    def post(self, path: str, content: bytes, tokens: int = 0) -> Answer:
+        """Return the answer of status 200 that holds no error, after as many attempts as patience allows.
+
+        `tokens`: about as many as it asks about, for the limiter. Raises ModelError.
+        """
+        url = self.url(path)
+        return self._within(self.patience.give_up_s, lambda until: self._attempts(url, content, tokens, until))
 
     def _within(self, seconds: float, call: Callable[[float], T]) -> T:
         """Return what `call` returns, which is told until when it may take. Raises ModelError when that is over.
@@ -134,35 +153,55 @@ class Endpoint:
     def _silent(self, seconds: float) -> ModelError:
         return ModelError(f"the model endpoint {self.shown} has not answered for {seconds:g} s")
 
-    def _attempts(self, url: httpx.URL, content: bytes, until: float) -> Answer:
+    def _attempts(self, url: httpx.URL, content: bytes, tokens: int, until: float) -> Answer:
         asked = time.monotonic()
         for attempt in range(1, self.patience.attempts + 1):
             pause_s = self.patience.pause_s * 2.0 ** (attempt - 1)
+            self._await_turn(tokens, until)
             began = time.monotonic()
             try:
-                status, body, wish_s = self._exchange(url, content, until)
+                came = self._exchange(url, content, until)
             except (httpx.ReadTimeout, httpx.WriteTimeout):  # there was all the time that is left
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 said, again = f"broke off: {self._reason(error)}", isinstance(error, httpx.TransportError)
                 again &= not isinstance(error, httpx.UnsupportedProtocol)
             else:
-                if status == 200:
-                    return Answer(body, time.monotonic() - began, began - asked)
-                said, again = self._refusal(status, body), status in AGAIN or status >= 500
-                pause_s = pause_s if wish_s is None else wish_s
+                if came.status == 200:
+                    return Answer(came.body, round(time.monotonic() - began, 6), round(began - asked, 6))
+                said, again = self._refusal(came), came.status in AGAIN or came.status >= 500
+                pause_s = pause_s if came.wish_s is None else came.wish_s
+                if came.status == BUSY:
+                    self._limiter.hold(pause_s)
             if not again or attempt == self.patience.attempts or time.monotonic() + pause_s >= until:
                 break
             time.sleep(pause_s)
         raise ModelError(f"the model endpoint {self.shown} {said}")
 
-    def _exchange(self, url: httpx.URL, content: bytes, until: float) -> tuple[int, bytes, float | None]:
-        """Return (status, body, seconds that Retry-After asks for) of one request."""
+    def _await_turn(self, tokens: int, until: float) -> None:
+        """Return when the limiter lets this one ask. Raises ModelError when that would be too late."""
+        while (wait_s := self._limiter.claim(tokens)) > 0.0:
+            if time.monotonic() + wait_s >= until:
+                raise ModelError(f"the model endpoint {self.shown} is held back by its rate limit for too long")
+            time.sleep(wait_s)
+
+    def _exchange(self, url: httpx.URL, content: bytes, until: float) -> Exchanged:
+        """Return what one request came to; what its headers allow is told to the limiter."""
         left_s = max(until - time.monotonic(), 0.001)
         timeout = httpx.Timeout(left_s, connect=min(CONNECT_S, left_s))
         # a redirect is never followed: it would carry the key to wherever it points
         with self._http.stream("POST", url, content=content, timeout=timeout, follow_redirects=False) as response:
-            return response.status_code, self._body(response, until), pause_asked_for(response.headers)
+            if allowed := allowances(response.headers):
+                self._limiter.heard(allowed)
+            status, body = response.status_code, self._body(response, until)
+            wish_s = pause_asked_for(response.headers)
+        if wish_s is None and (delay_s := delay_in(body)) is not None:
+            wish_s = min(delay_s, MAX_PAUSE_S)
+        fault = fault_in(body) if status == 200 else None
+        if fault is None:
+            return Exchanged(status, body, wish_s)
+        told = "broke off within its answer" if fault.cut else "answered 200 with an error {}"
+        return Exchanged(fault.status, body, wish_s, told)
 
     def _body(self, response: httpx.Response, until: float) -> bytes:
         """Return the body, decompressed. Raises ModelError for one that trickles past the time, or is too long."""
@@ -182,10 +221,11 @@ class Endpoint:
                 raise ModelError(f"the model endpoint {self.shown} answers more than {MAX_BODY_BYTES:,} bytes")
         return bytes(body)
 
-    def _refusal(self, status: int, body: bytes) -> str:
-        if 300 <= status < 400:
-            return f"answered {status}, a redirect: none is followed, so that no key goes there; give the final address"
-        return f"answered {status}: {self.brief(body)}"
+    def _refusal(self, came: Exchanged) -> str:
+        told = came.told.format(came.status)
+        if 300 <= came.status < 400:
+            return f"{told}, a redirect: none is followed, so that no key goes there; give the final address"
+        return f"{told}: {self.brief(came.body)}"
 
     def _reason(self, error: Exception) -> str:
         return self.brief(str(error)) if str(error) else type(error).__name__

@@ -5,11 +5,13 @@ from typing import Any
 from urllib.parse import quote
 
 from dronecats.agent.models.endpoint import KeyHeader
-from dronecats.agent.models.http_model import HttpModel, count, list_of, text_of
+from dronecats.agent.models.http_model import HttpModel, Said, count, finish_of, list_of, text_of
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import reply_schema
 
 _UNKNOWN = ("exclusiveMinimum",)  # of responseJsonSchema, by the vendor's list of what it knows
+_WITHHELD = ("SAFETY", "RECITATION", "BLOCKLIST", "PROHIBITED_CONTENT", "SPII", "IMAGE_SAFETY")
+_FINISH = {"STOP": None, "MAX_TOKENS": "length", **dict.fromkeys(_WITHHELD, "filtered")}
 
 
 class GeminiModel(HttpModel):
@@ -42,22 +44,24 @@ class GeminiModel(HttpModel):
             "generationConfig": config,
         }
 
-    def read(self, data: Any) -> tuple[str, int | None, int | None]:
-        """Return (text, tokens in, tokens out) of an answer. Thoughts count as tokens and are no text."""
+    def read(self, data: Any) -> Said:
+        """Return what an answer holds. Thoughts count as tokens and are no text."""
         usage = data.get("usageMetadata") or {}
         tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
-        return _text(data), count(usage.get("promptTokenCount")), tokens_out
+        text, finish = _text(data)
+        return Said(text, count(usage.get("promptTokenCount")), tokens_out, finish)
 
 
-def _text(data: dict[str, Any]) -> str:
-    """Return what the model says. What the vendor withheld, or cut off before the first word, is an empty answer."""
+def _text(data: dict[str, Any]) -> tuple[str, str | None]:
+    """Return what the model says, and why it ends. What was withheld, or cut off before the first word, is empty."""
     if not data.get("candidates"):
         text_of(data["promptFeedback"]["blockReason"])
-        return ""
+        return "", "filtered"
     candidate = data["candidates"][0]
     content = candidate.get("content") or {}
+    finish = finish_of(candidate.get("finishReason"), _FINISH)
     if "parts" not in content:
         text_of(candidate["finishReason"])
-        return ""
+        return "", finish
     parts = list_of(content["parts"])
-    return "".join(text_of(part["text"]) for part in parts if "text" in part and not part.get("thought"))
+    return "".join(text_of(part["text"]) for part in parts if "text" in part and not part.get("thought")), finish

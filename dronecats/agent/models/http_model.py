@@ -1,16 +1,34 @@
 """A model behind an endpoint: what the wire formats share, from the key in its header to an answer that is none."""
 
+import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, Endpoint, KeyHeader, RetryPolicy
+from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import PROVIDERS, provider_of
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
+from foundation.redaction import keyless, redacted_url
+
+CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
+IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
+MAX_FINISH_CHARS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What an answer holds."""
+
+    text: str
+    tokens_in: int | None = None
+    tokens_out: int | None = None
+    finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
 
 
 class HttpModel(ABC):
@@ -19,8 +37,11 @@ class HttpModel(ABC):
     answer: ClassVar[str]  # what a proper answer is called
     key_header: ClassVar[KeyHeader] = BEARER
 
-    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> None:
-        """Raises UsageError for an unknown provider, and where an address or a key is missing."""
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
+        """`limiters` are those of all that share an address.
+
+        Raises UsageError for an unknown provider, and where an address or a key is missing.
+        """
         provider = provider_of(spec.provider)
         url = spec.base_url or provider.base_url
         if url is None:
@@ -33,7 +54,9 @@ class HttpModel(ABC):
         if provider.key_variable and not key and spec.base_url is None and not url.startswith("http://127."):
             raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
         headers = {**HEADERS, **self.headers()}
-        self._endpoint = Endpoint(url, key, tuple(keys.values()), patience, self.key_header, headers)
+        self._address = keyless(url)
+        limiter = limiters(redacted_url(url), spec.name) if limiters else None
+        self._endpoint = Endpoint(url, key, tuple(keys.values()), patience, self.key_header, headers, limiter)
 
     def close(self) -> None:
         self._endpoint.close()
@@ -56,21 +79,30 @@ class HttpModel(ABC):
         """Return the request as the endpoint gets it."""
 
     @abstractmethod
-    def read(self, data: Any) -> tuple[str, int | None, int | None]:
-        """Return (text, tokens in, tokens out) of an answer; the text is empty where the model says nothing.
+    def read(self, data: Any) -> Said:
+        """Return what an answer holds; the text is empty where the model says nothing.
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for what is no answer of this format.
         """
 
+    def fingerprint(self, request: Request) -> str:
+        """Return what tells a question from every other: SHA-256 of the exact body, its format and its address.
+
+        No key is in it: whoever asks the same with another one is answered the same.
+        """
+        asked = [self._address, self.answer, self.headers(), self.body(request)]
+        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
     def ask(self, request: Request) -> Reply:
         """Return the reply, without any key of ours that is echoed in it. Raises ModelError."""
-        answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode())
+        answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
         try:
-            text, tokens_in, tokens_out = self.read(json.loads(answer.body))
+            said = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
-            said = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
-            raise ModelError(f"the model endpoint {self._endpoint.shown} {said}") from None
-        return Reply(self._endpoint.hide(text), answer.latency_s, tokens_in, tokens_out, answer.waited_s)
+            what = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
+            raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
+        text, finish = self._endpoint.hide(said.text), said.finish and self._endpoint.hide(said.finish)
+        return Reply(text, answer.latency_s, said.tokens_in, said.tokens_out, answer.waited_s, finish)
 
     def reasoning(self, lifted: bool) -> Mapping[str, Any]:
         """Return the fields of the request that switch extended reasoning on or off."""
@@ -88,6 +120,18 @@ class HttpModel(ABC):
             top_k: provider.top_k if spec.top_k is None else spec.top_k,
         }
         return {name: value for name, value in declared.items() if value is not None}
+
+
+def tokens_of(request: Request) -> int:
+    """Return about how many tokens a question has, for those who have to know before it is answered."""
+    return len(request.text) // CHARACTERS_PER_TOKEN + IMAGE_TOKENS * len(request.images_jpeg)
+
+
+def finish_of(value: Any, words: Mapping[str, str | None]) -> str | None:
+    """Return why an answer ends, by the format's `words` for it; a word that it has not as the vendor has it."""
+    if not isinstance(value, str):
+        return None
+    return words.get(value, value[:MAX_FINISH_CHARS])
 
 
 def text_of(value: Any) -> str:

@@ -26,7 +26,8 @@ class Reply:
     latency_s: float  # wall seconds from sending the request that was answered to having the answer
     tokens_in: int | None = None
     tokens_out: int | None = None
-    waited_s: float = 0.0  # wall seconds before that request: earlier ones that failed, and the pauses after them
+    waited_s: float = 0.0  # wall seconds before that request: its turn, earlier ones that failed, and the pauses
+    finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
 
     @property
     def share(self) -> float:

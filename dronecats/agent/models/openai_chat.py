@@ -3,9 +3,11 @@
 import base64
 from typing import Any
 
-from dronecats.agent.models.http_model import HttpModel, count, text_of
+from dronecats.agent.models.http_model import HttpModel, Said, count, finish_of, text_of
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import response_format
+
+_FINISH = {"stop": None, "length": "length", "content_filter": "filtered"}
 
 
 class ChatModel(HttpModel):
@@ -29,11 +31,14 @@ class ChatModel(HttpModel):
             **({"response_format": response_format(self._spec.schema)} if self._spec.schema else {}),
         }
 
-    def read(self, data: Any) -> tuple[str, int | None, int | None]:
-        """Return (text, tokens in, tokens out) of an answer."""
-        text = data["choices"][0]["message"]["content"]
+    def read(self, data: Any) -> Said:
+        """Return what an answer holds. Of a refusal the text is the model's words for it."""
+        choice = data["choices"][0]
+        message = choice["message"]
         usage = data.get("usage") or {}
-        tokens = count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
-        if text is None:  # everything went into reasoning: an empty answer of the model, not a fault of the wire
-            text = ""
-        return (text_of(text), *tokens)
+        finish = finish_of(choice.get("finish_reason"), _FINISH)
+        text = message["content"]
+        if text is None:  # everything went into reasoning, or it refuses: the model's, not a fault of the wire
+            text = message.get("refusal") or ""
+            finish = finish or ("refusal" if text else None)
+        return Said(text_of(text), count(usage.get("prompt_tokens")), count(usage.get("completion_tokens")), finish)

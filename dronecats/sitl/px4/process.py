@@ -9,6 +9,7 @@ from pathlib import Path
 
 from foundation.compiled import ROOT
 from foundation.errors import UsageError
+from foundation.redaction import keyless_environment
 
 MODEL = "none_iris"  # PX4's airframe for a simulator that is somebody else's; rotors in the order of our quadrotors
 CLOSE_S = 5.0
@@ -70,8 +71,8 @@ def arguments(command: str, instance: int) -> list[str]:
 
 
 def environment(instance: int, speed: float) -> dict[str, str]:
-    """Return the environment of a PX4: ours, and what its start script asks for."""
-    ours = dict(os.environ)
+    """Return the environment of a PX4: ours without keys, and what its start script asks for."""
+    ours = keyless_environment(os.environ)
     if "PX4_SYS_AUTOSTART" not in ours:
         ours.setdefault("PX4_SIM_MODEL", MODEL)
     ours["PX4_INSTANCE"] = str(instance)

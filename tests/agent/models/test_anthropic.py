@@ -101,7 +101,6 @@ def test_what_a_model_says_and_what_it_costs(said, reply_text, tokens):
         b"[" * 100_000,
         [],
         {},
-        {"type": "error", "error": {"type": "overloaded_error", "message": "Overloaded"}},
         {"type": "error", "content": []},
         {"type": "message"},
         {"type": "message", "content": {}},

@@ -1,11 +1,6 @@
 """An endpoint that hangs, trickles, breaks off or floods: an answer or an error, in the stated time. Over real TCP."""
 
-import contextlib
 import gzip
-import json
-import re
-import socket
-import struct
 import threading
 import zlib
 from datetime import UTC, datetime, timedelta
@@ -31,79 +26,11 @@ from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
 from tests.agent.flown_wire import Clock, Views
+from tests.agent.models.faulty_wire import Wire, completion, hang, reset, say, trickle
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
 FIRST = Question((0,), 0, 0)
 QUICK = RetryPolicy(give_up_s=0.5, attempts=3, pause_s=0.0)
-
-
-def completion(text, head=""):
-    body = json.dumps({"choices": [{"message": {"content": text}}]}).encode()
-    return f"HTTP/1.1 200 OK\r\n{head}Content-Length: {len(body)}\r\nConnection: close\r\n\r\n".encode() + body
-
-
-class Wire:
-    """A server that does, per connection, the next of what is scripted, the last for ever."""
-
-    def __init__(self, *script):
-        self.script, self.served = script, 0
-        self.over, self.dropped = threading.Event(), threading.Event()
-        self._socket = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}/v1"
-        threading.Thread(target=self._listen, daemon=True).start()
-
-    def _listen(self):
-        with contextlib.suppress(OSError):
-            while True:
-                connection, _ = self._socket.accept()
-                act = self.script[min(self.served, len(self.script) - 1)]
-                self.served += 1
-                threading.Thread(target=self._serve, args=(connection, act), daemon=True).start()
-
-    def _serve(self, connection, act):
-        with connection, self._noticing():
-            received = b""
-            while b"\r\n\r\n" not in received:
-                received += connection.recv(65536)
-            head, _, body = received.partition(b"\r\n\r\n")
-            length = int(re.findall(rb"Content-Length: (\d+)", head)[0])
-            while len(body) < length:
-                body += connection.recv(65536)
-            act(self, connection)
-
-    @contextlib.contextmanager
-    def _noticing(self):
-        try:
-            yield
-        except OSError:
-            self.dropped.set()
-
-    def close(self):
-        self.over.set()
-        self._socket.close()
-
-
-def say(data):
-    return lambda wire, connection: connection.sendall(data)
-
-
-def hang(wire, connection):
-    wire.over.wait()
-
-
-def reset(wire, connection):
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-
-
-def trickle(head):
-    """Send `head`, and then a byte every 20 ms for ever: no single read is ever late."""
-
-    def act(wire, connection):
-        connection.sendall(head)
-        while not wire.over.wait(0.02):
-            connection.sendall(b"a")
-
-    return act
 
 
 @pytest.fixture
@@ -202,7 +129,7 @@ def test_a_compressed_answer_is_read_and_a_bomb_is_not(serve, encoding, monkeypa
     with pytest.raises(ModelError, match="cannot be decompressed"):
         model(serve(say(head + b"no such thing"))).ask(REQUEST)
     with pytest.raises(ModelError, match="compressed, which"):
-        model(serve(say(completion("x", "Content-Encoding: br\r\n")))).ask(REQUEST)
+        model(serve(say(completion("x", "Content-Encoding: br")))).ask(REQUEST)
 
 
 def test_an_endless_answer_is_cut_off(serve):

@@ -91,7 +91,6 @@ def test_what_a_model_says_and_what_it_costs(said, text, tokens):
         b"[" * 100_000,
         [],
         {},
-        {"error": {"code": 500, "message": "internal"}},
         {"candidates": []},
         {"candidates": {}},
         {"candidates": [{}]},

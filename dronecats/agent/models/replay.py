@@ -1,0 +1,58 @@
+"""A recorded flight in a model's place: to each question the very reply that it had, with its latency."""
+
+from dataclasses import dataclass
+
+from dronecats.agent.latency import LONGEST_S
+from dronecats.agent.models.model import Reply, Request
+from foundation.errors import ModelError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedStep:
+    """One reply as the log has it."""
+
+    step: int
+    drone: int  # the first of those that were asked for together
+    reply: str
+    latency_s: float = 0.0  # s of vehicle time
+    tokens_in: int | None = None
+    tokens_out: int | None = None
+    finish: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """All that was said on a flight: a value, so that it can be flown again where its folder is not."""
+
+    flight: str  # the episode folder it was read from, its name
+    steps: tuple[RecordedStep, ...]
+    to_the_cap: bool  # it flew to its end: a question without a reply was answered too late
+
+
+class ReplayModel:
+    """Answers from a recording."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.name = recording.flight
+        self._recording = recording
+        self._steps = {(each.step, each.drone): each for each in recording.steps}
+        self._late: set[int] = set()  # drones whose last question had no reply
+
+    def ask(self, request: Request) -> Reply:
+        """Return the recorded reply. Raises ModelError for a question that the flight did not have."""
+        said = self._steps.get((request.step, request.drone))
+        if said is not None and request.role == "pilot":
+            return Reply(said.reply, said.latency_s, said.tokens_in, said.tokens_out, finish=said.finish)
+        if not self._recording.to_the_cap or request.drone in self._late or request.role != "pilot":
+            raise ModelError(
+                f"the recording of {self.name} has no reply for step {request.step} of drone {request.drone}:"
+                " this flight asks what that one did not"
+            )
+        self._late.add(request.drone)
+        return Reply("", LONGEST_S)
+
+    def check(self) -> None:
+        """It is there."""
+
+    def close(self) -> None:
+        """Nothing is open."""

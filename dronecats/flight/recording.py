@@ -1,0 +1,53 @@
+"""A flight that was flown, read from its folder, to be flown again."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from msgspec import UNSET
+
+from dronecats.agent.models.replay import RecordedStep, Recording
+from dronecats.flight.file import from_json
+from dronecats.flight.spec import FlightSpec
+from dronecats.rundir import layout
+from dronecats.rundir.reading import episode_folder, json_object, rows, run_configuration, truth
+from dronecats.rundir.rows import Decision, End
+from foundation.errors import UsageError
+
+
+def recorded(path: Path) -> FlightSpec:
+    """Return the flight in an episode folder, or in a run's only one, with its recording in the pilot's place.
+
+    Raises UsageError where that is no flight in simulation, or does not say how it was flown.
+    """
+    folder = episode_folder(path).resolve()
+    configuration = run_configuration(folder.parent)
+    if configuration is None or "flight" not in configuration:
+        raise UsageError(f"{folder.parent / layout.RUN} does not say what was flown, so it cannot be flown again")
+    spec = from_json(configuration["flight"], str(folder.parent / layout.RUN))
+    if spec.simulated is None:
+        raise UsageError(f"{folder} was flown on a vehicle of yours; --pilot recorded:FILE says its replies again")
+    record = json_object(folder / layout.EPISODE)
+    if record is None:
+        raise UsageError(f"{folder / layout.EPISODE} cannot be read; without it nobody knows what was flown")
+    return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
+
+
+def _recording(folder: Path) -> Recording:
+    steps: dict[int, RecordedStep] = {}
+    for said in rows(folder / layout.DECISIONS, Decision):
+        if said.reply is UNSET:
+            raise UsageError(f"{folder / layout.DECISIONS} holds no replies; an older version flew it")
+        if said.step not in steps:  # of those that were asked for together, the first
+            steps[said.step] = RecordedStep(
+                step=said.step,
+                drone=said.drone,
+                reply=str(said.reply),
+                latency_s=said.latency_s or 0.0,
+                tokens_in=said.tokens_in,
+                tokens_out=said.tokens_out,
+                finish=None if said.finish is UNSET else str(said.finish),
+            )
+    if not steps:
+        raise UsageError(f"{folder} holds no decision; name a flight that took steps")
+    ends = [row.reason for row in truth(folder) if isinstance(row, End)]
+    return Recording(flight=folder.name, steps=tuple(steps.values()), to_the_cap="cap" in ends)

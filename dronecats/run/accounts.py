@@ -1,0 +1,60 @@
+"""The model of a flight, opened with all that stands between it and the wire: ledger, limiter, budget and cache."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from dronecats.agent.models.budget import Budget, BudgetedModel, told
+from dronecats.agent.models.cache import CachedModel, ReplyCache
+from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.model import Model
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.flight.spec import Accounts
+from dronecats.rundir.layout import LEDGER
+
+
+@dataclass(frozen=True, slots=True)
+class AccountedModel:
+    """A model that can be asked, and what the run has spent so far, in a few words."""
+
+    model: Model
+    spent: Callable[[], str]
+
+
+@contextmanager
+def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[AccountedModel]:
+    """Open a model for a flight of the run in a folder. Raises UsageError, BudgetError, InfrastructureError."""
+    with ExitStack() as opened:
+        ledger = Ledger(_ledger(accounts, run))
+        opened.callback(ledger.close)
+        budget = _budget(accounts)
+        budget.check(ledger.spent())
+        served = open_model(spec, limiters=ledger.limiter)
+        opened.callback(served.close)
+        model: Model = BudgetedModel(served, spec, budget, ledger)
+        if accounts.cache is not None:
+            cache = ReplyCache(Path(accounts.cache))
+            opened.callback(cache.close)
+            model = CachedModel(model, served.fingerprint, cache)
+        yield AccountedModel(model, lambda: told(ledger.spent()))
+
+
+def check_budget(accounts: Accounts, run: Path) -> None:
+    """Raise BudgetError when a run has nothing left to fly on with: before anything is started."""
+    if accounts.cost_limit_usd is None and accounts.token_limit is None:
+        return
+    ledger = Ledger(_ledger(accounts, run))
+    try:
+        _budget(accounts).check(ledger.spent())
+    finally:
+        ledger.close()
+
+
+def _ledger(accounts: Accounts, run: Path) -> Path:
+    return run / LEDGER if accounts.ledger is None else Path(accounts.ledger)
+
+
+def _budget(accounts: Accounts) -> Budget:
+    return Budget(accounts.cost_limit_usd, accounts.token_limit)

@@ -1,0 +1,141 @@
+"""Every way in which a wire breaks, in front of each format: asked again within the attempts, final, or the model's."""
+
+import json
+
+import pytest
+
+from dronecats.agent.models.body_fault import delay_in, fault_in
+from dronecats.agent.models.endpoint import RetryPolicy
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError
+from tests.agent.models.faulty_wire import AGAIN, HTML, Wire, answer, completion, say, trickle
+
+REQUEST = Request("text", (b"jpeg",), thinking=False)
+QUICK = RetryPolicy(give_up_s=5.0, attempts=3, pause_s=0.0)
+
+
+@pytest.fixture
+def serve():
+    opened = []
+
+    def start(*script):
+        opened.append(Wire(*script))
+        return opened[-1]
+
+    yield start
+    for wire in opened:
+        wire.close()
+
+
+def ask(wire, provider="local", patience=QUICK):
+    return open_model(ModelSpec(provider=provider, name="m", base_url=wire.url), patience).ask(REQUEST)
+
+
+FINAL = {
+    "401": (say(answer(401, b"who are you")), "answered 401: who are you"),
+    "400 in a 200": (
+        say(answer(200, {"error": {"code": 400, "message": "no such model"}})),
+        "answered 200 with an error 400: .*no such model",
+    ),
+    "a word in a 200": (say(answer(200, {"error": "model not loaded"})), "answered 200 with an error 400"),
+    "redirect": (say(answer(308, b"", "Location: /elsewhere")), "a redirect: none is followed"),
+    "HTML": (say(answer(200, HTML)), "answered no chat completion but: <html>"),
+    "nothing in it": (say(answer(200, b"")), r"answered no chat completion but: \(empty\)"),
+}
+
+
+@pytest.mark.parametrize("fault", AGAIN.values(), ids=AGAIN)
+def test_what_may_pass_is_asked_again_within_the_attempts_and_no_more(serve, fault):
+    wire = serve(fault, fault, say(completion("there")))
+    assert (ask(wire).text, wire.served) == ("there", 3)
+    wire = serve(fault)
+    with pytest.raises(ModelError):
+        ask(wire)
+    assert wire.served == 3
+
+
+@pytest.mark.parametrize(("fault", "said"), FINAL.values(), ids=FINAL)
+def test_what_will_not_pass_is_said_at_once(serve, fault, said):
+    wire = serve(fault)
+    with pytest.raises(ModelError, match=said):
+        ask(wire)
+    assert wire.served == 1
+
+
+def test_a_drip_is_over_with_the_time_and_asked_no_more(serve):
+    wire = serve(trickle(b'HTTP/1.1 200 OK\r\nContent-Length: 900000\r\n\r\n{"choices"'))
+    with pytest.raises(ModelError, match=r"has not answered for 0\.5 s"):
+        ask(wire, patience=RetryPolicy(give_up_s=0.5, pause_s=0.0))
+    assert wire.served == 1
+
+
+CHAT = {
+    "stop": ({"content": "x"}, "stop", ("x", None)),
+    "length": ({"content": '{"acti'}, "length", ('{"acti', "length")),
+    "filtered": ({"content": ""}, "content_filter", ("", "filtered")),
+    "refused": ({"content": None, "refusal": "I will not."}, "stop", ("I will not.", "refusal")),
+    "thought all of it away": ({"content": None}, "length", ("", "length")),
+    "a word of its own": ({"content": "x"}, "eos_twice", ("x", "eos_twice")),
+}
+
+
+@pytest.mark.parametrize(("message", "finish", "expected"), CHAT.values(), ids=CHAT)
+def test_what_is_the_models_own_is_a_reply_that_says_why_it_ends(serve, message, finish, expected):
+    wire = serve(say(answer(200, {"error": None, "choices": [{"message": message, "finish_reason": finish}]})))
+    reply = ask(wire)
+    assert ((reply.text, reply.finish), wire.served) == (expected, 1)
+
+
+def gemini(finish, **content):
+    return {"candidates": [{**content, "finishReason": finish}]}
+
+
+def message(stop, *texts):
+    content = [{"type": "text", "text": text} for text in texts]
+    return {"type": "message", "role": "assistant", "content": content, "stop_reason": stop}
+
+
+@pytest.mark.parametrize(
+    ("provider", "data", "expected"),
+    [
+        ("gemini", gemini("STOP", content={"parts": [{"text": "x"}]}), ("x", None)),
+        ("gemini", gemini("SAFETY"), ("", "filtered")),
+        ("gemini", gemini("MAX_TOKENS", content={"parts": [{"text": '{"a'}]}), ('{"a', "length")),
+        ("gemini", {"promptFeedback": {"blockReason": "OTHER"}}, ("", "filtered")),
+        ("gemini", gemini("LANGUAGE"), ("", "LANGUAGE")),
+        ("anthropic", message("end_turn", "x"), ("x", None)),
+        ("anthropic", message("refusal"), ("", "refusal")),
+        ("anthropic", message("max_tokens", '{"a'), ('{"a', "length")),
+    ],
+)
+def test_so_it_is_in_the_other_formats(serve, provider, data, expected):
+    reply = ask(serve(say(answer(200, data))), provider)
+    assert (reply.text, reply.finish) == expected
+
+
+def test_the_delay_that_gemini_asks_for_stands_in_the_body(serve):
+    details = [{"@type": "type.googleapis.com/google.rpc.Help"}, {"retryDelay": "0.4s"}]
+    busy = answer(429, {"error": {"code": 429, "status": "RESOURCE_EXHAUSTED", "details": details}})
+    assert ask(serve(say(busy), say(completion("x")))).waited_s >= 0.4
+    assert delay_in(busy.partition(b"\r\n\r\n")[2]) == 0.4
+    for other in (
+        b"",
+        b"{",
+        b"[]",
+        b'{"error": 5}',
+        b'{"error": {"details": [{"retryDelay": "soon"}]}}',
+        b"[" * 99_999,
+    ):
+        assert delay_in(other) is None
+
+
+def test_an_answer_that_complains_of_nothing_has_no_fault():
+    answers: list[object] = [{}, [], {"error": None}, {"error": {}}, {"choices": []}, {"choices": [{"error": None}]}]
+    for data in answers:
+        assert fault_in(json.dumps(data).encode()) is None
+    assert fault_in(b"[" * 99_999) is None
+    fault = fault_in(b'{"error": {"code": 200}}')
+    assert fault is not None
+    assert fault.status == 400

@@ -1,0 +1,155 @@
+"""The ledger: many processes book in it at once, one that is killed leaves it whole, nothing else is taken for it."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+
+import pytest
+
+from dronecats.agent.models.cache import ReplyCache
+from dronecats.agent.models.endpoint import RetryPolicy
+from dronecats.agent.models.ledger import Ledger, Spent
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError, UsageError
+from tests.agent.models.faulty_wire import Wire, answer, completion, say
+
+REQUEST = Request("text", (b"jpeg",), thinking=False)
+BOOKING = """
+import sys
+from pathlib import Path
+from dronecats.agent.models.ledger import Ledger, Spent
+ledger = Ledger(Path(sys.argv[1]))
+print("open", flush=True)
+for _ in range(int(sys.argv[2])):
+    ledger.spend("m", Spent(1, 10, 1, 0.25))
+print("done", flush=True)
+"""
+
+
+def booking(path, times):
+    command = [sys.executable, "-c", BOOKING, str(path), str(times)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def test_what_many_processes_book_at_once_is_all_there(tmp_path):
+    path = tmp_path / "new" / "ledger.sqlite"  # they make it at once, too
+    children = [booking(path, 100) for _ in range(4)]
+    assert [child.communicate()[0].split()[-1] for child in children] == ["done"] * 4
+    ledger = Ledger(path)
+    assert ledger.spent() == Spent(400, 4000, 400, 100.0)
+    assert ledger.spent().tokens == 4400
+    ledger.close()
+    assert sorted(each.name for each in path.parent.iterdir()) == ["ledger.sqlite"]
+
+
+def test_a_process_that_is_killed_while_it_books_leaves_whole_questions_behind(tmp_path):
+    path = tmp_path / "ledger.sqlite"
+    Ledger(path).close()
+    child = booking(path, 10**9)
+    assert child.stdout is not None
+    assert child.stdout.readline() == "open\n"
+    ledger = Ledger(path)
+    while ledger.spent().questions < 50:
+        pass
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    ledger.close()
+    ledger = Ledger(path)
+    spent = ledger.spent()
+    assert spent == Spent(spent.questions, 10 * spent.questions, spent.questions, 0.25 * spent.questions)
+    ledger.spend("m", Spent(1, 0, 0, 0.0))
+    assert ledger.spent().questions == spent.questions + 1
+    ledger.close()
+
+
+def foreign(path):
+    db = sqlite3.connect(path)
+    db.execute("CREATE TABLE mine (x)")
+    db.commit()
+    db.close()
+
+
+def newer(path):
+    Ledger(path).close()
+    db = sqlite3.connect(path)
+    db.execute("PRAGMA user_version=99")
+    db.close()
+
+
+def damaged(path):
+    ledger = Ledger(path)
+    for number in range(500):
+        ledger.spend(f"model {number}", Spent(1, 1, 1, 1.0))
+    ledger.close()
+    data = bytearray(path.read_bytes())
+    data[4096:] = os.urandom(len(data) - 4096)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda path: path.write_text("dear diary, " * 999), "is no ledger: file is not a database"),
+        (lambda path: path.write_bytes(b""), "is no ledger but another database"),
+        (foreign, "is no ledger but another database"),
+        (lambda path: ReplyCache(path).close(), "is no ledger but another database"),
+        (newer, "is of version 99, not 1"),
+        (damaged, "ledger.* damaged|is no ledger: database disk image is malformed"),
+        (lambda path: path.mkdir(), "cannot be opened"),
+    ],
+    ids=["text", "empty", "another program's", "a cache", "newer", "damaged", "folder"],
+)
+def test_what_is_no_ledger_is_refused_and_left_as_it_is(tmp_path, make, said):
+    path = tmp_path / "file"
+    make(path)
+    before = path.read_bytes() if path.is_file() else None
+    with pytest.raises(UsageError, match=said):
+        Ledger(path)
+    assert (path.read_bytes() if path.is_file() else None) == before
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["file"]
+
+
+def test_a_refusal_to_one_holds_back_all_that_ask_there_and_no_others(tmp_path):
+    now = [5000.0]
+    path = tmp_path / "ledger.sqlite"
+    one, other = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
+    one.limiter("http://h/v1", "m").hold(20.0)
+    assert other.limiter("http://h/v1", "m").claim(0) == pytest.approx(20.0)
+    assert other.limiter("http://elsewhere/v1", "m").claim(0) == 0.0
+    now[0] += 20.0
+    assert other.limiter("http://h/v1", "m").claim(0) == 0.0
+    one.close()
+    other.close()
+
+
+def test_a_client_that_is_sent_away_holds_back_another_one_over_http(tmp_path):
+    now = [5000.0]
+    path = tmp_path / "ledger.sqlite"
+    wire = Wire(say(answer(429, b"slow down", "Retry-After: 20")), say(completion("x")))
+    one, other = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
+    spec = ModelSpec(provider="local", name="m", base_url=wire.url)
+    first, second = (open_model(spec, RetryPolicy(0.5, attempts=1), ledger.limiter) for ledger in (one, other))
+    with pytest.raises(ModelError, match="answered 429: slow down"):
+        first.ask(REQUEST)
+    with pytest.raises(ModelError, match="is held back by its rate limit for too long"):
+        second.ask(REQUEST)
+    assert wire.served == 1
+    now[0] += 20.0
+    assert second.ask(REQUEST).text == "x"
+    wire.close()
+    one.close()
+    other.close()
+
+
+def test_what_an_answer_allows_is_what_the_next_one_waits_for(tmp_path):
+    told = ["x-ratelimit-limit-requests: 60", "x-ratelimit-remaining-requests: 0", "x-ratelimit-reset-requests: 60s"]
+    wire, ledger = Wire(say(completion("x", *told))), Ledger(tmp_path / "ledger.sqlite", lambda: 5000.0)
+    model = open_model(ModelSpec(provider="local", name="m", base_url=wire.url), RetryPolicy(), ledger.limiter)
+    model.ask(REQUEST)
+    assert ledger.limiter(wire.url, "m").claim(0) == pytest.approx(1.0, abs=0.01)  # one a second
+    wire.close()
+    ledger.close()

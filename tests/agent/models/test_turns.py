@@ -1,0 +1,105 @@
+"""Turns at an address: nobody asks for more than is allowed, everybody gets there, and a refusal holds all of them."""
+
+import itertools
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.models.rate_headers import Allowance
+from dronecats.agent.models.turns import APART_S, LONGEST_S, SLOW_S, Turns
+
+NOW = 1_000_000.0
+
+
+def allowed(limit=10.0, left=10.0, reset_s=60.0, steady=True, kind="requests", model="m"):
+    return Turns().heard(model, Allowance(kind, limit, left, reset_s, steady), NOW)
+
+
+def asked_until(turns, seconds, tokens=0, model="m"):
+    """Ask again and again for so long, as soon as it may be; return when."""
+    now, moments = NOW, []
+    while now < NOW + seconds:
+        wait_s, turns = turns.claim(model, tokens, now)
+        if wait_s == 0.0:
+            moments.append(now)
+        now += wait_s or 0.001
+    return moments
+
+
+def test_where_nothing_is_known_nobody_waits():
+    assert Turns().claim("m", 10**9, NOW)[0] == 0.0
+
+
+def test_a_minutes_requests_are_spread_as_the_allowance_refills():
+    moments = asked_until(allowed(limit=10.0, left=0.0), 60.0)
+    assert len(moments) == 9  # one every six seconds, the first after six
+    assert min(b - a for a, b in itertools.pairwise(moments)) == pytest.approx(6.0, abs=0.01)
+
+
+def test_a_window_is_asked_up_and_waited_for():
+    moments = asked_until(allowed(limit=3.0, left=2.0, reset_s=20.0, steady=False), 21.0)
+    assert [round(moment - NOW) for moment in moments][:5] == [0, 0, 20, 20, 20]
+
+
+def test_tokens_count_as_requests_do_and_a_question_larger_than_all_that_is_allowed_waits_for_all():
+    turns = allowed(limit=6000.0, left=6000.0, kind="tokens")
+    assert len(asked_until(turns, 30.0, tokens=3000)) == 2
+    assert len(asked_until(turns, 30.0, tokens=99_999)) == 1
+    assert len(asked_until(turns, 61.0, tokens=99_999)) == 2
+
+
+def test_another_model_has_its_own_allowance_but_a_refusal_is_everybodys():
+    turns = allowed(limit=10.0, left=0.0)
+    assert turns.claim("other", 0, NOW)[0] == 0.0
+    assert turns.held(7.0, NOW).claim("other", 0, NOW)[0] == pytest.approx(7.0)
+
+
+def test_after_a_refusal_they_go_one_by_one_for_a_while():
+    turns = Turns().held(5.0, NOW)
+    moments = asked_until(turns, 10.0)
+    assert moments[0] == pytest.approx(NOW + 5.0)
+    assert min(b - a for a, b in itertools.pairwise(moments)) >= APART_S - 1e-6
+    later = NOW + 5.0 + SLOW_S
+    _, turns = turns.claim("m", 0, later)
+    assert turns.claim("m", 0, later)[0] == 0.0
+
+
+def test_a_longer_hold_stands_and_a_clock_that_was_set_back_holds_nobody():
+    turns = Turns().held(30.0, NOW).held(5.0, NOW)
+    assert turns.claim("m", 0, NOW)[0] == pytest.approx(30.0)
+    assert turns.claim("m", 0, NOW - 86_400.0)[0] == 0.0
+    assert Turns().held(1e9, NOW).claim("m", 0, NOW)[0] == LONGEST_S
+
+
+def test_an_answer_does_not_know_of_what_others_have_just_asked():
+    turns = allowed(limit=10.0, left=3.0, reset_s=60.0)
+    for _ in range(3):
+        _, turns = turns.claim("m", 0, NOW)
+    turns = turns.heard("m", Allowance("requests", 10.0, 2.0, 60.0, True), NOW)  # to the first of the three
+    assert turns.claim("m", 0, NOW)[0] > 0.0
+
+
+ALLOWED = st.builds(
+    Allowance,
+    kind=st.sampled_from(["requests", "tokens"]),
+    limit=st.floats(0.5, 1e6),
+    left=st.just(0.0),
+    reset_s=st.floats(0.0, 86_400.0),
+    steady=st.booleans(),
+)
+
+
+@given(ALLOWED, st.floats(0.0, 1.0), st.integers(0, 10**7), st.floats(0.0, 100.0))
+def test_whatever_is_told_everybody_gets_a_turn_and_the_level_is_never_more_than_the_limit(told, part, tokens, held_s):
+    turns = Turns().heard("m", replace(told, left=told.limit * part), NOW).held(held_s, NOW)
+    now = NOW
+    for _ in range(20):
+        wait_s, turns = turns.claim("m", tokens, now)
+        if wait_s == 0.0:
+            break
+        now += wait_s
+    else:
+        pytest.fail("it waits for ever")
+    assert all(0.0 <= bucket.left(now) <= bucket.full for bucket in turns.buckets.values())

@@ -1,0 +1,143 @@
+"""Whole flights in lockstep over a wire that breaks in every step, from a cache, and from their own recording."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from dronecats.agent.models.endpoint import RetryPolicy
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.cli.main import main
+from dronecats.flight.spec import Accounts, FlightSpec, Simulated
+from dronecats.pilots import roster
+from dronecats.pilots.server import completion, read_request
+from dronecats.run import accounts
+from dronecats.run.fly import fly
+from tests.agent.models.faulty_wire import AGAIN, Wire, behind
+from tests.support.command_line import last_object
+from tests.support.json_lines import rows
+
+LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
+EASY = "residential-approaching-01"
+LOCKSTEP = FlightSpec(episode=EASY, simulated=Simulated(speed=None), pilot="vision", seed=3, latency="fixed:0.5")
+
+
+def logs(folder):
+    return [(folder / name).read_bytes() for name in LOGS]
+
+
+def vision(body):
+    """Answer a request as the built-in pilot's endpoint does."""
+    prompt, images = read_request(body)
+    return completion("vision", body, prompt, images, roster.answer("vision")(prompt, images))
+
+
+@pytest.fixture
+def serve():
+    opened = []
+
+    def start(*faults, reply=vision):
+        opened.append(Wire(behind(reply, *faults)))
+        return opened[-1]
+
+    yield start
+    for wire in opened:
+        wire.close()
+
+
+def asking(wire, **changes):
+    model = ModelSpec(provider="local", name="vision", base_url=wire.url, input_usd=1.0, output_usd=10.0)
+    return replace(LOCKSTEP, pilot=None, model=model, **changes)
+
+
+def flown(spec, out):
+    result = fly(spec, out, lambda line: None)
+    return result, out / result["episode"]
+
+
+def replayed(capsys, folder, out, *words):
+    assert main(["fly", "--sitl", "--model", f"replay:{folder}", "--out", str(out), "--json", *words]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"replay of {folder.name}: replies, episode, vehicle, clock, latency and seed as they were")
+    return last_object(said), out / folder.name
+
+
+def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
+    monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    result, whole = flown(asking(serve()), tmp_path / "whole")
+    broken = serve(*AGAIN.values())
+    hurt, folder = flown(asking(broken), tmp_path / "broken")
+    assert result["outcome"] == hurt["outcome"] == "success"
+    assert logs(folder) == logs(whole)
+    assert broken.served == 3 * result["steps"] >= 15
+
+
+def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recording(serve, tmp_path, capsys):
+    wire = serve()
+    spec = asking(wire, latency="measured", seconds=12.0, accounts=Accounts(cache=str(tmp_path / "replies.sqlite")))
+    result, first = flown(spec, tmp_path / "first")
+    assert result["reason"] == "cap"  # and so one reply came too late to be in the log
+    assert wire.served == result["steps"] + 1
+    assert len({row["latency_s"] for row in rows(first / "decisions.jsonl")}) > 1
+    wire.close()
+    _, again = flown(spec, tmp_path / "again")
+    assert wire.served == result["steps"] + 1
+    assert logs(again) == logs(first)
+    assert not list((tmp_path / "again").glob("*.sqlite-wal"))
+    _, third = replayed(capsys, first, tmp_path / "third")
+    assert logs(third) == logs(first)
+
+
+def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
+    _, first = flown(replace(LOCKSTEP, latency="lognormal:1,0.5"), tmp_path / "first")
+    result, again = replayed(capsys, first, tmp_path / "again")
+    assert logs(again) == logs(first)
+    assert result["pilot"] == "replay of vision"
+    # it flies again from its own file, wherever the recording may be
+    first.rename(tmp_path / "elsewhere")
+    assert main(["fly", "--spec", str(again.parent / "run.json"), "--out", str(tmp_path / "third")]) == 0
+    assert logs(tmp_path / "third" / EASY) == logs(again)
+
+
+def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
+    spec = replace(LOCKSTEP, episode="residential-commanding-02", seconds=8.0)
+    _, first = flown(spec, tmp_path / "first")
+    assert {row["drone"] for row in rows(first / "decisions.jsonl")} == {0, 1, 2, 3}
+    _, again = replayed(capsys, tmp_path / "first" / first.name, tmp_path / "again")
+    assert logs(again) == logs(first)
+
+
+def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, capsys):
+    _, first = flown(LOCKSTEP, tmp_path / "first")
+    log = first / "decisions.jsonl"
+    log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
+    words = ["--latency", "fixed:0.4", "--full", "--out", str(tmp_path / "other"), "--json"]
+    assert main(["fly", "--sitl", "--model", f"replay:{first}", *words]) == 3
+    told = capsys.readouterr()
+    assert ", but for --latency, --full" in told.out.splitlines()[0]
+    result = last_object(told.out)
+    assert result["outcome"] == "error"
+    assert "has no reply for step 2 of drone 0" in result["error"]
+
+
+def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_path, capsys):
+    said: list[str] = []
+    spec = asking(serve(), accounts=Accounts(token_limit=3500))
+    result = fly(spec, tmp_path / "run", said.append)
+    assert (result["outcome"], result["reason"], result["status"]) == ("error", "budget", 3)
+    assert "the limit of 3,500 tokens is spent (" in result["error"]
+    assert "raise --token-limit" in result["error"]
+    folder = tmp_path / "run" / EASY
+    decisions, end = rows(folder / "decisions.jsonl"), rows(folder / "truth.jsonl", "end")[0]
+    spent = [row["tokens_in"] + row["tokens_out"] for row in decisions]
+    assert sum(spent[:-1]) < 3500 <= sum(spent)
+    assert end["reason"] == "budget"
+    assert "landing …" in said
+    usd = sum(row["tokens_in"] * 1.0 + row["tokens_out"] * 10.0 for row in decisions) / 1e6
+    assert any(line.endswith(f"  {sum(spent):,} tokens, ${usd:.4f}") for line in said)
+    # a flight that begins with nothing left starts nothing
+    again = fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", said.append)
+    assert (again["reason"], again["steps"], again["sim_seconds"]) == ("budget", 0, 0.0)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["accounts"]["token_limit"] == 3500
