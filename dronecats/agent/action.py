@@ -1,6 +1,5 @@
-"""The four actions a pilot may take, and the parser that reads them out of a reply. Paper, "Action Space"."""
+"""The four actions a pilot may take, and one JSON object as one of them. Paper, "Action Space"."""
 
-import json
 import math
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -57,45 +56,8 @@ class ActionError(ValueError):
     """A reply holds no valid action; the text says why. A failure of the pilot, never of the infrastructure."""
 
 
-MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
-MAX_TRIES = 500  # places in a reply at which JSON may begin
-MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # read in vain after such places: nothing that is meant to be read needs more
 MAX_ROTATION_DEG = 3600.0  # ten turns: beyond it the number is noise, not an intention
 MAX_DEPTH_M = 100_000.0
-
-
-def parse(reply: str, axis_order: AxisOrder = "xy") -> Action:
-    """Return the action in `reply`.
-
-    The prompt asks for one JSON object and nothing else. Prose or a code fence around it is tolerated: the last object
-    that has an "action" counts, since what comes before it leads up to it. Raises ActionError with the reason when
-    there is none or it is malformed.
-    """
-    return action_from(_last_object(reply), axis_order)
-
-
-def parse_fleet(reply: str, drones: int, axis_order: AxisOrder = "xy") -> list[Action | ActionError]:
-    """Return one action or error per drone from a reply that holds a JSON array of `drones` objects.
-
-    With one drone this is `parse`. A reply that is no array of the right length is an error for every drone.
-    """
-    if drones == 1:
-        try:
-            return [parse(reply, axis_order)]
-        except ActionError as error:
-            return [error]
-    items = _first_array(reply)
-    if isinstance(items, ActionError):
-        return [items] * drones
-    if len(items) != drones:
-        return [ActionError(f"expected {drones} actions, got {len(items)}")] * drones
-    actions: list[Action | ActionError] = []
-    for item in items:
-        try:
-            actions.append(action_from(item, axis_order))
-        except ActionError as error:
-            actions.append(error)
-    return actions
 
 
 def action_from(value: Any, axis_order: AxisOrder = "xy") -> Action:
@@ -147,37 +109,3 @@ def _finite(value: Any, what: str) -> float:
     if not math.isfinite(number):
         raise ActionError(f"{what} is not finite")
     return number
-
-
-def _last_object(reply: str) -> Any:
-    values = _values(reply, "{")
-    if not values:
-        raise ActionError("no JSON object in the reply")
-    return next((v for v in reversed(values) if isinstance(v, dict) and "action" in v), values[-1])
-
-
-def _first_array(reply: str) -> list[Any] | ActionError:
-    for value in _values(reply, "["):
-        if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-            return value
-    return ActionError("no JSON array of actions in the reply")
-
-
-def _values(reply: str, opening: str) -> list[Any]:
-    """Return the outermost JSON values of the text that start with `opening`, in order.
-
-    Where a value breaks off the next one may begin inside it, which read again and again would take the square of the
-    reply's length: so what is read in vain is counted, and the search ends when it is too much.
-    """
-    decoder = json.JSONDecoder()
-    text, values, at, tries, vain = reply[:MAX_REPLY_CHARS], [], 0, 0, 0
-    while vain < MAX_VAIN_CHARS and (at := text.find(opening, at)) >= 0 and (tries := tries + 1) <= MAX_TRIES:
-        try:
-            value, end = decoder.raw_decode(text, at)
-        except (ValueError, RecursionError) as error:  # only a JSONDecodeError says how far it came
-            vain += (error.pos if isinstance(error, json.JSONDecodeError) else len(text)) - at
-            at += 1
-            continue
-        values.append(value)
-        at = end
-    return values

@@ -19,6 +19,7 @@ from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Latency, Question
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt
+from dronecats.agent.reply.reading import ReplyParser, reading
 from dronecats.rundir.layout import frame_name
 from foundation.camera import Frame
 from foundation.errors import CameraError, ModelError
@@ -35,6 +36,7 @@ class Questions:
     instruction: str
     latency: Latency
     axis_order: actions.AxisOrder = "xy"
+    parser: ReplyParser = "strict"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
     last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
 
@@ -132,9 +134,9 @@ class Decider:
         rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
         self._decided_s = now_s
         decisions = []
-        parsed = actions.parse_fleet(reply.text, len(self._drones), self._questions.axis_order)
-        for drone, frame, outcome in zip(self._drones, frames, parsed, strict=True):
-            action = None if isinstance(outcome, actions.ActionError) else outcome
+        read = reading(reply.text, len(self._drones), self._questions.axis_order, self._questions.parser)
+        for drone, frame, said in zip(self._drones, frames, read, strict=True):
+            action = said.action
             decision = Decision(
                 step=step,
                 drone=drone.index,
@@ -143,7 +145,8 @@ class Decider:
                 t_decided=round(now_s, 6),
                 reply=reply.text,
                 action=action.as_json() if action else None,
-                error=str(outcome) if isinstance(outcome, actions.ActionError) else None,
+                error=said.error,
+                mended=said.mended or UNSET,
                 latency_s=round(asking.latency_s(now_s), 6),
                 tokens_in=reply.tokens_in,
                 tokens_out=reply.tokens_out,

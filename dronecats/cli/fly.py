@@ -62,6 +62,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     pilot.add_argument("--ledger", type=Path, metavar="FILE", help="with --model: of several runs (in the folder)")
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
     pilot.add_argument(
+        "--parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)"
+    )
+    pilot.add_argument(
         "--latency",
         metavar="POLICY",
         help="real (default), measured, fixed:SECONDS (with --speed max: fixed:0.5) or lognormal:MEDIAN,SIGMA",

@@ -35,12 +35,17 @@ def run(args: argparse.Namespace) -> int:
     return DIFFERS if any(judged.doubtful for judged in episodes.values()) else 0
 
 
-def reread(reply: str, drones: int) -> list[list[dict[str, Any] | None]]:
-    """Return, for each drone, the actions that a reply may be read as: one for each order of a point's axes."""
-    from dronecats.agent.action import ActionError, parse_fleet
+def reread(reply: str, drones: int, mended: bool = False) -> list[list[dict[str, Any] | None]]:
+    """Return, for each drone, the actions that a reply may be read as: one for each order of a point's axes.
 
-    read = zip(*(parse_fleet(reply, drones, order) for order in ("xy", "yx")), strict=True)
-    return [[None if isinstance(one, ActionError) else one.as_json() for one in each] for each in read]
+    `mended`: as the lenient reading has it. Where that mended nothing, it is the strict one.
+    """
+    from dronecats.agent.reply.reading import reading
+
+    read = zip(
+        *(reading(reply, drones, order, "lenient" if mended else "strict") for order in ("xy", "yx")), strict=True
+    )
+    return [[one.action.as_json() if one.action else None for one in each] for each in read]
 
 
 def _print(episode: str, judged: "Judged") -> None:

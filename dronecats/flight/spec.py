@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from dronecats.agent.models.replay import Recording
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.reply.reading import ReplyParser
 from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
 from hil.link.envelope import SIMULATED, Limits
@@ -74,6 +75,7 @@ class FlightSpec:
     accounts: Accounts = Accounts()
     prompt: str | None = None  # a template; None: the one that ships
     latency: str = LATENCY
+    parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     patience_s: float | None = None  # s without a frame or a reply after which the flight ends; None: theirs
     seed: int = 0  # tells flights of one episode apart
     seconds: float = CAP_S  # s of vehicle time, the length of the flight

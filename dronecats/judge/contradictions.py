@@ -17,7 +17,8 @@ from foundation.protocol import CAP_S, RADIUS_M
 # behind that by no more than a process of a busy machine stands still
 LATE_S = 5.0
 
-Rereading = Callable[[str, int], Sequence[Sequence[Any]]]  # (reply, drones) -> per drone, the actions it may be read as
+# (reply, drones, whether it was mended) -> per drone, the actions that it may be read as
+Rereading = Callable[[str, int, bool], Sequence[Sequence[Any]]]
 
 
 def ending(logs: Logs) -> str | None:
@@ -79,7 +80,7 @@ def of_replies(logs: Logs, reread: Rereading) -> list[str]:
     """Return the decisions whose action is not what their reply says, in one sentence."""
     drones = max((d.drone for d in logs.decisions), default=0) + 1
     told = [(d, d.reply) for d in logs.decisions if d.reply is not UNSET]
-    other = [d for d, reply in told if d.action not in reread(reply, drones)[d.drone]]
+    other = [d for d, reply in told if d.action not in reread(reply, drones, d.mended is not UNSET)[d.drone]]
     if not other:
         return []
     return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]

@@ -12,10 +12,11 @@ from typing import Any, TypeVar
 
 from dronecats.rundir.reading import Logs
 from dronecats.rundir.results import Diagnostics
-from dronecats.rundir.rows import FrameTruth, Pose
-from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M
+from dronecats.rundir.rows import Decision, FrameTruth, Pose
+from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M, ROTATE
 
 GAP_S = 1.5 * POSE_PERIOD_S  # s between samples beyond which one of the trace is missing
+ASKED_DEG = 90.0  # either way: no further is a pilot asked to turn in one step
 
 Sample = Pose | FrameTruth
 Kind = TypeVar("Kind", bound=Sample)
@@ -65,6 +66,13 @@ def of_fleet(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
         flown_s=max(d.flown_s for d in each),
         untraced_s=max(d.untraced_s for d in each),
     )
+
+
+def wide_rotations(decisions: Iterable[Decision]) -> int:
+    """Return how many turns within the cap were of more than the ±90° that the prompt asks for. They are flown."""
+    turns = [d.action for d in decisions if d.action and d.kind == ROTATE and d.t_decided <= CAP_S]
+    angles = [turn.get("angle_deg") for turn in turns]
+    return sum(isinstance(angle, int | float) and abs(angle) > ASKED_DEG for angle in angles)
 
 
 def dwell(stretches: Iterable[Stretch], delta_m: float) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge import contradictions
-from dronecats.judge.diagnostics import of_drones, of_fleet
+from dronecats.judge.diagnostics import of_drones, of_fleet, wide_rotations
 from dronecats.judge.distances import distances
 from dronecats.judge.measured import declarations, finished, last_action, reasons
 from dronecats.judge.measures import NOTHING_KNOWN, measures
@@ -86,6 +86,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M) -> Verdict:
         diagnostics=of_fleet(drones),
         drones=tuple(_of_drone(drone, each, told, delta_m) for drone, each in drones.items()),
         distances=UNSET if logs.true else estimated,
+        wide_rotations=wide_rotations(logs.decisions) or UNSET,
     )
 
 

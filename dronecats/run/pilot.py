@@ -36,6 +36,7 @@ def papers_agent(flight: Flight, model: Model) -> AgentFactory:
             flight.instruction,
             flight.latency,
             axis_order=spec.model.axis_order if spec.model else "xy",
+            parser=spec.parser,
             patience_s=spec.patience_s,
             last_reply=flight.scored,  # where nothing is scored, nothing is worth staying up for
         ),

@@ -115,6 +115,7 @@ class Verdict:
     diagnostics: Annotated[Diagnostics | None, _of("{}: nothing was measured")]
     drones: tuple[DroneDiagnostics, ...]
     distances: Annotated[Distances | UnsetType | None, _of("only where nobody measured the truth")] = UNSET
+    wide_rotations: Annotated[Whole, _of("turns of more than 90°, within the cap; only if any")] | UnsetType = UNSET
 
     def as_json(self) -> dict[str, Any]:
         """Return it as verdict.json holds it."""

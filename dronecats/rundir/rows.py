@@ -65,6 +65,7 @@ class Decision:
     reply: Annotated[str, _of("as received")] | UnsetType = UNSET
     action: Annotated[ActionObject | None, _of("parsed, point in [x, y]; null: the reply holds no valid action")]
     error: Annotated[str | None, _of("why there is no action")] = None
+    mended: Annotated[tuple[str, ...], _of("what was mended in the reply, codes: docs/replies.md")] | UnsetType = UNSET
     latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")] = None
     tokens_in: int | None = None
     tokens_out: int | None = None

@@ -11,6 +11,7 @@ from dronecats.agent.latency import Latency, Question, latency
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
+from dronecats.agent.reply.reading import ReplyParser
 from tests.agent.flown_wire import CAMERA, Clock, Views
 
 
@@ -77,3 +78,33 @@ def test_one_alone_beside_two_together(tmp_path):
     together = [d for d in decisions if d["drone"] > 0]
     assert [d["drone"] for d in together[:4]] == [1, 2, 1, 2]
     assert together[0]["step"] == together[1]["step"] != together[2]["step"]
+
+
+class Sloppy(Noting):
+    """A model that writes Python, and one object for the first drone alone."""
+
+    name = "sloppy"
+
+    def ask(self, request):
+        return Reply("[{'action': 'rotate', 'angle_deg': '30°'}]", 0.1)
+
+
+def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_path):
+    cases: list[tuple[ReplyParser, list[str] | None]] = [
+        ("lenient", ["single_quotes", "number_text", "unit", "short"]), ("strict", None),
+    ]  # fmt: skip
+    for parser, mended in cases:
+        log = DecisionLog(tmp_path / f"{parser}.jsonl")
+        cockpit = Cockpit(
+            aircraft=[Clock() for _ in range(2)], camera=Views(), camera_model=CAMERA, log=log,
+            frames_dir=tmp_path, executor=InlineExecutor(), t0_us=0,
+        )  # fmt: skip
+        policy = latency("fixed:0.5")
+        PaperAgent(Questions(Sloppy(), Prompt.load(None), "go", policy, parser=parser), cockpit, None).fly(5.0)
+        log.close()
+        first, second = (json.loads(line) for line in (tmp_path / f"{parser}.jsonl").read_text().splitlines()[:2])
+        assert first.get("mended") == mended
+        assert (first["action"] is None) == (parser == "strict")
+        assert second["action"] is None
+        assert "mended" not in second or second["mended"] == ["single_quotes", "short"]
+        assert second["error"]

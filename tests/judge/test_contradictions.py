@@ -104,6 +104,16 @@ def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
     assert len(of_replies(logs(swapped), reread)) == 1
 
 
+def test_a_reply_that_was_mended_is_read_again_with_the_same_patience():
+    reply = "[{'drone': 2, 'action': 'think'}, {'drone': 1, 'action': 'finished'}]"
+    fleet = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
+    mended = [{**each, "mended": ["single_quotes", "by_name"]} for each in fleet]
+    assert of_replies(logs(mended), reread) == []
+    assert len(of_replies(logs(fleet), reread)) == 1  # nothing was mended, they say
+    swapped = [{**each, "action": other["action"]} for each, other in zip(mended, reversed(fleet), strict=True)]
+    assert len(of_replies(logs(swapped), reread)) == 1
+
+
 def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):
     folder = write(tmp_path / "a-01", GO, [BEGIN, *SEEN, END])
     (folder / "episode.json").write_text('{"id": "b-02"}')

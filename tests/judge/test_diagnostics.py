@@ -207,3 +207,15 @@ def test_the_verdict_has_a_row_per_drone():
     assert (second["drone"], second["declarations"], second["qualifying"], second["dwell_s"]) == (1, 1, 1, 300.0)
     assert verdict["diagnostics"]["path_m"] == pytest.approx(first["path_m"] + second["path_m"])
     assert math.isclose(verdict["diagnostics"]["min_distance_m"], 4.0)
+
+
+def test_turns_of_more_than_was_asked_for_are_counted():
+    def turned(step, angle_deg, t=5.0):
+        action = {"action": "rotate", "angle_deg": angle_deg}
+        return {**decision(step, step, t, "rotate"), "action": action}
+
+    angles = [90, -90.0, 90.5, -120, 360]
+    flight = [turned(step, angle) for step, angle in enumerate(angles)]
+    assert outcome(logs([*flight, turned(5, 180, 300.5)]))["wide_rotations"] == 3
+    assert "wide_rotations" not in outcome(logs(flight[:2]))
+    assert "wide_rotations" not in outcome(logs([{**turned(0, 0), "action": {"action": "rotate"}}]))

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from dronecats.agent.action import Finished, parse
+from dronecats.agent.action import Finished
 from dronecats.agent.controller import plan
 from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt
+from dronecats.agent.reply.strict import parse
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler, wrap_pi
 from foundation.picture import encode

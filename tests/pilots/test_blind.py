@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.agent.action import ActionError, Finished, Go, Rotate, parse, parse_fleet
+from dronecats.agent.action import ActionError, Finished, Go, Rotate
 from dronecats.agent.controller import plan
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
+from dronecats.agent.reply.strict import parse, parse_fleet
 from dronecats.flight.flight import look_up
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.pilots import patterns, roster

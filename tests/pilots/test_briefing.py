@@ -63,7 +63,7 @@ def test_colour_and_noun_of_a_command(command, color, noun):
 
 def test_blind_never_declares_and_answers_once_per_picture():
     history = History(CameraModel())
-    from dronecats.agent.action import parse, parse_fleet
+    from dronecats.agent.reply.strict import parse, parse_fleet
 
     for _ in range(12):
         action = parse(blind.answer(prompt(history.render()), [b""]))

@@ -16,7 +16,7 @@ from tests.rundir.published import validator
 PLACE = [1.0, 2.0, -2.0]
 DECISION = {"step": 0, "drone": 0, "frame_id": 7, "t_frame": 1.0, "t_decided": 1.5, "reply": "{}", "error": None,
             "action": {"action": "go", "point": [500.0, 500.0], "depth_m": 4.0}, "latency_s": 0.5, "tokens_in": None,
-            "tokens_out": 5, "thinking": False, "rate_hz": None}  # fmt: skip
+            "tokens_out": 5, "thinking": False, "rate_hz": None, "mended": ["fence"]}  # fmt: skip
 MEASURED = {"t": 1.0, "drone": 0, "position_ned": PLACE, "yaw_deg": 5.0, "target_ned": None, "distance_m": 3.0,
             "visible": True}  # fmt: skip
 ROWS: dict[str, list[tuple[dict[str, Any], Any]]] = {
@@ -66,7 +66,7 @@ def test_rows_as_they_are_written_are_taken_by_both():
 def test_any_change_is_taken_or_refused_by_both(place, value, gone):
     name, row, kind, key = place
     if key in ("t_frame", "t_decided"):  # which of them is the later, no schema can say
-        value = 1.25 if isinstance(value, float) else value
+        value = 1.25 if isinstance(value, int | float) and not isinstance(value, bool) else value
     changed = {k: v for k, v in row.items() if k != key or not gone}
     if not gone:
         changed[key] = value

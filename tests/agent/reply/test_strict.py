@@ -7,17 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dronecats.agent.action import (
-    MAX_REPLY_CHARS,
-    ActionError,
-    Finished,
-    Go,
-    Rotate,
-    Think,
-    action_from,
-    parse,
-    parse_fleet,
-)
+from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, action_from
+from dronecats.agent.reply.strict import MAX_REPLY_CHARS, parse, parse_fleet
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""What a reply says: one action per drone, or why there is none. docs/replies.md."""

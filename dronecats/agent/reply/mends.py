@@ -1,0 +1,70 @@
+"""What may be mended in a reply: a closed list of codes, each told in decisions.jsonl where it was needed."""
+
+from collections.abc import Collection
+from typing import Literal
+
+Mend = Literal[
+    "prose", "fence", "array", "several",
+    "reasoning", "trailing_comma", "missing_comma", "comment", "single_quotes", "smart_quotes", "unquoted",
+    "python", "full_width", "whitespace", "control", "number_form", "escaped", "truncated",
+    "number_text", "unit", "name", "field", "implied", "action_key", "nested", "tool_call", "wrapped",
+    "point_form", "box",
+    "nested_array", "one_fits", "by_name", "zero_based", "keyed", "lines", "short", "extra",
+]  # fmt: skip
+
+# Around what is read: the strict reading passes over the same, without a word.
+TOLERATED: dict[Mend, str] = {
+    "prose": "other text before or after",
+    "fence": "a code fence",
+    "array": "one drone's object stands in an array",
+    "several": "several objects, the last with an action counts; of a fleet several arrays, the first counts",
+}
+# How it is written.
+WRITTEN: dict[Mend, str] = {
+    "reasoning": "reasoning between tags, which is passed over",
+    "trailing_comma": "a comma after the last member",
+    "missing_comma": "no comma between two members",
+    "comment": "a comment: //, /* */ or #",
+    "single_quotes": "strings in single quotes",
+    "smart_quotes": "strings in typographic quotes",
+    "unquoted": "a key or a word without quotes",
+    "python": "True, False or None, or a tuple",
+    "full_width": "full-width digits or punctuation",
+    "whitespace": "spaces that JSON does not know",
+    "control": "a line break or tab within a string",
+    "number_form": "+5, .5, 5. or 045",
+    "escaped": "JSON within a JSON string, or with its quotes escaped",
+    "truncated": "it breaks off after everything that the action needs",
+}
+# How the action is told.
+TOLD: dict[Mend, str] = {
+    "number_text": "a number as a string",
+    "unit": "a number with its unit",
+    "name": "another spelling of the action's name, or an unmistakable synonym",
+    "field": "another name of a field",
+    "implied": "no action is named, and the fields are those of one alone",
+    "action_key": 'the action\'s name is the key: {"go": {…}}',
+    "nested": "the fields stand in an object of their own",
+    "tool_call": "in the shape of a tool call",
+    "wrapped": "within another object that holds nothing else to fly",
+    "point_form": "the point is no pair: x and y by name, text, a tag, or a list of one",
+    "box": "a box instead of a point; its centre is flown to",
+}
+# How a fleet's actions are told apart.
+DIVIDED: dict[Mend, str] = {
+    "nested_array": "arrays of one around the array, or around an object",
+    "one_fits": "several arrays, of which only one has an object per drone",
+    "by_name": "the objects name their drones, and are not in the order of the pictures, or not all there",
+    "zero_based": "the drones are counted from 0",
+    "keyed": "an object with a drone's name as each key",
+    "lines": "one object after the other, without an array",
+    "short": "fewer objects than drones: those without one hold",
+    "extra": "more objects than drones: those beyond are passed over",
+}
+MENDS: dict[Mend, str] = {**TOLERATED, **WRITTEN, **TOLD, **DIVIDED}
+_PLACE = {mend: place for place, mend in enumerate(MENDS)}
+
+
+def in_order(mends: Collection[Mend]) -> tuple[Mend, ...]:
+    """Return codes each once, in the order of the list."""
+    return tuple(sorted(set(mends), key=_PLACE.__getitem__))

@@ -1,0 +1,247 @@
+"""One object as the action it tells, whatever the shape: field names, tool calls, wrappers, boxes, synonyms.
+
+Only what can be meant in one way is read. A synonym is one whose fields are the action's own; `hover`, `stop`, `land`
+or `done` are none, since what they would be (a think? a declaration?) is the very thing that is measured.
+"""
+
+import re
+from typing import Any
+from unicodedata import normalize
+
+from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
+from dronecats.agent.reply.mends import Mend
+from dronecats.agent.reply.quantities import BOXES, DEGREES, METRES, box_centre, number, point
+from dronecats.agent.reply.tolerant import CUT, Cut, values
+from foundation.protocol import FINISHED, GO, ROTATE, THINK
+
+ACTIONS = (GO, ROTATE, THINK, FINISHED)
+SYNONYMS = {
+    **dict.fromkeys(("goto", "go_to", "go_towards", "fly", "fly_to", "fly_towards", "move", "move_to"), GO),
+    **dict.fromkeys(("turn", "yaw", "rotation"), ROTATE),
+    "thinking": THINK,
+    "finish": FINISHED,
+}
+SIDES = {f"{verb}_{side}": sign for verb in ("rotate", "turn", "yaw") for side, sign in (("right", 1), ("left", -1))}
+DIRECTIONS = {"right": 1, "clockwise": 1, "cw": 1, "left": -1, "counterclockwise": -1, "ccw": -1}
+NAMES = ("action", "action_type", "action_name", "type", "command", "name", "function", "tool")  # of the action's key
+CALLED = ("name", "function", "tool")  # … of those, what a tool call has
+PARAMETERS = ("arguments", "parameters", "params", "args", "input", "action_input", "tool_input")
+CALLS = ("function", "function_call", "tool_call", "tool_calls")
+POINTS = ("point", "point_2d", "point2d", "points", "coordinate", "coordinates")
+DEPTHS = ("depth_m", "depth", "depth_meters", "depth_metres")
+ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
+Unfolded = tuple[str, int, dict[str, Any]]  # the action, the sign that its name gives an angle or 0, the fields
+_BETWEEN_WORDS = re.compile(r"[\s\-_]+")
+_DEPTH = 6  # objects within objects
+_HELD_MAX = 40  # members of one that is no action itself
+_NAME_MAX = 40  # characters
+
+
+def tells(value: Any, inner: bool = False) -> bool:
+    """Whether an object is meant as an action, a valid one or not; `inner`: it must name it, its frame being broken."""
+    if not isinstance(value, dict):
+        return False
+    return any(_plain(key) == "action" for key in value) or (_unfold(value, set(), 0) is not None and not inner)
+
+
+def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
+    """Return the action of one object; what had to be mended goes into `mends`. Raises ActionError with the reason."""
+    if isinstance(value, Cut):
+        raise ActionError("the reply breaks off before the action")
+    if isinstance(value, str):
+        value = _within(value, mends)
+    if isinstance(value, list) and len(value) == 1:
+        mends.add("nested_array")
+        value = value[0]
+    if not isinstance(value, dict):
+        raise ActionError("the action is not a JSON object")
+    told = _unfold(value, mends, 0)
+    if told is None:
+        raise ActionError(_why_none(value))
+    kind, sign, fields = told
+    if kind == GO:
+        x, y = _point(fields, axis_order, mends)
+        depth = number(_field(fields, DEPTHS, mends), '"depth_m"', METRES, mends)
+        return action_from({"action": GO, "point": [x, y], "depth_m": depth})
+    if kind == ROTATE:
+        angle = number(_field(fields, ANGLES, mends), '"angle_deg"', DEGREES, mends)
+        return action_from({"action": ROTATE, "angle_deg": _signed(angle, sign, fields)})
+    return action_from({"action": kind})
+
+
+def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
+    """Return what an object tells, None when it tells no action, or several."""
+    if depth > _DEPTH:
+        return None
+    for key in NAMES:
+        spelt = next((each for each in value if _plain(each) == key), None)
+        named = None if spelt is None else _named(value[spelt])
+        if spelt is None or named is None:
+            if spelt is not None and key == "action" and isinstance(value[spelt], str | Cut):
+                return None  # it names another one
+            continue
+        if value[spelt] not in ACTIONS:
+            mends.add("name")
+        fields = _fields(value, key, mends)
+        if spelt != "action" and "tool_call" not in mends:
+            mends.add("field")
+        return None if fields is None else (*named, fields)
+    if isinstance(value.get("action"), dict):
+        mends.add("nested")
+        return _unfold(value["action"], mends, depth + 1)
+    return _call(value, mends, depth) or _keyed(value, mends) or _implied(value, mends) or _wrapped(value, mends, depth)
+
+
+def _named(name: Any) -> tuple[str, int] | None:
+    """Return the action of a name, and the sign of a side that it says."""
+    said = _plain(name)
+    if said in ACTIONS:
+        return said, 0
+    if said in SIDES:
+        return ROTATE, SIDES[said]
+    return (SYNONYMS[said], 0) if said in SYNONYMS else None
+
+
+def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any] | None:
+    """Return the members that stand beside an action's name, or in its parameters."""
+    inner = [each for each in PARAMETERS if each in value]
+    if len(inner) != 1:
+        return value if not inner else None
+    given = value[inner[0]]
+    if isinstance(given, str):
+        given = _within(given, mends)
+    mends.add("tool_call" if key in CALLED else "nested")
+    if given is None or given == []:
+        given = {}
+    if isinstance(given, Cut):
+        return dict.fromkeys((POINTS[0], DEPTHS[0], ANGLES[0]), CUT)
+    if not isinstance(given, dict) or given.keys() & value.keys() & {*POINTS, *DEPTHS, *ANGLES, *BOXES}:
+        return None
+    return {**value, **given}
+
+
+def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
+    """Return what the envelope of a tool call holds."""
+    inner = [value[key] for key in CALLS if isinstance(value.get(key), dict | list)]
+    if len(inner) != 1:
+        return None
+    call = inner[0][0] if isinstance(inner[0], list) and len(inner[0]) == 1 else inner[0]
+    if not isinstance(call, dict):
+        return None
+    own: set[Mend] = {"tool_call"}
+    told = _unfold(call, own, depth + 1)
+    mends |= own if told else set()
+    return told
+
+
+def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
+    """Return the action of {"go": {…}}."""
+    if len(value) != 1:
+        return None
+    ((key, inner),) = value.items()
+    named = _named(key)
+    if named is None:
+        return None
+    kind = named[0]
+    if kind in (THINK, FINISHED) and (inner is True or inner is None or inner == {}):
+        inner = {}
+    elif kind == ROTATE and isinstance(inner, int | float | str) and not isinstance(inner, bool):
+        inner = {ANGLES[0]: inner}
+    if not isinstance(inner, dict):
+        return None
+    mends.add("action_key")
+    if key not in ACTIONS:
+        mends.add("name")
+    return (*named, inner)
+
+
+def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
+    """Return the action that the fields are of, when they are of one alone."""
+    if any(_plain(key) == "action" for key in value):
+        return None
+    aims = DEPTHS[0] in value and any(key in value for key in POINTS)  # a depth by any other name is a detection's
+    turns = ANGLES[0] in value
+    if aims == turns:
+        return None
+    mends.add("implied")
+    return (GO if aims else ROTATE), 0, value
+
+
+def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
+    """Return the one action within an object that is none itself."""
+    if any(_plain(key) == "action" for key in value):
+        return None
+    held = [each for member in value.values() for each in (member if isinstance(member, list) else [member])]
+    if len(held) > _HELD_MAX:
+        return None
+    meant: list[tuple[Unfolded | None, set[Mend]]] = []
+    for each in held:
+        own: set[Mend] = {"wrapped"}
+        inner = _within(each, own) if isinstance(each, str) and "{" in each else each
+        told = _unfold(inner, own, depth + 1) if isinstance(inner, dict) else None
+        names = isinstance(inner, dict) and any(_plain(key) == "action" for key in inner)
+        if told or names or isinstance(inner, Cut):  # what breaks off may have held another
+            meant.append((told, own))
+    if len(meant) != 1 or meant[0][0] is None:
+        return None
+    mends |= meant[0][1]
+    return meant[0][0]
+
+
+def _within(text: str, mends: set[Mend]) -> Any:
+    """Return the one object that a string holds as JSON, the string itself when there is none."""
+    found = values(text, "{")
+    if len(found) != 1:
+        return text
+    mends |= found[0].mends | {"escaped"}
+    return found[0].value
+
+
+def _point(fields: dict[str, Any], axis_order: AxisOrder, mends: set[Mend]) -> tuple[float, float]:
+    given = [key for key in POINTS if key in fields]
+    boxes = [key for key in BOXES if key in fields]
+    if "x" in fields and "y" in fields and not given and not boxes:
+        return point({"x": fields["x"], "y": fields["y"]}, axis_order, mends)
+    if not given and len(boxes) == 1:
+        return box_centre(fields[boxes[0]], axis_order, mends)
+    return point(_field(fields, POINTS, mends), axis_order, mends)
+
+
+def _field(fields: dict[str, Any], names: tuple[str, ...], mends: set[Mend]) -> Any:
+    """Return the member with the first of `names`, or with the only other of them."""
+    if names[0] in fields:
+        return fields[names[0]]
+    found = [key for key in fields if _plain(key) in names]
+    if not found:
+        raise ActionError(
+            f'"{names[0]}" is missing' if "" not in fields else f'the reply breaks off before "{names[0]}"'
+        )
+    if len(found) > 1:
+        raise ActionError(f"{' and '.join(found)[:80]} contradict each other or say the same: which is meant?")
+    mends.add("field")
+    return fields[found[0]]
+
+
+def _signed(angle: float, sign: int, fields: dict[str, Any]) -> float:
+    """Return an angle with the sign that the action's name gives it."""
+    said = next((fields[key] for key in ("direction", "dir") if key in fields), None)
+    direction = DIRECTIONS.get(_plain(said), 0)
+    if (sign and angle < 0) or direction * sign < 0 or (direction and direction * (angle * (sign or 1)) < 0):
+        raise ActionError("the side that is named and the sign of the angle contradict each other")
+    return angle * (sign or 1)
+
+
+def _plain(name: Any) -> str:
+    """Return a name in lower case, with one underscore between its words; "" for what is none."""
+    if not isinstance(name, str) or len(name) > _NAME_MAX:
+        return ""
+    return _BETWEEN_WORDS.sub("_", normalize("NFKC", name).strip(" \t\r\n.!_-").lower())
+
+
+def _why_none(value: dict[str, Any]) -> str:
+    named = next((value[key] for key in value if _plain(key) == "action"), None)
+    if isinstance(named, Cut):
+        return 'the reply breaks off in "action"'
+    if isinstance(named, str):
+        return f"unknown action {named[:40]!r}"
+    return 'the object has no "action"'

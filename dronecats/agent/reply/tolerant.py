@@ -1,0 +1,289 @@
+"""JSON as models write it, read with a note of every liberty: what Python, JavaScript and a tired typist would write.
+
+Nothing is guessed: a text that none of the liberties of `mends.WRITTEN` explains is no value. The work is bounded: a
+value is read from left to right once, and what is read in vain is counted.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+from unicodedata import normalize
+
+from dronecats.agent.reply.mends import Mend
+from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
+
+MAX_VAIN_CHARS = MAX_REPLY_CHARS  # read in vain, as the strict reading counts them; here each takes longer
+MAX_DEPTH = 40  # brackets within brackets; an action has three
+MAX_DIGITS = 60
+_WORD = re.compile(r"[A-Za-z_][\w-]*")
+_NUMBER = re.compile(r"[+\-\u2212\uff0b\uff0d]?(?:\d+[.\uff0e]?\d*|[.\uff0e]\d+)(?:[eE][+-]?\d+)?")
+_JSON_NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
+_UNIT = re.compile(r"[ \t]*(°|º|[A-Za-z]+)")
+_SPACE = re.compile(r"[ \t\n\r]*")
+_ODD_SPACES = "\u00a0\u200b\u200c\u200d\u2009\u202f\u2060\u3000\ufeff\u000b\u000c\u0085\u2028\u2029"
+_ODD_SPACE = re.compile(f"[{_ODD_SPACES}]*")
+_WORDS = {"true": True, "false": False, "null": None}
+_PYTHON = {"True": True, "False": False, "None": None}
+_NOT_FINITE = {"NaN": float("nan"), "Infinity": float("inf")}
+_CLOSING = {'"': '"', "'": "'", "\u201c": "\u201d", "\u2018": "\u2019", "\u201d": "\u201d", "\u201e": "\u201c",
+            "\uff02": "\uff02", "\uff07": "\uff07"}  # fmt: skip
+_UNTIL = {end: re.compile(rf"[^{end}\\]*(?:\\.[^{end}\\]*)*", re.DOTALL) for end in set(_CLOSING.values())}
+_ESCAPE = re.compile(r"\\(u[0-9a-fA-F]{4}|.)", re.DOTALL)
+_ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}
+
+
+class Cut:
+    """Stands for a value that the end of the reply broke off."""
+
+
+CUT = Cut()
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number with its unit, unquoted: 12 m."""
+
+    number: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A value in a text."""
+
+    value: (
+        Any  # as `json` has it, with Quantity, and CUT where it breaks off, and where a member may be lacking: under ""
+    )
+    begin: int
+    end: int
+    mends: frozenset[Mend]
+    inner: bool  # it stands in something that is no value
+
+    @property
+    def cut(self) -> bool:
+        """Whether the text ends within it."""
+        return "truncated" in self.mends
+
+
+class _BrokenError(Exception):
+    """It is no value."""
+
+
+def values(text: str, openings: str) -> list[Found]:
+    """Return the outermost values that begin with one of `openings`, in order, those that break off among them.
+
+    Where a text is no value, or breaks off, the next may begin inside it.
+    """
+    text, found, at, vain, reached = text[:MAX_REPLY_CHARS], [], 0, 0, 0
+    opening = re.compile("[" + re.escape(openings + "".join(chr(ord(c) + 0xFEE0) for c in openings)) + "]")
+    for _ in range(MAX_TRIES):
+        begins = opening.search(text, at)
+        if begins is None or vain > MAX_VAIN_CHARS:
+            break
+        at = begins.start()
+        reader = _Reader(text, at)
+        try:
+            value = reader.value(0)
+        except _BrokenError:
+            vain += reader.at - at
+            reached, at = max(reached, reader.at), at + 1
+            continue
+        found.append(Found(value, at, reader.at, frozenset(reader.mends), at < reached))
+        if found[-1].cut:
+            vain += reader.at - at
+            reached, at = reader.at, at + 1
+        else:
+            at = reader.at
+    return found
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Reads one value."""
+
+    text: str
+    at: int
+    mends: set[Mend] = field(default_factory=set)
+
+    def value(self, depth: int) -> Any:
+        if depth > MAX_DEPTH:
+            raise _BrokenError
+        here = self._peek()
+        if here == "":
+            return self._cut()
+        if here == "{":
+            return self._object(depth)
+        if here in "[(":
+            return self._array(depth, "]" if here == "[" else ")")
+        if here in _CLOSING:
+            return self._string()
+        if here in "+-.\u2212" or here.isdigit():
+            return self._number()
+        return self._word()
+
+    def _object(self, depth: int) -> Any:
+        self.at += 1
+        members: dict[str, Any] = {}
+        for _ in self._items("}"):
+            key = self._key()
+            if isinstance(key, Cut):
+                break
+            colon = self._peek()
+            if colon == "":
+                members[key] = self._cut()
+                break
+            if colon != ":":
+                raise _BrokenError
+            self.at += 1
+            members[key] = self.value(depth + 1)
+        if "truncated" in self.mends:
+            members.setdefault("", CUT)
+        return members
+
+    def _array(self, depth: int, closing: str) -> Any:
+        if closing == ")":
+            self.mends.add("python")
+        self.at += 1
+        members = [self.value(depth + 1) for _ in self._items(closing)]
+        if "truncated" in self.mends and not (members and isinstance(members[-1], Cut)):
+            members.append(CUT)
+        return members
+
+    def _items(self, closing: str) -> Iterator[None]:
+        """Yield before each member, until the brackets are closed or the text ends."""
+        first = True
+        while True:
+            here = self._peek()
+            if here == closing:
+                self.at += 1
+                return
+            if here == "":
+                self._cut()
+                return
+            if not first:
+                if here == ",":
+                    self.at += 1
+                    here = self._peek()
+                    if here == closing:
+                        self.mends.add("trailing_comma")
+                        continue
+                    if here == "":
+                        continue
+                elif closing == "}" and here in _CLOSING:
+                    self.mends.add("missing_comma")
+                else:
+                    raise _BrokenError
+            first = False
+            yield
+
+    def _key(self) -> Any:
+        if self._peek() in _CLOSING:
+            return self._string()
+        word = _WORD.match(self.text, self.at)
+        if word is None:
+            raise _BrokenError
+        self.at = word.end()
+        if self.at == len(self.text):
+            return self._cut()
+        self.mends.add("unquoted")
+        return word.group()
+
+    def _string(self) -> Any:
+        quote = self.text[self.at]
+        end = _CLOSING[quote]
+        body = _UNTIL[end].match(self.text, self.at + 1)
+        assert body is not None  # it matches nothing, too
+        self.at = body.end()
+        if self.at == len(self.text) or self.text[self.at] != end:  # a backslash alone is the end of the text
+            self.at = len(self.text)
+            return self._cut()
+        self.at += 1
+        if quote != '"':
+            self.mends.add("single_quotes" if quote == "'" else "smart_quotes")
+        said = body.group()
+        if any(letter < " " for letter in said):
+            self.mends.add("control")
+        return _ESCAPE.sub(_unescaped, said) if "\\" in said else said
+
+    def _number(self) -> Any:
+        number = _NUMBER.match(self.text, self.at)
+        if number is None:
+            raise _BrokenError
+        self.at = number.end()
+        if len(number.group()) > MAX_DIGITS:
+            raise _BrokenError
+        if self.at == len(self.text):
+            return self._cut()  # more digits may have been meant to come
+        said = number.group()
+        plain = _JSON_NUMBER.fullmatch(said) is not None
+        if not plain:
+            self.mends.add("number_form" if said.isascii() else "full_width")
+        read = number_in(said) if not plain or not said.lstrip("-").isdigit() else int(said)
+        unit = _UNIT.match(self.text, self.at)
+        if unit is None:
+            return read
+        self.at = unit.end()
+        if self.at == len(self.text):
+            return self._cut()
+        return Quantity(read, unit.group(1))
+
+    def _word(self) -> Any:
+        word = _WORD.match(self.text, self.at)
+        if word is None:
+            raise _BrokenError
+        self.at = word.end()
+        if self.at == len(self.text):
+            return self._cut()
+        said = word.group()
+        if said in _WORDS:
+            return _WORDS[said]
+        if said in _NOT_FINITE:
+            return _NOT_FINITE[said]
+        if said in _PYTHON:
+            self.mends.add("python")
+            return _PYTHON[said]
+        self.mends.add("unquoted")
+        return said
+
+    def _peek(self) -> str:
+        """Return the next character that means something, "" at the end; full-width ones as plain ones."""
+        text = self.text
+        while True:
+            self.at = _past(_SPACE, text, self.at)
+            here = text[self.at : self.at + 1]
+            if here and here in _ODD_SPACES:
+                self.mends.add("whitespace")
+                self.at = _past(_ODD_SPACE, text, self.at)
+            elif here == "#" or text.startswith("//", self.at):
+                self._comment(text.find("\n", self.at), 1)
+            elif text.startswith("/*", self.at):
+                self._comment(text.find("*/", self.at + 2), 2)
+            elif "\uff01" <= here <= "\uff5e":
+                self.mends.add("full_width")
+                return chr(ord(here) - 0xFEE0)
+            else:
+                return here
+
+    def _comment(self, end: int, length: int) -> None:
+        self.mends.add("comment")
+        self.at = len(self.text) if end < 0 else end + length
+
+    def _cut(self) -> Cut:
+        self.mends.add("truncated")
+        return CUT
+
+
+def _past(pattern: re.Pattern[str], text: str, at: int) -> int:
+    found = pattern.match(text, at)
+    return found.end() if found else at
+
+
+def number_in(said: str) -> float:
+    """Return the number in digits of any script. Raises ValueError."""
+    return float(normalize("NFKC", said).replace("\u2212", "-"))
+
+
+def _unescaped(found: re.Match[str]) -> str:
+    said = found.group(1)
+    return chr(int(said[1:], 16)) if len(said) == 5 else _ESCAPED.get(said, said)

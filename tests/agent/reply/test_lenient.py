@@ -1,0 +1,132 @@
+"""The lenient reading beside the strict one: it reads more, never otherwise, and never for long."""
+
+import json
+import sys
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.agent.action import Finished, Go, Rotate, Think
+from dronecats.agent.reply.mends import MENDS, TOLERATED, in_order
+from dronecats.agent.reply.reading import reading
+from dronecats.agent.reply.strict import MAX_REPLY_CHARS
+from tests.agent.reply.table import rows
+
+TEXTS = [row.text for row in rows()]
+PIECES = [
+    "{", "}", "[", "]", "(", ")", '"', "'", "“", "”", ":", "：", ",", " ", "\n", "\\", '\\"', "//", "/*", "*/", "#",
+    "a", "7", "-", ".", "°", "９", "\u00a0", "<think>", "</think>", "```", "True", "NaN", '"action"', "action",
+    '"go"', "'think'", '"GO"', '"point":[1,2]', '"depth_m":', '"angle_deg":', "'9 m'", '"drone":2', '"drone":1',
+    '{"action":"think"}', "{'action':'finished'}", '{"action":"rotate","angle_deg":9}', '{"drone_1":',
+    '{"name":"think","arguments":{}}', '{"action":"land"}', "null",
+]  # fmt: skip
+ACTIONS = st.one_of(
+    st.builds(Go, st.floats(0, 1000), st.floats(0, 1000), st.floats(0, 100_000)),
+    st.builds(Rotate, st.floats(-3600, 3600)), st.just(Think()), st.just(Finished()),
+)  # fmt: skip
+
+
+@st.composite
+def replies(draw):
+    """A reply of pieces, or one of the table with a piece in it, a part of it gone, or broken off."""
+    if draw(st.booleans()):
+        return draw(st.lists(st.sampled_from(PIECES), max_size=40).map("".join))
+    text = draw(st.sampled_from(TEXTS))
+    a, b = sorted((draw(st.integers(0, len(text))), draw(st.integers(0, len(text)))))
+    return draw(st.sampled_from([text[:a], text[:a] + text[b:], text[:a] + draw(st.sampled_from(PIECES)) + text[a:]]))
+
+
+def compared(text, drones):
+    """Hold the two readings of a reply together."""
+    both = zip(reading(text, drones, "xy", "strict"), reading(text, drones, "xy", "lenient"), strict=True)
+    for strict, lenient in both:
+        assert (lenient.action is None) == (lenient.error is not None)
+        assert lenient.mended == in_order(lenient.mended)
+        if strict.action is not None and "by_name" not in lenient.mended:
+            assert lenient.action == strict.action
+            assert set(lenient.mended) <= TOLERATED.keys()
+        if set(lenient.mended) <= TOLERATED.keys():
+            assert lenient.action == strict.action
+
+
+@settings(deadline=None, max_examples=600)
+@given(replies(), st.sampled_from([1, 1, 2, 4]))
+def test_what_strict_reads_lenient_reads_alike_and_nothing_else_without_a_word(text, drones):
+    compared(text, drones)
+
+
+def test_so_it_is_with_each_of_the_table():
+    for row in rows():
+        compared(row.text, row.drones)
+
+
+@settings(deadline=None)
+@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("utf-8", "surrogateescape")))
+def test_any_text_is_read_by_both(text):
+    compared(text, 1)
+    compared(text, 3)
+
+
+@given(st.lists(ACTIONS, min_size=1, max_size=5))
+def test_what_is_written_is_what_is_read(actions):
+    text = json.dumps([a.as_json() for a in actions] if len(actions) > 1 else actions[0].as_json())
+    for parser in ("strict", "lenient"):
+        read = reading(text, len(actions), "xy", parser)
+        assert [one.action for one in read] == actions
+        assert all(one.mended == () for one in read)
+
+
+@given(st.lists(ACTIONS, min_size=2, max_size=5), st.randoms())
+def test_named_drones_get_their_own_in_whatever_order(actions, lots):
+    objects = [{"drone": place, **action.as_json()} for place, action in enumerate(actions, 1)]
+    lots.shuffle(objects)
+    assert [one.action for one in reading(json.dumps(objects), len(actions), "xy", "lenient")] == actions
+
+
+def test_a_kept_reply_is_read_again_in_the_other_way():
+    """`reply` alone is enough: what a lenient flight kept is scored strictly, and the judge sees what was mended."""
+    text = "{'action': 'rotate', 'angle_deg': '30°'}"
+    flown = reading(text, 1, "xy", "lenient")[0]
+    assert flown.action == Rotate(30)
+    assert flown.mended == ("single_quotes", "number_text", "unit")
+    assert reading(text, 1, "xy", "strict")[0].action is None
+
+
+def calls(read):
+    """How many functions, Python's own among them, a reading calls."""
+    count = 0
+
+    def counted(frame, event, argument):
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    sys.setprofile(counted)
+    try:
+        read()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        ('{"a":' * 490 + "[", '{"a":{}},'), ("{a:" * 490 + "[", "[],"), ('{"a":' * 490, '"\\"'), ("", '{"a":['),
+        ("", "{"), ("", '{"'), ("", "[{"), ("", "{'"), ("", "{/*"), ("", "{//"), ("", "{#\n"), ("{" * 400, " \u00a0"),
+        ("", "{a:9"), ("{a:" * 300, "9"), ("", "<think>"), ("", "</think>"), ("", "<think></think>"), ("", "```"),
+        ("", '{"a":"{"},'), ("", "[{'drone':1},"), ("[", "{'action':'go','point':'<point>'},"), ("", '{\\"'),
+        ('{"a":[', "{'b':[1]},"),
+    ],
+)  # fmt: skip
+def test_no_reply_is_much_work(head, unit):
+    text = (head + unit * MAX_REPLY_CHARS)[:MAX_REPLY_CHARS]
+    assert calls(lambda: reading(text, 1, "xy", "lenient")) < 25 * len(text)
+    assert calls(lambda: reading(text, 4, "xy", "lenient")) < 25 * len(text)
+
+
+def test_every_code_is_told_in_the_page():
+    from tests.docs.pages import ROOT
+
+    page = (ROOT / "docs" / "replies.md").read_text(encoding="utf-8")
+    assert [code for code, told in MENDS.items() if f"| `{code}` | {told} |" not in page] == []
