@@ -8,6 +8,7 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge import contradictions
+from dronecats.judge.commanding import commanding
 from dronecats.judge.diagnostics import of_drones, of_fleet
 from dronecats.judge.distances import distances
 from dronecats.judge.measured import declarations, finished, last_action, reasons
@@ -86,6 +87,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M) -> Verdict:
         diagnostics=of_fleet(drones),
         drones=tuple(_of_drone(drone, each, told, delta_m) for drone, each in drones.items()),
         distances=UNSET if logs.true else estimated,
+        commanding=commanding(logs) or UNSET,
     )
 
 
