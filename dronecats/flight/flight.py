@@ -13,6 +13,7 @@ from dronecats.flight.spec import FlightSpec
 from dronecats.pilots import roster
 from episodes import catalogue, maps
 from episodes import record as records
+from episodes.formation import flown_by
 from episodes.optics.file import optics_of
 from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
@@ -66,6 +67,8 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     _check_numbers(spec)
     if spec.pilot:
         roster.check(spec.pilot)
+    if spec.drones is not None and not spec.simulated:
+        raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
     simulated = spec.simulated
     if simulated:
         airframes.load(simulated.airframe)
@@ -111,13 +114,15 @@ def _check_numbers(spec: FlightSpec) -> None:
 
 
 def _record(spec: FlightSpec) -> EpisodeRecord | None:
-    if spec.episode is not None:
-        return catalogue.load(spec.episode)
-    if spec.record is not None:
-        return records.parse(json.dumps(spec.record), "the flight's record")
     if spec.map is not None:
         return free_flight(spec.map, spec.instruction or "")
-    return None
+    if spec.episode is not None:
+        record = catalogue.load(spec.episode)
+    elif spec.record is not None:
+        record = records.parse(json.dumps(spec.record), "the flight's record")
+    else:
+        return None
+    return record if spec.drones is None else flown_by(record, spec.drones)
 
 
 def map_digest(record: EpisodeRecord | None) -> str | None:

@@ -108,9 +108,10 @@ def test_one_answer_pasted_into_four_views_and_a_division():
     start = [(0.0, 2.0 * k, -1.5, 0.0) for k in range(4)]
     pasted = [(pose, go(448, 357, 12)) for pose in start]
     divided = [(pose, go(x, 500, 20)) for pose, x in zip(start, (300, 500, 750, 751), strict=True)]
-    told = outcome(flight([pasted, divided]))["commanding"]
-    assert [row["identical_point"] for row in told["steps"]] == [True, False]
-    assert told["identical_share"] == 0.5
+    paired = [(pose, go(x, 357, 12)) for pose, x in zip(start, (448, 448, 449, 449), strict=True)]
+    told = outcome(flight([pasted, divided, paired]))["commanding"]
+    assert [row["identical_point"] for row in told["steps"]] == [True, False, False]
+    assert told["identical_share"] == 0.3333
     assert told["steps"][0]["spread_m"] == pytest.approx(20 / 6, abs=1e-3)  # as far apart as the drones are
     assert told["steps"][1]["nears"] == [2, 0, 1, 1]
     assert told["candidates_neared"] == 3
