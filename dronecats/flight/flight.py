@@ -13,7 +13,6 @@ from dronecats.flight.spec import FlightSpec
 from dronecats.pilots import roster
 from episodes import catalogue, maps
 from episodes import record as records
-from episodes.formation import flown_by
 from episodes.optics.file import optics_of
 from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
@@ -122,7 +121,11 @@ def _record(spec: FlightSpec) -> EpisodeRecord | None:
         record = records.parse(json.dumps(spec.record), "the flight's record")
     else:
         return None
-    return record if spec.drones is None else flown_by(record, spec.drones)
+    if spec.drones is None:
+        return record
+    from episodes.formation import flown_by  # checks records, which needs what simulating needs
+
+    return flown_by(record, spec.drones)
 
 
 def map_digest(record: EpisodeRecord | None) -> str | None:

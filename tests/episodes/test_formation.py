@@ -22,7 +22,7 @@ def test_fewer_are_the_first_of_the_records_own(drones):
     assert flown_by(record, drones) == replace(record, starts=record.starts[:drones])
 
 
-@pytest.mark.parametrize(("episode", "drones"), [(BLOCKS, 6), (BLOCKS, 8), ("residential-commanding-10", 5)])
+@pytest.mark.parametrize(("episode", "drones"), [(BLOCKS, 6), (BLOCKS, 8), ("residential-commanding-10", 8)])
 def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pass(episode, drones):
     record = catalogue.load(episode)
     more = flown_by(record, drones)
@@ -37,13 +37,24 @@ def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pa
         for axis in (right, ahead):
             steps = sum(o * x for o, x in zip(off, axis, strict=False)) / 2.0
             assert steps == pytest.approx(round(steps), abs=0.01)
-        assert sum(o * x for o, x in zip(off, ahead, strict=False)) < 0.1  # none ahead of the first row
-        assert (start.yaw_deg, off[2]) == (first.yaw_deg, pytest.approx(0.0, abs=1e-6))
+        assert start.yaw_deg == first.yaw_deg
+        assert off[2] == pytest.approx(0.0, abs=1e-6)
     gaps = [math.dist(a.position_ned, b.position_ned) for a, b in itertools.combinations(more.starts, 2)]
     assert min(gaps) == pytest.approx(2.0, abs=0.01)
     red = [found.rule for found in check(World(more)) if not found.passed]
     assert red == ["the number of drones"]
     assert flown_by(record, drones) == more
+
+
+def test_no_place_is_ahead_of_the_square_and_none_is_in_it():
+    starts = catalogue.load(BLOCKS).starts
+    ahead = [a - b for a, b in zip(starts[0].position_ned, starts[2].position_ned, strict=True)]
+    found = list(formation.places(starts))
+    assert len(found) > 30
+    for place in found:
+        off = [b - a for a, b in zip(starts[0].position_ned, place.position_ned, strict=True)]
+        assert sum(o * a for o, a in zip(off, ahead, strict=True)) < 0.1
+        assert min(math.dist(place.position_ned, start.position_ned) for start in starts) > 1.9
 
 
 @pytest.mark.parametrize(
