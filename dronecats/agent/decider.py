@@ -18,7 +18,7 @@ from dronecats.agent.drone import Drone
 from dronecats.agent.last_reply import outlast
 from dronecats.agent.latency import Latency, Question
 from dronecats.agent.models.model import Model, Request
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import Prompt, labels
 from dronecats.agent.reply.reading import ReplyParser, reading
 from dronecats.rundir.layout import frame_name
 from foundation.camera import Frame
@@ -120,14 +120,16 @@ class Decider:
         text = asked.prompt.render(
             asked.instruction, self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
         )
-        question = Question(cockpit.seed, step, self._drones[0].index)
-        request = Request(text, pictures, thinking, step=step, drone=question.drone)
+        first = self._drones[0].index
+        request = Request(text, pictures, thinking, labels(len(self._drones)), step=step, drone=first)
+        question = Question(cockpit.seed, step, first)
         return Asking(asked.model, request, cockpit.executor, asked.latency, question, now_s)
 
     def _histories(self) -> str:
         if len(self._drones) == 1:
             return self._drones[0].history.render()
-        return "\n".join(f"Drone {place}:\n{drone.history.render()}" for place, drone in enumerate(self._drones, 1))
+        named = zip(labels(len(self._drones)), self._drones, strict=True)
+        return "\n".join(f"{label}\n{drone.history.render()}" for label, drone in named)
 
     def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, step: int) -> list[Decision]:
         reply, now_s = asking.reply(), self._now_s()

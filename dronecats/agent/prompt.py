@@ -27,6 +27,7 @@ FLEET = {
     " judged in its\nown drone's picture. Every object holds one of these four actions:",
     "closing": "One JSON array of {n} objects, no other text.",
 }
+LABEL = "Drone {n}:"  # before each picture of a fleet, as before each history
 # around a template that knows of one drone only, so that it can be flown by a fleet
 FRAMED = (
     "{situation} What follows is written for\none drone and holds for each of yours, in its own picture.\n\n",
@@ -68,7 +69,7 @@ class Prompt:
     @property
     def digest(self) -> str:
         """Return the SHA-256 of the template and of the words filled in with it; kept in every run."""
-        words = (self.template, *ONE.values(), *FLEET.values(), *FRAMED)
+        words = (self.template, *ONE.values(), *FLEET.values(), *FRAMED, LABEL)
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
     @property
@@ -94,3 +95,8 @@ class Prompt:
             "drones": str(drones),
         }
         return _FIELD.sub(lambda match: values[match[1]], template)
+
+
+def labels(drones: int) -> tuple[str, ...]:
+    """Return what stands before each picture of a fleet, and each history; of one drone nothing does."""
+    return tuple(LABEL.replace("{n}", str(place)) for place in range(1, drones + 1)) if drones > 1 else ()

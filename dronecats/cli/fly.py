@@ -71,6 +71,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     run_group = parser.add_argument_group("run")
     run_group.add_argument("--episode", metavar="ID", help="id or file (default: go to the cyan SUV)")
+    run_group.add_argument("--drones", type=int, metavar="N", help="1 to 8 of a commanding episode (default: its four)")
     run_group.add_argument("--speed", metavar="N|max", help="factor on real time (default 1); max is lockstep")
     run_group.add_argument("--seed", type=int, help="tells flights of one episode apart (default 0)")
     run_group.add_argument("--seconds", type=float, help="with --connect: length of the flight (300)")

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from dronecats.flight.spec import Accounts, FlightSpec
     from hil.link.envelope import Limits
 
-SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "full", "optics", "autopilot", "px4", "no_envelope")
+SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "drones", "full", "optics", "autopilot", "px4", "no_envelope")
 CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
     "target", "target_std",
@@ -69,6 +69,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         **_of_episode(args.episode or catalogue.DEFAULT),
         **_of_pilot(args),
         simulated=vehicle,
+        drones=args.drones,
         latency=args.latency or (LATENCY if factor is None else "real"),
         parser=args.parser or "strict",
         seed=args.seed or 0,

@@ -49,6 +49,7 @@ def reread(reply: str, drones: int, mended: bool = False) -> list[list[dict[str,
 
 
 def _print(episode: str, judged: "Judged") -> None:
+    from dronecats.judge.commanding import sentence as sent
     from dronecats.judge.distances import sentence
 
     verdict = judged.verdict
@@ -62,6 +63,8 @@ def _print(episode: str, judged: "Judged") -> None:
         print(f"{'':32} cut off at its first success: whether it would have been one at this radius is not known")
     if verdict.distances:
         print(f"{'':32} {sentence(verdict.distances, verdict.delta_m)}")
+    if verdict.commanding:
+        print(f"{'':32} {sent(verdict.commanding)}")
     for said in (verdict.error, verdict.note, *judged.contradictions):
         if said:
             print(f"{'':32} {said}")

@@ -70,6 +70,8 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     _check_accounts(spec)
     if spec.pilot and not spec.replay:
         roster.check(spec.pilot)
+    if spec.drones is not None and not spec.simulated:
+        raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
     simulated = spec.simulated
     if simulated:
         airframes.load(simulated.airframe)
@@ -131,13 +133,19 @@ def _check_accounts(spec: FlightSpec) -> None:
 
 
 def _record(spec: FlightSpec) -> EpisodeRecord | None:
-    if spec.episode is not None:
-        return catalogue.load(spec.episode)
-    if spec.record is not None:
-        return records.parse(json.dumps(spec.record), "the flight's record")
     if spec.map is not None:
         return free_flight(spec.map, spec.instruction or "")
-    return None
+    if spec.episode is not None:
+        record = catalogue.load(spec.episode)
+    elif spec.record is not None:
+        record = records.parse(json.dumps(spec.record), "the flight's record")
+    else:
+        return None
+    if spec.drones is None:
+        return record
+    from episodes.formation import flown_by  # checks records, which needs what simulating needs
+
+    return flown_by(record, spec.drones)
 
 
 def map_digest(record: EpisodeRecord | None) -> str | None:

@@ -69,6 +69,7 @@ class FlightSpec:
     instruction: str | None = None  # where no episode brings one
     simulated: Simulated | None = None  # one of these two
     connected: Connected | None = None
+    drones: int | None = None  # of a simulated episode; None: as many as its record has starts
     pilot: str | None = None  # a built-in pilot, no model; or
     model: ModelSpec | None = None
     replay: Recording | None = None  # in the place of whichever of the two flew it

@@ -8,6 +8,7 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge import contradictions
+from dronecats.judge.commanding import commanding
 from dronecats.judge.diagnostics import of_drones, of_fleet, wide_rotations
 from dronecats.judge.distances import distances
 from dronecats.judge.measured import declarations, finished, last_action, reasons
@@ -87,6 +88,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M) -> Verdict:
         drones=tuple(_of_drone(drone, each, told, delta_m) for drone, each in drones.items()),
         distances=UNSET if logs.true else estimated,
         wide_rotations=wide_rotations(logs.decisions) or UNSET,
+        commanding=commanding(logs) or UNSET,
     )
 
 

@@ -22,6 +22,7 @@ from dronecats.rundir.rows import (
     EstimatedFrame,
     EstimatedPose,
     EstimateHead,
+    FlownRecord,
     FrameTruth,
     Pose,
 )
@@ -53,6 +54,7 @@ class Logs:
     begin: Begin | None
     end: End | None
     estimate: Estimate | None = None  # None: not derived, or not needed because the truth was known
+    record: FlownRecord | None = None  # None: there is none that can be read
 
     @property
     def true(self) -> bool:
@@ -70,6 +72,7 @@ def read(folder: Path) -> Logs:
         poses=tuple(row for row in told if isinstance(row, Pose)),
         begin=next((row for row in told if isinstance(row, Begin)), None),
         end=next((row for row in told if isinstance(row, End)), None),
+        record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from dronecats.rundir.rows import Deviation, Distance, DroneNumber, Seconds, Surveyed, Whole
+from dronecats.rundir.rows import Deviation, Distance, DroneNumber, Place, Seconds, Surveyed, Whole
 from dronecats.rundir.writing import as_json
 
 Outcome = Annotated[
@@ -94,6 +94,34 @@ class Distances:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CommandedStep:
+    """What one question had its drones do; all tuples are in the order of `drones`."""
+
+    step: Whole
+    drones: Annotated[tuple[DroneNumber, ...], _of("those that were asked for together")]
+    identical_point: Annotated[bool | None, _of("all have one point; null: one alone, or not all were told to go")]
+    spread_m: Annotated[float | None, _of("m, mean distance between each two of the places; null: fewer than two")]
+    places_ned: Annotated[tuple[Place | None, ...], _of("m, NED, where it was sent; null: no go, or no true pose")]
+    nears: Annotated[
+        tuple[Whole | None, ...],
+        _of("candidate that its stride comes nearer to than to others: 0 the target, k the record's k-th look-alike"),
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandingDiagnostics:
+    """How the drones of a commanding episode were told to fly."""
+
+    all_go_steps: Annotated[int, _of("steps on which several drones were asked for and every one was told to go")]
+    identical_points: Annotated[int, _of("of these, with one point for all")]
+    identical_share: Annotated[float | None, _of("0 … 1; null: there was no such step")]
+    one_candidate: Annotated[int, _of("of the same steps, those on which all drones near one candidate")]
+    candidates_neared: Annotated[int, _of("how many were neared by any drone, the target among them")]
+    spread_m: Annotated[float | None, _of("m, median over the steps that have one")]
+    steps: tuple[CommandedStep, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """What the logs of an episode come to: verdict.json."""
 
@@ -116,6 +144,7 @@ class Verdict:
     drones: tuple[DroneDiagnostics, ...]
     distances: Annotated[Distances | UnsetType | None, _of("only where nobody measured the truth")] = UNSET
     wide_rotations: Annotated[Whole, _of("turns of more than 90°, within the cap; only if any")] | UnsetType = UNSET
+    commanding: Annotated[CommandingDiagnostics | UnsetType, _of("only of a commanding episode")] = UNSET
 
     def as_json(self) -> dict[str, Any]:
         """Return it as verdict.json holds it."""

@@ -184,5 +184,21 @@ class EstimatedFrame:
     visible: Visible
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownThing:
+    """A thing of the record that stands somewhere."""
+
+    position_ned: Annotated[Place | None, _of("m, NED, on the ground under its middle; null: it moves")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownRecord:
+    """What of episode.json the judging of a fleet goes by; the record itself is `episodes.record`."""
+
+    cell: str
+    target: FlownThing
+    candidates: tuple[FlownThing, ...] = ()
+
+
 TRUTH_ROWS = {"begin": Begin, "pose": Pose, "frame": FrameTruth, "end": End}  # by `kind`
 ESTIMATE_ROWS = {"estimate": EstimateHead, "pose": EstimatedPose, "frame": EstimatedFrame}

@@ -113,7 +113,8 @@ class Endpoint:
     @property
     def jpegs(self):
         """Per request the bytes of its pictures."""
-        urls = [[part["image_url"]["url"] for part in body["messages"][0]["content"][1:]] for body in self.bodies]
+        parts = [body["messages"][0]["content"] for body in self.bodies]
+        urls = [[part["image_url"]["url"] for part in several if "image_url" in part] for several in parts]
         return [[base64.b64decode(url.partition(",")[2], validate=True) for url in several] for several in urls]
 
 

@@ -87,7 +87,9 @@ def test_a_fleet_sends_every_picture_in_order_and_every_drones_own_history(tmp_p
     did = ("GO x=783 y=310 depth=9m", "ROTATE angle=45deg", "FINISHED")
     history = "\n".join(f"Drone {k}:\n1. {what}  <- latest" for k, what in enumerate(did, 1))
     assert endpoint.texts[1] == Prompt.load(None).render("go to the cyan SUV", history, 5, drones=3)
-    assert [part["type"] for part in endpoint.bodies[0]["messages"][0]["content"]] == ["text"] + ["image_url"] * 3
+    (text, *parts) = endpoint.bodies[0]["messages"][0]["content"]
+    assert [part["type"] for part in (text, *parts)] == ["text"] + ["text", "image_url"] * 3
+    assert [part["text"] for part in parts[::2]] == ["Drone 1:", "Drone 2:", "Drone 3:"]
     for frame_id, jpeg in enumerate(endpoint.jpegs[0], 1):
         assert apart(decoded(jpeg), views.picture(frame_id)) < 8.0
         assert apart(decoded(jpeg), views.picture(frame_id % 3 + 1)) > 30.0

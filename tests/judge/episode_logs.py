@@ -7,7 +7,7 @@ from typing import Any
 from dronecats.judge import episode
 from dronecats.rundir.damage import taken
 from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import TRUTH_ROWS, Decision
+from dronecats.rundir.rows import TRUTH_ROWS, Decision, FlownRecord
 
 BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
 END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}
@@ -29,7 +29,7 @@ def pose(t, distance_m, visible=True, drone=0, place=None, **more):
             "position_ned": place or [t, 0.0, -2.0], **more}  # fmt: skip
 
 
-def logs(decisions=(), truth=(), begin=BEGIN, end=END) -> Logs:
+def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
     """Return the logs that hold these rows, frames and poses in `truth`."""
 
     def row(told, kind):
@@ -43,6 +43,7 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END) -> Logs:
         poses=tuple(row(r, TRUTH_ROWS["pose"]) for r in truth if r["kind"] == "pose"),
         begin=begin and row(begin, TRUTH_ROWS["begin"]),
         end=end and row(end, TRUTH_ROWS["end"]),
+        record=record and row(record, FlownRecord),
     )
 
 

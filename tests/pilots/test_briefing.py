@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import NONE_YET, History
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import Prompt, labels
 from dronecats.pilots import blind, briefing, referent
 from foundation.camera import CameraModel
 
@@ -34,6 +34,15 @@ def test_histories_of_several_drones_follow_the_lines_that_name_them():
     text = "Command: x\nDrone 1:\n1. THINK\n2. FINISHED\nDrone 2:\n(none yet)\nDrone 3:\n1. ROTATE angle=60deg"
     told = briefing.read(text)
     assert [[p.kind for p in told.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
+
+
+def test_the_labels_of_pictures_add_no_history_and_take_none():
+    """The server joins all texts of a message: a fleet's labels come after its prompt."""
+    told = [f"Drone {k}:\n1. {past}  <- latest" for k, past in enumerate(("THINK", "FINISHED", "ROTATE angle=9deg"), 1)]
+    text = Prompt.load().render("go to the cyan SUV", "\n".join(told), 5, drones=3)
+    labelled = briefing.read("\n".join((text, *labels(3))))
+    assert labelled == briefing.read(text)
+    assert [[p.kind for p in labelled.past(k)] for k in range(4)] == [["think"], ["finished"], ["rotate"], []]
 
 
 @given(st.text(max_size=300))

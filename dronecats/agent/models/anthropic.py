@@ -49,13 +49,12 @@ class AnthropicModel(HttpModel):
 
     def body(self, request: Request) -> dict[str, Any]:
         """Return the request as the endpoint gets it."""
-        images = [
-            {
-                "type": "image",
-                "source": {"type": "base64", "media_type": "image/jpeg", "data": base64.b64encode(jpeg).decode()},
-            }
-            for jpeg in request.images_jpeg
-        ]
+        images: list[dict[str, Any]] = []
+        for label, jpeg in request.pictures:
+            images += [{"type": "text", "text": label}] if label else []
+            data = base64.b64encode(jpeg).decode()
+            source = {"type": "base64", "media_type": "image/jpeg", "data": data}
+            images.append({"type": "image", "source": source})
         reasoning = self.reasoning(request.thinking)
         reasons = reasoning.get("thinking", {}).get("type") in _REASONS
         output = dict(reasoning.get("output_config", {}))

@@ -27,10 +27,10 @@ class GeminiModel(HttpModel):
 
     def body(self, request: Request) -> dict[str, Any]:
         """Return the request as the endpoint gets it. The reasoning's fields are those of generationConfig."""
-        images = [
-            {"inlineData": {"data": base64.urlsafe_b64encode(jpeg).decode(), "mimeType": "image/jpeg"}}
-            for jpeg in request.images_jpeg
-        ]
+        images: list[dict[str, Any]] = []
+        for label, jpeg in request.pictures:
+            images += [{"text": label}] if label else []
+            images.append({"inlineData": {"data": base64.urlsafe_b64encode(jpeg).decode(), "mimeType": "image/jpeg"}})
         config: dict[str, Any] = {
             **self.sampling("temperature", "topP", "topK"),
             "maxOutputTokens": self._spec.max_tokens,

@@ -11,11 +11,17 @@ class Request:
     text: str
     images_jpeg: tuple[bytes, ...]  # one per drone, in a fixed order
     thinking: bool  # extended reasoning for this call only
-    labels: tuple[str, ...] = ()  # the line of text before each image; empty: there is none
+    labels: tuple[str, ...] = ()  # the line of text before each image; empty: none has one
     # whose question it is, which no format sends: a recorded flight is replayed by it
     step: int = 0
     drone: int = 0  # the first of those that are asked for
     role: Literal["pilot", "commander"] = "pilot"
+
+    @property
+    def pictures(self) -> list[tuple[str | None, bytes]]:
+        """Each image with its label, None where it has none. Raises ValueError where only some have one."""
+        labels: tuple[str | None, ...] = self.labels or (None,) * len(self.images_jpeg)
+        return list(zip(labels, self.images_jpeg, strict=True))
 
 
 @dataclass(frozen=True, slots=True)

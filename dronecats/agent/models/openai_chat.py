@@ -1,4 +1,7 @@
-"""The OpenAI chat format: one user message, text first, then the frames. Paper, "API Request Format", first listing."""
+"""The OpenAI chat format: one user message, text first, then the frames, of a fleet each behind its label.
+
+Paper, "API Request Format", first listing.
+"""
 
 import base64
 from typing import Any
@@ -18,10 +21,11 @@ class ChatModel(HttpModel):
 
     def body(self, request: Request) -> dict[str, Any]:
         """Return the request as the endpoint gets it."""
-        images = [
-            {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
-            for jpeg in request.images_jpeg
-        ]
+        images: list[dict[str, Any]] = []
+        for label, jpeg in request.pictures:
+            images += [{"type": "text", "text": label}] if label else []
+            url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+            images.append({"type": "image_url", "image_url": {"url": url}})
         return {
             "model": self.name,
             "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],

@@ -21,11 +21,20 @@ KEY = "sk-SECRET-1234567890"
 TEXT = "a prompt, with “quotes” and\nlines"
 JPEG = b"\xff\xd8\xff\xfb\xef\xbe"  # in base64 with both letters in which its two alphabets differ
 PICTURES = [pytest.param(n, id=f"{n} pictures") for n in (1, 4)]
+LABELS = tuple(f"Drone {n}:" for n in range(1, 5))  # of a fleet's pictures; that of one drone has none
 LIFTED = [pytest.param(False, id="quick"), pytest.param(True, id="thinking")]
 
 
 def request(pictures: int, thinking: bool) -> Request:
-    return Request(TEXT, tuple(JPEG + bytes([n]) for n in range(pictures)), thinking)
+    jpegs = tuple(JPEG + bytes([n]) for n in range(pictures))
+    return Request(TEXT, jpegs, thinking, LABELS if pictures > 1 else ())
+
+
+def between(labels: list[Any], images: list[Any]) -> list[Any]:
+    """Return a fleet's parts in order, each image behind its label; of one picture, that alone."""
+    if len(images) == 1:
+        return images
+    return [part for pair in zip(labels, images, strict=True) for part in pair]
 
 
 def ours(monkeypatch: pytest.MonkeyPatch, asked: Request, base: str, answer: bytes, **declared: Any) -> Sent:
@@ -39,6 +48,10 @@ def ours(monkeypatch: pytest.MonkeyPatch, asked: Request, base: str, answer: byt
     (sent,) = server.sent
     assert KEY not in sent.path
     return sent
+
+
+def texts() -> list[Any]:
+    return [{"type": "text", "text": label} for label in LABELS]
 
 
 CHAT = b'{"id":"1","object":"chat.completion","created":1,"model":"m","choices":[{"index":0,"finish_reason":"stop","message":{"role":"assistant","content":"{}"}}]}'  # noqa: E501
@@ -73,7 +86,7 @@ def test_openai(monkeypatch, provider, pictures, thinking, schema):
     with Recording(CHAT) as server, openai.OpenAI(api_key=KEY, base_url=server.url + "/v1") as client:
         client.chat.completions.create(
             model="maker/m",
-            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *images]}],
+            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *between(texts(), images)]}],
             temperature=0.4,
             **options,
         )
@@ -116,7 +129,7 @@ def test_gemini(monkeypatch, pictures, thinking, schema):
         config.response_json_schema = schema
     with Recording(CONTENT) as server:
         client = genai.Client(api_key=KEY, http_options=types.HttpOptions(base_url=server.url))
-        client.models.generate_content(model="gemini-x", contents=[TEXT, *parts], config=config)
+        client.models.generate_content(model="gemini-x", contents=[TEXT, *between([*LABELS], parts)], config=config)
     (theirs,) = server.sent
     root = "array" if schema else None
     sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root)
@@ -155,7 +168,7 @@ def test_anthropic(monkeypatch, pictures, thinking, schema, temperature):
         client.messages.create(
             model="claude-x",
             max_tokens=8192,
-            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *images]}],
+            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *between(texts(), images)]}],
             **options,
         )
     (theirs,) = server.sent

@@ -1,0 +1,135 @@
+"""How a fleet was commanded, step by step: one point for all, how far apart they were sent, which candidate each nears.
+
+Paper, "Commanding Several Drones". None of it enters the verdict. A place is a point of a frame at the depth that was
+told with it, seen from where the drone truly was when the frame was taken, level, by the declared camera.
+"""
+
+import itertools
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+
+from dronecats.rundir.reading import Logs
+from dronecats.rundir.results import CommandedStep, CommandingDiagnostics
+from dronecats.rundir.rows import LARGE, Decision, FrameTruth
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
+from foundation.protocol import CAP_S, GO, POINT_SPAN, STRIDE_MAX_M
+
+COMMANDING = "commanding"  # the cell
+_CAMERA = CameraModel()
+
+GoTold = tuple[float, float, float]  # a go: x, y on 0 … 1000, depth in m
+
+
+def commanding(logs: Logs) -> CommandingDiagnostics | None:
+    """Return how the drones of a commanding episode were told to fly, within the cap; None of any other episode."""
+    record = logs.record
+    if record is None or record.cell != COMMANDING or not logs.true:
+        return None
+    things = (record.target, *record.candidates)
+    candidates = [thing.position_ned for thing in things if thing.position_ned is not None]
+    if len(candidates) < len(things):
+        return None
+    acted = sorted((d for d in logs.decisions if d.t_decided <= CAP_S), key=lambda d: (d.step, d.drone))
+    steps = [
+        _step(step, list(told), logs.frames, candidates) for step, told in itertools.groupby(acted, lambda d: d.step)
+    ]
+    all_go = [step for step in steps if step.identical_point is not None]
+    identical = sum(step.identical_point is True for step in all_go)
+    spreads = [step.spread_m for step in steps if step.spread_m is not None]
+    return CommandingDiagnostics(
+        all_go_steps=len(all_go),
+        identical_points=identical,
+        identical_share=round(identical / len(all_go), 4) if all_go else None,
+        one_candidate=sum(len(set(step.nears)) == 1 and step.nears[0] is not None for step in all_go),
+        candidates_neared=len({near for step in steps for near in step.nears if near is not None}),
+        spread_m=round(statistics.median(spreads), 3) if spreads else None,
+        steps=tuple(steps),
+    )
+
+
+def _step(
+    step: int,
+    told: Sequence[Decision],
+    frames: Mapping[tuple[int, int], FrameTruth],
+    candidates: Sequence[Vec3],
+) -> CommandedStep:
+    """Return what one question had its drones do."""
+    gos = [_go(decision) for decision in told]
+    seen = [frames.get((decision.drone, decision.frame_id)) for decision in told]
+    places = [place(go, frame) if go and frame else None for go, frame in zip(gos, seen, strict=True)]
+    sent = [one for one in places if one is not None]
+    points = {go[:2] for go in gos if go}
+    return CommandedStep(
+        step=step,
+        drones=tuple(decision.drone for decision in told),
+        identical_point=len(points) == 1 if len(gos) > 1 and None not in gos else None,
+        spread_m=round(spread(sent), 3) if len(sent) > 1 else None,
+        places_ned=tuple(None if one is None else _rounded(one) for one in places),
+        nears=tuple(
+            nears(frame.position_ned, one, candidates) if frame and frame.position_ned and one else None
+            for frame, one in zip(seen, places, strict=True)
+        ),
+    )
+
+
+def place(go: GoTold, frame: FrameTruth) -> Vec3 | None:
+    """Return where in the world (m, NED) a point of a frame is, at its depth; None where the pose is not known."""
+    if frame.position_ned is None or frame.yaw_deg is None:
+        return None
+    x, y, depth_m = go
+    ahead, aside, below = _CAMERA.offset_frd
+    right_m = (x / POINT_SPAN - 0.5) * _CAMERA.width / _CAMERA.focal_px * depth_m + aside
+    down_m = (y / POINT_SPAN - 0.5) * _CAMERA.height / _CAMERA.focal_px * depth_m + below
+    forward_m, yaw = depth_m + ahead, math.radians(frame.yaw_deg)
+    north, east, down = frame.position_ned
+    return (
+        north + forward_m * math.cos(yaw) - right_m * math.sin(yaw),
+        east + forward_m * math.sin(yaw) + right_m * math.cos(yaw),
+        down + down_m,
+    )
+
+
+def spread(places: Sequence[Vec3]) -> float:
+    """Return the mean distance (m) between each two of these places."""
+    return statistics.fmean(math.dist(a, b) for a, b in itertools.combinations(places, 2))
+
+
+def nears(here: Vec3, there: Vec3, candidates: Sequence[Vec3]) -> int | None:
+    """Return which candidate a stride from here towards there comes nearer to than to any other, horizontally.
+
+    A stride ends there, or 3 m on the way. None where it comes nearer to none.
+    """
+    way_m = math.dist(here[:2], there[:2])
+    if way_m == 0.0:
+        return None
+    part = min(1.0, STRIDE_MAX_M / way_m)
+    after = (here[0] + part * (there[0] - here[0]), here[1] + part * (there[1] - here[1]))
+    closed = [math.dist(here[:2], one[:2]) - math.dist(after, one[:2]) for one in candidates]
+    best = max(range(len(closed)), key=closed.__getitem__)
+    return best if closed[best] > 0.0 else None
+
+
+def sentence(told: CommandingDiagnostics) -> str:
+    """Return the summary for a person."""
+    apart = "" if told.spread_m is None else f", sent {told.spread_m:.1f} m apart (median)"
+    return (
+        f"commanded: one point for all on {told.identical_points} of {told.all_go_steps} steps on which all were told"
+        f" to go; {told.candidates_neared} candidates neared{apart}"
+    )
+
+
+def _go(decision: Decision) -> GoTold | None:
+    """Return the point and the depth of a go, None of any other action."""
+    if decision.kind != GO or decision.action is None:
+        return None
+    point, depth_m = decision.action.get("point"), decision.action.get("depth_m")
+    numbers = [*point, depth_m] if isinstance(point, list) and len(point) == 2 else []
+    told = [float(n) for n in numbers if isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < LARGE]
+    return (told[0], told[1], told[2]) if len(told) == 3 else None
+
+
+def _rounded(place_ned: Vec3) -> Vec3:
+    north, east, down = place_ned
+    return (round(north, 3), round(east, 3), round(down, 3))

@@ -1,0 +1,85 @@
+"""A commanding record for another number of drones: the first of its four, or more of them on the same lattice."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import pytest
+
+from episodes import catalogue, formation
+from episodes.check.rules import check
+from episodes.formation import flown_by
+from episodes.record import parse
+from episodes.world import World
+from foundation.errors import UsageError
+
+BLOCKS = "blocks-commanding-01"
+
+
+@pytest.mark.parametrize("drones", [1, 2, 3, 4])
+def test_fewer_are_the_first_of_the_records_own(drones):
+    record = catalogue.load(BLOCKS)
+    assert flown_by(record, drones) == replace(record, starts=record.starts[:drones])
+
+
+@pytest.mark.parametrize(("episode", "drones"), [(BLOCKS, 6), (BLOCKS, 8), ("residential-commanding-10", 8)])
+def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pass(episode, drones):
+    record = catalogue.load(episode)
+    more = flown_by(record, drones)
+    assert parse(more.to_json(), "flown") == more
+    assert (more.starts[:4], len(more.starts)) == (record.starts, drones)
+    (first, second, third, _), right, ahead = record.starts, [], []
+    for a, b, c in zip(first.position_ned[:2], second.position_ned[:2], third.position_ned[:2], strict=True):
+        right.append((b - a) / 2.0)
+        ahead.append((a - c) / 2.0)
+    for start in more.starts:
+        off = [b - a for a, b in zip(first.position_ned, start.position_ned, strict=True)]
+        for axis in (right, ahead):
+            steps = sum(o * x for o, x in zip(off, axis, strict=False)) / 2.0
+            assert steps == pytest.approx(round(steps), abs=0.01)
+        assert start.yaw_deg == first.yaw_deg
+        assert off[2] == pytest.approx(0.0, abs=1e-6)
+    gaps = [math.dist(a.position_ned, b.position_ned) for a, b in itertools.combinations(more.starts, 2)]
+    assert min(gaps) == pytest.approx(2.0, abs=0.01)
+    red = [found.rule for found in check(World(more)) if not found.passed]
+    assert red == ["the number of drones"]
+    assert flown_by(record, drones) == more
+
+
+def test_no_place_is_ahead_of_the_square_and_none_is_in_it():
+    starts = catalogue.load(BLOCKS).starts
+    ahead = [a - b for a, b in zip(starts[0].position_ned, starts[2].position_ned, strict=True)]
+    found = list(formation.places(starts))
+    assert len(found) > 30
+    for place in found:
+        off = [b - a for a, b in zip(starts[0].position_ned, place.position_ned, strict=True)]
+        assert sum(o * a for o, a in zip(off, ahead, strict=True)) < 0.1
+        assert min(math.dist(place.position_ned, start.position_ned) for start in starts) > 1.9
+
+
+@pytest.mark.parametrize(
+    ("episode", "drones", "said"),
+    [
+        (BLOCKS, 0, "from 1 to 8, got 0"),
+        (BLOCKS, 9, "from 1 to 8, got 9"),
+        ("campus-approaching-01", 2, "campus-approaching-01 is an episode for one drone"),
+    ],
+)
+def test_what_cannot_be_flown_is_told_in_one_sentence(episode, drones, said):
+    with pytest.raises(UsageError, match=said):
+        flown_by(catalogue.load(episode), drones)
+
+
+def test_starts_that_are_no_square_do_not_go_on():
+    record = catalogue.load(BLOCKS)
+    for starts in (record.starts[:3], (*record.starts[:3], replace(record.starts[3], position_ned=(0.0, 0.0, -1.5)))):
+        with pytest.raises(UsageError, match="no square of 2 m sides"):
+            flown_by(replace(record, starts=starts), 5)
+
+
+def test_where_there_is_no_room_it_says_for_how_many(monkeypatch):
+    record = catalogue.load(BLOCKS)
+    wide = flown_by(record, 6)
+    monkeypatch.setattr(formation, "has_room", lambda world, standing, place: place == wide.starts[4])
+    with pytest.raises(UsageError, match=f"around the starts of {BLOCKS} is room for 5 only"):
+        flown_by(record, 6)
