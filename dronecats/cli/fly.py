@@ -8,6 +8,7 @@ from typing import Any
 
 from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
+from dronecats.cli.model_options import add_options, told
 
 ARM = "ARM"  # what has to be typed
 
@@ -52,8 +53,12 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, recorded:FILE; no models")
-    pilot.add_argument("--model", metavar="PROVIDER/NAME", help=f"PROVIDER is one of {', '.join(PROVIDERS)}")
-    pilot.add_argument("--base-url", metavar="URL", help="where that is served, http://HOST:PORT/v1")
+    pilot.add_argument(
+        "--model",
+        metavar="NAME",
+        help=f"a row of `dronecats models list`, or PROVIDER/NAME; PROVIDER is one of {', '.join(PROVIDERS)}",
+    )
+    add_options(pilot)
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
     pilot.add_argument(
         "--latency",
@@ -87,6 +92,8 @@ def run(args: argparse.Namespace) -> int:
         _confirm(spec.connected.url)
     from dronecats.run.fly import fly
 
+    if spec.model:
+        _say(f"Model {told(spec.model)}")
     if spec.connected and not spec.connected.truth:
         from dronecats.afterflight.rejudge import rejudge
         from dronecats.afterflight.surveyed_target import target_from

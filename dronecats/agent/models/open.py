@@ -17,4 +17,9 @@ def open_model(spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> Model:
 
     Raises UsageError for an unknown provider, where an address or a key is missing, and for what the provider lacks.
     """
+    return open_http(spec, patience)
+
+
+def open_http(spec: ModelSpec, patience: RetryPolicy = DEFAULT) -> HttpModel:
+    """Return the same as what it is behind the interface, whose requests can be looked at."""
     return _FORMATS[provider_of(spec.provider).wire](spec, patience)
