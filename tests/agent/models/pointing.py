@@ -72,8 +72,10 @@ def wrapped(wire: str, reply: str, tokens_in: int, tokens_out: int) -> dict[str,
     if wire == "anthropic":
         usage = {"input_tokens": tokens_in, "output_tokens": tokens_out}
         return {"type": "message", "content": [{"type": "text", "text": reply}], "usage": usage}
-    usage = {"prompt_tokens": tokens_in, "completion_tokens": tokens_out}
-    return {"choices": [{"message": {"content": reply}}], "usage": usage}
+    usage = {"prompt_tokens": tokens_in, "completion_tokens": tokens_out, "total_tokens": tokens_in + tokens_out}
+    choice = {"index": 0, "message": {"role": "assistant", "content": reply}, "finish_reason": "stop"}
+    about = {"id": "chatcmpl-1", "object": "chat.completion", "created": 1, "model": "m"}
+    return {**about, "choices": [choice], "usage": usage}
 
 
 Read = tuple[str, bytes, str | None]  # text, picture, and root of the schema
