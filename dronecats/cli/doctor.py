@@ -17,7 +17,9 @@ from importlib import metadata
 from pathlib import Path
 
 from dronecats import __version__
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.models import rows
+from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
+from foundation.errors import UsageError
 from foundation.ports import port_holder
 
 OK, NOTE, MISSING = "ok", "note", "missing"
@@ -42,7 +44,9 @@ PORTS = {
     14550: "ground station MAVLink, where QGroundControl listens",
 }
 KEYS = {provider.key_variable: provider.name for provider in PROVIDERS.values() if provider.key_variable}
-HOSTED = [variable for variable, name in KEYS.items() if (PROVIDERS[name].base_url or "").startswith("https://")]
+HOSTED = [
+    variable for variable, name in KEYS.items() if not (PROVIDERS[name].base_url or LOOPBACK).startswith(LOOPBACK)
+]
 DISK_WANTED_GB = 1.0  # a run keeps about 120 frames of 40 kB an episode; the rest is for compiled code
 
 
@@ -87,7 +91,7 @@ def examine() -> list[Diagnosis]:
     checks += [partial(_package, d, m, "sim") for d, m in SIM.items()]
     checks += [_jpeg, _compiler, _rays]
     checks += [partial(port, p, w) for p, w in PORTS.items()]
-    checks += [_disk, _cores, _keys]
+    checks += [_disk, _cores, _models, _keys]
     findings = []
     for check in checks:
         try:
@@ -203,6 +207,16 @@ def _cores() -> Diagnosis:
     if count < 2:
         return Diagnosis("cores", NOTE, f"{count}", "real time wants two; lockstep flights only take longer")
     return Diagnosis("cores", OK, f"{count}")
+
+
+def _models() -> Diagnosis:
+    """Return how many models are known by name, and whether the user's own file of them can be read."""
+    try:
+        known = rows.rows()
+    except UsageError as error:
+        return Diagnosis("models", NOTE, str(error), "mend it: no model is flown until then; docs/models.md")
+    own = [row.name for row in known.values() if row.file != rows.SHIPPED]
+    return Diagnosis("models", OK, f"{len(known)} by name" + (f", {len(own)} of {rows.own_file()}" if own else ""))
 
 
 def _keys() -> Diagnosis:

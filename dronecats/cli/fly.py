@@ -8,6 +8,7 @@ from typing import Any
 
 from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
+from dronecats.cli.model_options import add_options, told
 
 ARM = "ARM"  # what has to be typed
 
@@ -53,9 +54,11 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     pilot = parser.add_argument_group("pilot")
     pilot.add_argument("--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, recorded:FILE; no models")
     pilot.add_argument(
-        "--model", metavar="PROVIDER/NAME", help=f"PROVIDER is one of {', '.join(PROVIDERS)}, replay:RUN"
+        "--model",
+        metavar="NAME",
+        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
     )
-    pilot.add_argument("--base-url", metavar="URL", help="where that is served, http://HOST:PORT/v1")
+    add_options(pilot)
     pilot.add_argument("--cost-limit", type=float, metavar="USD", help="with --model: land when so much is spent")
     pilot.add_argument("--token-limit", type=int, metavar="N", help="with --model: land when so many are spent")
     pilot.add_argument("--cache", type=Path, metavar="FILE", help="with --model: replies kept, and not asked for twice")
@@ -99,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
         _say(said_of_replay(args, spec.replay.flight))
     from dronecats.run.fly import fly
 
+    if spec.model:
+        _say(f"Model {told(spec.model)}")
     if spec.connected and not spec.connected.truth:
         from dronecats.afterflight.rejudge import rejudge
         from dronecats.afterflight.surveyed_target import target_from

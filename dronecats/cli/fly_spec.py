@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.model_options import OPTIONS, model_of
 from dronecats.cli.speed import speed
 
 if TYPE_CHECKING:
@@ -36,8 +37,8 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
     if args.model and args.pilot:
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
-    if args.base_url and not args.model:
-        raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
+    if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
+        raise UsageError(f"--{_option(alone)} goes with --model PROVIDER/NAME, for example --model local/my-model")
     strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
     stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
     if stray == "no_envelope":
@@ -196,12 +197,11 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
-    from dronecats.agent.models.providers import spec_of
     from dronecats.pilots import roster
 
     common = {"prompt": _template(args.prompt) if args.prompt else None, "accounts": _accounts(args)}
     if args.model:
-        return {"model": spec_of(args.model, args.base_url), **common}
+        return {"model": model_of(args.model, args), **common}
     return {"pilot": roster.check(args.pilot or "vision"), **common}
 
 

@@ -21,6 +21,7 @@ VERBS = {
     "tune": "print an airframe's gains and margins, and draw its loops",
     "episodes": "list, show, check, make and fly episodes; the reading probe",
     "edit": "make or change an episode in the browser",
+    "models": "list the models that are known by name, show what is sent to one, check what it answers",
     "maps": "list the maps, export one, import your own",
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "say what works on this machine, what is missing and how to get it",

@@ -49,7 +49,7 @@ def test_any_drone_of_a_fleet_lifts_the_next_call_that_answers_for_all(tmp_path)
 @pytest.mark.parametrize(
     ("provider", "quick", "slow"),
     [
-        ("openai", {"reasoning_effort": "minimal"}, {"reasoning_effort": "medium"}),
+        ("openai", {}, {}),  # whose models differ: their rows say how each reasons
         ("openrouter", {"reasoning": {"enabled": False}}, {"reasoning": {"enabled": True}}),
         ("vllm", *({"chat_template_kwargs": {"enable_thinking": on}} for on in (False, True))),
         ("local", {}, {}),

@@ -58,7 +58,7 @@ class AnthropicModel(HttpModel):
         reasoning = self.reasoning(request.thinking)
         reasons = reasoning.get("thinking", {}).get("type") in _REASONS
         output = dict(reasoning.get("output_config", {}))
-        if self._spec.schema:
+        if self.root(request):
             output["format"] = {"type": "json_schema", "schema": reply_schema("object", _UNKNOWN)}
         return {
             "model": self.name,

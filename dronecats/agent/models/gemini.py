@@ -36,9 +36,9 @@ class GeminiModel(HttpModel):
             "maxOutputTokens": self._spec.max_tokens,
             **self.reasoning(request.thinking),
         }
-        if self._spec.schema:
+        if root := self.root(request):
             config["responseMimeType"] = "application/json"
-            config["responseJsonSchema"] = reply_schema(self._spec.schema, _UNKNOWN)
+            config["responseJsonSchema"] = reply_schema(root, _UNKNOWN)
         return {
             "contents": [{"parts": [{"text": request.text}, *images], "role": "user"}],
             "generationConfig": config,

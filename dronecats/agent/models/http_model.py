@@ -6,12 +6,12 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, Endpoint, KeyHeader, RetryPolicy
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Reply, Request
-from dronecats.agent.models.providers import PROVIDERS, provider_of
+from dronecats.agent.models.providers import LOOPBACK, PROVIDERS, provider_of
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 from foundation.redaction import keyless, redacted_url
@@ -51,7 +51,7 @@ class HttpModel(ABC):
         variables = [known.key_variable for known in PROVIDERS.values() if known.key_variable]
         keys = {variable: os.environ.get(variable, "").strip() for variable in variables}
         key = keys.get(provider.key_variable or "")
-        if provider.key_variable and not key and spec.base_url is None and not url.startswith("http://127."):
+        if provider.key_variable and not key and spec.base_url is None and not url.startswith(LOOPBACK):
             raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
         headers = {**HEADERS, **self.headers()}
         self._address = keyless(url)
@@ -64,6 +64,12 @@ class HttpModel(ABC):
     def check(self) -> None:
         """Raise UsageError when nothing answers at the endpoint; what it answers does not matter here."""
         self._endpoint.check()
+
+    @property
+    def address(self) -> str:
+        """Where requests go, as it may be shown."""
+        base, mark, query = self._endpoint.shown.partition("?")
+        return f"{base.rstrip('/')}/{self.path}{mark}{query}"
 
     def headers(self) -> dict[str, str]:
         """Return the headers of this format, beside those of every request and the key."""
@@ -110,6 +116,14 @@ class HttpModel(ABC):
             (self._spec.thinking, self._provider.thinking) if lifted else (self._spec.quick, self._provider.quick)
         )
         return of_provider if own is None else own
+
+    def root(self, request: Request) -> Literal["object", "array"] | None:
+        """Return the root of the schema that the reply is held to; None where the question wants no reply of its form.
+
+        A single object cannot answer for a fleet, and a commander answers no action.
+        """
+        fits = request.role == "pilot" and (self._spec.schema == "array" or len(request.images_jpeg) == 1)
+        return self._spec.schema if fits else None
 
     def sampling(self, temperature: str, top_p: str, top_k: str) -> dict[str, float]:
         """Return the sampling that is declared, under the names that the format has for it."""

@@ -26,13 +26,14 @@ class ChatModel(HttpModel):
             images += [{"type": "text", "text": label}] if label else []
             url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
             images.append({"type": "image_url", "image_url": {"url": url}})
+        root = self.root(request)
         return {
             "model": self.name,
             "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
             **self.sampling("temperature", "top_p", "top_k"),
-            self._provider.tokens_field: self._spec.max_tokens,
+            self._spec.tokens_field or self._provider.tokens_field: self._spec.max_tokens,
             **self.reasoning(request.thinking),
-            **({"response_format": response_format(self._spec.schema)} if self._spec.schema else {}),
+            **({"response_format": response_format(root)} if root else {}),
         }
 
     def read(self, data: Any) -> Said:

@@ -9,6 +9,7 @@ from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import UsageError
 
 Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
+LOOPBACK = "http://127."  # where an address begins that wants no key
 _EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
 _TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
 
@@ -18,7 +19,7 @@ class Provider:
     """One endpoint family.
 
     `thinking` and `quick` are merged into the request body, with Gemini into its generationConfig. Where both are empty
-    the server has no switch, and the model reasons as it likes.
+    the server has no switch for all its models, and one without a row in models.toml reasons as it likes.
     """
 
     name: str
@@ -39,8 +40,6 @@ PROVIDERS = {
             "openai",
             "https://api.openai.com/v1",
             "OPENAI_API_KEY",
-            thinking={"reasoning_effort": "medium"},
-            quick={"reasoning_effort": "minimal"},
             tokens_field="max_completion_tokens",
         ),
         Provider(

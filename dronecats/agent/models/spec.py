@@ -23,6 +23,8 @@ class ModelSpec:
     quick: dict[str, Any] | None = None  # … and while it is not
     input_usd: float | None = None  # $ per million tokens of a question; None: not known
     output_usd: float | None = None  # … of a reply, reasoning included
+    tokens_field: str | None = None  # what the OpenAI chat format calls max_tokens; None: as the provider calls it
+    context_tokens: int | None = None  # that a question and its reply may have together; None: not known
 
     @property
     def title(self) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -19,7 +20,8 @@ class Sent:
 class Recording:
     """As a context: `url` while it is open, `sent` afterwards too."""
 
-    def __init__(self, answer: bytes = b"{}", status: int = 200) -> None:
+    def __init__(self, answer: bytes | Callable[[Sent], tuple[int, bytes]] = b"{}", status: int = 200) -> None:
+        """Answer everything the same, or each request with the status and the body that a function returns for it."""
         self.sent: list[Sent] = []
         sent = self.sent
 
@@ -28,11 +30,12 @@ class Recording:
                 body = self.rfile.read(int(self.headers["Content-Length"]))
                 headers = {name.lower(): value for name, value in self.headers.items()}
                 sent.append(Sent(self.path, headers, json.loads(body)))
-                self.send_response(status)
+                said = (status, answer) if isinstance(answer, bytes) else answer(sent[-1])
+                self.send_response(said[0])
                 self.send_header("Content-Type", "application/json")
-                self.send_header("Content-Length", str(len(answer)))
+                self.send_header("Content-Length", str(len(said[1])))
                 self.end_headers()
-                self.wfile.write(answer)
+                self.wfile.write(said[1])
 
             def log_message(self, format, *args):
                 pass

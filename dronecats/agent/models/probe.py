@@ -1,0 +1,163 @@
+"""What a model does with one marked picture: does it point, in which order, and does it keep to its schema."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from dronecats.agent.action import ActionError, AxisOrder, Go, action_from
+from dronecats.agent.models.model import Model, Reply, Request
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.reply.strict import parse
+from foundation.errors import ModelError
+
+WIDTH, HEIGHT = 640, 360  # px, as the agent sends a 16:9 frame
+MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000: its two orders lie 778 apart
+NEAR = 100.0  # … how far from it an answer may be, in each of the two
+ASKED = {"dance": 3}  # what no schema of actions allows
+# whether the first number of a point is the one that was asked for, the same whatever was asked for, or neither
+Pointing = Literal["as declared", "always [x, y]", "always [y, x]", "as not declared", "not at all"]
+_FORMS: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """One question of the probe, answered."""
+
+    what: str
+    reply: Reply
+    said: AxisOrder | None = None  # the order in which the mark was pointed at; None: it was not
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeResult:
+    """What became of all questions."""
+
+    spec: ModelSpec
+    asked: tuple[Asked, ...]
+    pointing: Pointing
+    enforced: bool | None  # whether the schema was; None: none is sent
+
+    @property
+    def order_is_right(self) -> bool:
+        """Return whether points are read as the model means them, with the order that is declared of it."""
+        return self.pointing in ("as declared", f"always {_FORMS[self.spec.axis_order]}")
+
+    @property
+    def tokens(self) -> tuple[int | None, int | None]:
+        """Return (tokens of all questions, of all replies), None where one of them was not told."""
+        return _sum(a.reply.tokens_in for a in self.asked), _sum(a.reply.tokens_out for a in self.asked)
+
+    @property
+    def cost_usd(self) -> float | None:
+        """Return what all questions cost, in $; None where tokens or prices are not known."""
+        tokens_in, tokens_out = self.tokens
+        prices = self.spec.input_usd, self.spec.output_usd
+        if tokens_in is None or tokens_out is None or prices[0] is None or prices[1] is None:
+            return None
+        return (tokens_in * prices[0] + tokens_out * prices[1]) / 1e6
+
+    @property
+    def too_long(self) -> bool:
+        """Return whether a question like these and the longest reply exceed the context that is declared."""
+        longest = max((a.reply.tokens_in or 0 for a in self.asked), default=0)
+        return self.spec.context_tokens is not None and longest + self.spec.max_tokens > self.spec.context_tokens
+
+
+def marked_picture() -> bytes:
+    """Return a JPEG: a plain grey picture with one red disc at MARK."""
+    picture = np.full((HEIGHT, WIDTH, 3), 200, np.uint8)
+    centre = round(MARK[0] / 1000 * WIDTH), round(MARK[1] / 1000 * HEIGHT)
+    cv2.circle(picture, centre, HEIGHT // 14, (30, 30, 220), -1, cv2.LINE_AA)
+    return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1])
+
+
+def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
+    """Return the question for the mark's point, in a declared order and in the form of a `go`."""
+    axes = "x counts from the left edge, 0, to the right, 1000; y from the top edge, 0, to the bottom, 1000"
+    text = (
+        "The picture shows one red disc on a grey ground. Point at its centre. Answer with one JSON object and nothing"
+        f' else: {{"action": "go", "point": {_FORMS[order]}, "depth_m": 5}}. {axes}. The point is written'
+        f" {_FORMS[order]}: {'x first, then y' if order == 'xy' else 'y first, then x'}."
+    )
+    return Request(text, (marked_picture(),), lifted)
+
+
+def schema_question() -> Request:
+    """Return the question for something that the schema forbids."""
+    text = f"Leave the picture alone. Answer with exactly this JSON object and nothing else: {json.dumps(ASKED)}"
+    return Request(text, (marked_picture(),), False)
+
+
+def probe(model: Model, spec: ModelSpec) -> ProbeResult:
+    """Return what an open model does: three questions, and a fourth where a schema is sent. Raises ModelError."""
+    other: AxisOrder = "yx" if spec.axis_order == "xy" else "xy"
+    own, crossed = (_point(model, order) for order in (spec.axis_order, other))
+    lifted = _ask(model, "reasoning lifted", pointing_question(spec.axis_order, lifted=True))
+    asked = [own, crossed, replace(lifted, said=order_of(lifted.reply.text))]
+    enforced = None
+    if spec.schema:
+        asked.append(_ask(model, "something else than the schema allows", schema_question()))
+        enforced = holds(asked[-1].reply.text, spec.schema)
+    said = (own.said, crossed.said) if spec.axis_order == "xy" else (crossed.said, own.said)
+    return ProbeResult(spec, tuple(asked), pointing_of(*said), enforced)
+
+
+def order_of(reply: str) -> AxisOrder | None:
+    """Return in which order a reply points at the mark; None where it does not."""
+    try:
+        action = parse(reply)
+    except ActionError:
+        return None
+    if not isinstance(action, Go):
+        return None
+    if _near((action.x, action.y), MARK):
+        return "xy"
+    return "yx" if _near((action.y, action.x), MARK) else None
+
+
+def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) -> Pointing:
+    """Return what the orders come to in which the mark was pointed at, where [x, y] and where [y, x] was declared."""
+    if declared_xy is None or declared_yx is None:
+        return "not at all"
+    if declared_xy == declared_yx:
+        return "always [x, y]" if declared_xy == "xy" else "always [y, x]"
+    return "as declared" if declared_xy == "xy" else "as not declared"
+
+
+def holds(reply: str, root: Literal["object", "array"]) -> bool:
+    """Return whether a reply is JSON of the schema's root, with actions in it and nothing else."""
+    try:
+        value = json.loads(reply)
+        actions = value if root == "array" else [value]
+        if not isinstance(actions, list):
+            return False
+        for action in actions:
+            action_from(action)
+    except (ValueError, RecursionError):  # an ActionError is one
+        return False
+    return True
+
+
+def _point(model: Model, order: AxisOrder) -> Asked:
+    asked = _ask(model, f"{_FORMS[order]} declared", pointing_question(order))
+    return replace(asked, said=order_of(asked.reply.text))
+
+
+def _ask(model: Model, what: str, request: Request) -> Asked:
+    try:
+        return Asked(what, model.ask(request))
+    except ModelError as error:
+        raise ModelError(f"{what}: {error}") from None
+
+
+def _near(point: tuple[float, float], mark: tuple[float, float]) -> bool:
+    return all(abs(a - b) <= NEAR for a, b in zip(point, mark, strict=True))
+
+
+def _sum(counts: Iterable[int | None]) -> int | None:
+    known = list(counts)
+    return None if None in known else sum(count for count in known if count is not None)

@@ -1,0 +1,64 @@
+"""The options that say of a model what its row says, or says otherwise: shared by the verbs that open one."""
+
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dronecats.agent.models.spec import ModelSpec
+
+OPTIONS = ("base_url", "axis", "schema", "temperature")  # as argparse has them
+
+
+def add_options(group: "argparse._ActionsContainer") -> None:
+    """Declare the options, none of which has a value unless it is given."""
+    group.add_argument("--base-url", metavar="URL", help="where the model is served, http://HOST:PORT/v1")
+    group.add_argument("--axis", choices=("xy", "yx"), help="the order in which the model points (its row's, or xy)")
+    group.add_argument(
+        "--schema", choices=("object", "array", "none"), help="the root of the schema that replies are held to"
+    )
+    group.add_argument("--temperature", metavar="X", help="of the sampling (its row's, or 0.4); none sends none")
+
+
+def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
+    """Return the model of a row's name or PROVIDER/NAME, with what the options say otherwise. Raises UsageError."""
+    from dronecats.agent.models.rows import model_of
+
+    return with_options(model_of(word), args)
+
+
+def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
+    """Return a model with what the options say otherwise. Raises UsageError for a temperature that is none."""
+    changed: dict[str, Any] = {}
+    if args.base_url:
+        changed["base_url"] = args.base_url
+    if args.axis:
+        changed["axis_order"] = args.axis
+    if args.schema:
+        changed["schema"] = None if args.schema == "none" else args.schema
+    if args.temperature is not None:
+        changed["temperature"] = _temperature(args.temperature)
+    return replace(spec, **changed)
+
+
+def told(spec: "ModelSpec") -> str:
+    """Return in one line what is declared of a model that decides how it is asked and read."""
+    point = "[x, y]" if spec.axis_order == "xy" else "[y, x]"
+    schema = f"a schema with an {spec.schema} at its root" if spec.schema else "no schema"
+    temperature = "no temperature" if spec.temperature is None else f"temperature {spec.temperature:g}"
+    return f"{spec.title}: points are {point}, {schema}, {temperature}"
+
+
+def _temperature(text: str) -> float | None:
+    from dronecats.agent.models.rows import NONE, TEMPERATURE_MAX
+    from foundation.errors import UsageError
+
+    if text == NONE:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= TEMPERATURE_MAX:
+        raise UsageError(f"--temperature wants a number from 0 to {TEMPERATURE_MAX:g}, or none, got '{text}'")
+    return value

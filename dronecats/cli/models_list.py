@@ -1,0 +1,64 @@
+"""`dronecats models list`: one line per model that is known by name."""
+
+import argparse
+import json
+import os
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dronecats.agent.models.rows import ModelRow
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser("list", help="one line per model that is known by name")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the rows."""
+    from dronecats.agent.models.rows import rows
+
+    known = [as_json(row) for row in rows().values()]
+    if args.json:
+        print(json.dumps({"models": known}))
+        return 0
+    head = ("name", "model", "points", "schema", "$ in", "$ out", "key", "from")
+    lines = [head, *(_line(row) for row in known)]
+    wide = [max(len(line[i]) for line in lines) for i in range(len(head) - 1)]
+    for line in lines:
+        print("  ".join([*(f"{text:{width}}" for text, width in zip(line, wide, strict=False)), line[-1]]))
+    return 0
+
+
+def as_json(row: "ModelRow") -> dict[str, Any]:
+    """Return a row as JSON values: what it states, where, and whether its key is set, never the key."""
+    from dronecats.agent.models.providers import LOOPBACK, provider_of
+
+    spec, provider = row.spec, provider_of(row.spec.provider)
+    variable = provider.key_variable
+    return {
+        "name": row.name,
+        "provider": spec.provider,
+        "identifier": spec.name,
+        "axis": spec.axis_order,
+        "schema": spec.schema or "none",
+        "temperature": "none" if spec.temperature is None else spec.temperature,
+        "input_usd": spec.input_usd,
+        "output_usd": spec.output_usd,
+        "context": spec.context_tokens,
+        "key_variable": variable,
+        "key_needed": bool(variable) and not (provider.base_url or "").startswith(LOOPBACK),
+        "key_set": bool(variable and os.environ.get(variable, "").strip()),
+        "file": row.file,
+        "source": row.source,
+        "note": row.note,
+    }
+
+
+def _line(row: dict[str, Any]) -> tuple[str, ...]:
+    prices = ("-" if row[price] is None else f"{row[price]:g}" for price in ("input_usd", "output_usd"))
+    point = "[x, y]" if row["axis"] == "xy" else "[y, x]"
+    key = f"{row['key_variable'] or '-'}{'' if row['key_set'] or not row['key_needed'] else ' (not set)'}"
+    return (row["name"], f"{row['provider']}/{row['identifier']}", point, row["schema"], *prices, key, row["file"])

@@ -1,0 +1,132 @@
+"""What a marked picture finds out about a model, against servers that play each way of pointing in each format."""
+
+import pytest
+
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.probe import MARK, ProbeResult, holds, marked_picture, order_of, pointing_of, probe
+from dronecats.agent.models.spec import ModelSpec
+from foundation.errors import ModelError
+from tests.agent.models.pointing import MANNERS, Pointer, mark
+from tests.agent.models.recording import Recording
+
+WIRES = ("openai", "gemini", "anthropic")
+POINTS = {manner: manner for manner in MANNERS} | dict.fromkeys(("no go", "in pixels", "no word"), "not at all")
+
+
+def probed(answer, **declared) -> tuple[ProbeResult, Recording]:
+    """Return what the probe finds of a model behind a server, and the server."""
+    with Recording(answer) as server:
+        spec = ModelSpec(name="m", base_url=server.url + "/v1", **declared)
+        model = open_model(spec)
+        try:
+            return probe(model, spec), server
+        finally:
+            model.close()
+
+
+def test_the_mark_is_where_it_is_said_to_be_and_nowhere_near_its_mirror():
+    x, y = mark(marked_picture())
+    assert (x, y) == pytest.approx(MARK, abs=5)
+    assert abs(x - y) > 500
+
+
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("axis", ["xy", "yx"])
+@pytest.mark.parametrize("manner", MANNERS)
+def test_each_way_of_pointing_is_found(wire, axis, manner):
+    result, server = probed(Pointer(manner), provider=wire, axis_order=axis)
+    assert result.pointing == POINTS[manner]
+    usable = {"as declared", "always [x, y]" if axis == "xy" else "always [y, x]"}
+    assert result.order_is_right == (POINTS[manner] in usable)
+    assert result.enforced is None
+    assert len(server.sent) == 3
+    assert result.tokens == (300, 60)
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_one_of_the_questions_is_asked_as_after_a_think(wire):
+    lifted = {"some_field": {"deep": 1}}
+    _, server = probed(Pointer("as declared"), provider=wire, thinking=lifted, quick={})
+    bodies = [sent.body["generationConfig"] if wire == "gemini" else sent.body for sent in server.sent]
+    assert [body.get("some_field") for body in bodies] == [None, None, {"deep": 1}]
+
+
+@pytest.mark.parametrize("enforces", [True, False])
+@pytest.mark.parametrize(
+    ("wire", "root"), [("openai", "object"), ("openai", "array"), ("gemini", "array"), ("anthropic", "object")]
+)
+def test_a_schema_is_enforced_or_not(wire, root, enforces):
+    result, server = probed(Pointer("as declared", enforces), provider=wire, schema=root)
+    assert len(server.sent) == 4
+    assert result.enforced == enforces
+    assert result.pointing == "as declared"
+
+
+def test_what_it_costs_is_said_where_tokens_and_prices_are_known():
+    priced = {"provider": "local", "input_usd": 2.0, "output_usd": 10.0}
+    result, _ = probed(Pointer("as declared"), **priced)
+    assert result.cost_usd == pytest.approx((300 * 2.0 + 60 * 10.0) / 1e6)
+    assert probed(Pointer("as declared"), provider="local", input_usd=2.0)[0].cost_usd is None
+    untold = b'{"choices":[{"message":{"content":"{}"}}]}'
+    assert probed(untold, **priced)[0].cost_usd is None
+    assert probed(untold, **priced)[0].tokens == (None, None)
+
+
+def test_a_context_that_is_too_small_is_found():
+    assert not probed(Pointer("as declared"), provider="local")[0].too_long
+    assert not probed(Pointer("as declared"), provider="local", context_tokens=8292)[0].too_long
+    assert probed(Pointer("as declared"), provider="local", context_tokens=8291)[0].too_long
+
+
+def test_an_endpoint_that_fails_says_at_which_question():
+    def refuses_the_second(sent):
+        return (400, b"no [y, x] here") if '"point": [y, x]' in str(sent.body) else Pointer("as declared")(sent)
+
+    with pytest.raises(ModelError, match=r"\[y, x\] declared: the model endpoint .* answered 400: no \[y, x\] here"):
+        probed(refuses_the_second, provider="local")
+
+
+@pytest.mark.parametrize(
+    ("reply", "order"),
+    [
+        ('{"action":"go","point":[800,250],"depth_m":5}', "xy"),
+        ('{"action":"go","point":[250,800],"depth_m":5}', "yx"),
+        ('{"action":"go","point":[730,320],"depth_m":5}', "xy"),  # not well, but unmistakably
+        ('{"action":"go","point":[690,250],"depth_m":5}', None),
+        ('{"action":"go","point":[512,90],"depth_m":5}', None),
+        ('{"action":"go","point":[1800,250],"depth_m":5}', None),
+        ('{"action":"go","point":[800,250]}', None),
+        ('{"action":"think"}', None),
+        ("at 800, 250", None),
+    ],
+)
+def test_in_which_order_a_reply_points(reply, order):
+    assert order_of(reply) == order
+
+
+def test_all_pairs_of_orders():
+    pairs = {(a, b): pointing_of(a, b) for a in ("xy", "yx", None) for b in ("xy", "yx", None)}
+    assert pairs == {
+        ("xy", "yx"): "as declared",
+        ("xy", "xy"): "always [x, y]",
+        ("yx", "yx"): "always [y, x]",
+        ("yx", "xy"): "as not declared",
+    } | {pair: "not at all" for pair in pairs if None in pair}
+
+
+@pytest.mark.parametrize(
+    ("reply", "root", "kept"),
+    [
+        ('{"action":"think"}', "object", True),
+        ('[{"action":"think"}]', "array", True),
+        ('[{"action":"think"}]', "object", False),
+        ('{"action":"think"}', "array", False),
+        ('{"dance": 3}', "object", False),
+        ('[{"dance": 3}]', "array", False),
+        ('Yes! {"action":"think"}', "object", False),
+        ("[" * 100_000, "array", False),
+        ("", "object", False),
+    ],
+)
+def test_what_keeps_to_a_schema(reply, root, kept):
+    assert holds(reply, root) == kept

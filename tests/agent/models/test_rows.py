@@ -1,0 +1,271 @@
+"""models.toml: each row is sent as it says, a user's own rows, and a sentence for whatever is wrong in a file."""
+
+import os
+import pwd
+import re
+import tomllib
+from importlib.resources import files
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.models import rows as model_rows
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.providers import PROVIDERS, spec_of
+from dronecats.agent.models.rows import KEYS, SHIPPED, model_of, row_of, rows
+from foundation.errors import UsageError
+from tests.agent.models.recording import Recording
+
+TEXT = files("dronecats.agent.models").joinpath(SHIPPED).read_text(encoding="utf-8")
+TABLES = tomllib.loads(TEXT)
+KEY = "sk-dummy-1234567890"
+ANSWERS = {
+    "openai": b'{"choices":[{"message":{"content":"{}"}}]}',
+    "gemini": b'{"candidates":[{"content":{"parts":[{"text":"{}"}]}}]}',
+    "anthropic": b'{"type":"message","content":[{"type":"text","text":"{}"}]}',
+}
+# paper, "Serving and Decoding" and "The Prompt": provider, identifier, root of the schema
+PAPER = {
+    "gpt-5": ("openai", "gpt-5", None),
+    "claude-opus-5": ("openrouter", "anthropic/claude-opus-5", None),
+    "gemini-3.7-flash": ("gemini", "gemini-3.7-flash", None),
+    "gemini-robotics-er-2": ("gemini", "gemini-robotics-er-2-preview", None),
+    "qwen3.5-27b": ("openrouter", "qwen/qwen3.5-27b", "array"),
+    "qwen3.5-9b": ("openrouter", "qwen/qwen3.5-9b", "array"),
+    "qwen3.5-4b": ("vllm", "Qwen/Qwen3.5-4B", "array"),
+    "qwen3.5-2b": ("vllm", "Qwen/Qwen3.5-2B", "array"),
+    "cosmos3-edge-2b": ("vllm", "nvidia/Cosmos3-Edge-2B", "array"),
+}
+
+
+@pytest.fixture(autouse=True)
+def nobodys_file(monkeypatch, tmp_path):
+    """Whoever runs the tests may have models of his own."""
+    monkeypatch.delenv(model_rows.OWN_FILE, raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+
+
+@pytest.fixture
+def own(monkeypatch, tmp_path):
+    """Return what makes a user's file of a text."""
+
+    def write(text):
+        path = tmp_path / "mine.toml"
+        path.write_text(text, encoding="utf-8")
+        monkeypatch.setenv(model_rows.OWN_FILE, str(path))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("lifted", [False, True], ids=["off", "lifted"])
+@pytest.mark.parametrize("name", TABLES)
+def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
+    table, provider = TABLES[name], PROVIDERS[TABLES[name]["provider"]]
+    if provider.key_variable:
+        monkeypatch.setenv(provider.key_variable, KEY)
+    with Recording(ANSWERS[provider.wire]) as server:
+        model = open_model(model_of(name, server.url + "/v1"))
+        model.ask(Request("text", (b"\xff\xd8jpeg",), lifted))
+        model.close()
+    (sent,) = server.sent
+    asked = sent.body["generationConfig"] if provider.wire == "gemini" else sent.body
+    identifier = sent.path.split("/")[-1].removesuffix(":generateContent") if asked is not sent.body else asked["model"]
+    assert identifier == table["identifier"]
+    switch = table.get("reasoning_lifted" if lifted else "reasoning_off")
+    if switch is None:
+        switch = provider.thinking if lifted else provider.quick
+    assert {key: asked[key] for key in switch} == switch
+    other = table.get("reasoning_off" if lifted else "reasoning_lifted", {})
+    assert all(asked.get(key) == switch.get(key) for key in other)  # and of the other switch nothing
+    assert asked.get("temperature") == (None if table.get("temperature") == "none" else 0.4)
+    schema = (
+        asked.get("response_format") or asked.get("responseJsonSchema") or asked.get("output_config", {}).get("format")
+    )
+    assert bool(schema) == (table.get("schema", "none") != "none")
+    if schema and provider.wire == "openai":
+        assert schema["json_schema"]["schema"]["type"] == "array" == table["schema"]
+    assert KEY not in str(sent.body) + sent.path
+    assert any(KEY in value for value in sent.headers.values()) == bool(provider.key_variable)
+
+
+def test_the_papers_nine_are_the_papers():
+    known = rows()
+    for name, (provider, identifier, schema) in PAPER.items():
+        spec = known[name].spec
+        assert (spec.provider, spec.name, spec.schema) == (provider, identifier, schema)
+        assert spec.axis_order == ("yx" if name.startswith("gemini") else "xy")
+        assert (spec.temperature, spec.max_tokens) == (None if name == "gpt-5" else 0.4, 8192)
+
+
+def test_a_price_has_a_source_with_its_date_and_both_of_its_sides():
+    for row in rows().values():
+        prices = row.spec.input_usd, row.spec.output_usd
+        assert (prices[0] is None) == (prices[1] is None) == (row.source is None)
+        assert row.source is None or re.search(r"\w\.\w+/.* 20\d\d-\d\d-\d\d$", row.source)
+
+
+def test_a_name_or_an_identifier_is_the_row_and_any_other_has_none():
+    known = rows()
+    assert model_of("gpt-5") == model_of("openai/gpt-5") == known["gpt-5"].spec
+    assert model_of("openai/gpt-5").temperature is None
+    assert row_of("openrouter/maker/model", known) is None
+    assert model_of("openrouter/maker/model") == spec_of("openrouter/maker/model")
+    assert model_of("gpt-5", "http://127.0.0.1:9/v1").base_url == "http://127.0.0.1:9/v1"
+    with pytest.raises(UsageError, match=r"no model 'gtp-5' in models\.toml; did you mean 'gpt-5'"):
+        model_of("gtp-5")
+    with pytest.raises(UsageError, match="dronecats models list"):
+        model_of("quite-another")
+    with pytest.raises(UsageError, match="did you mean 'openai/…'"):
+        model_of("opneai/gpt-5")
+
+
+def test_ones_own_file_adds_rows_and_changes_what_it_states(own):
+    path = own("""
+        [house]
+        provider = "vllm"
+        identifier = "maker/house-7b"
+        base_url = "http://10.0.0.5:8000/v1"
+        axis = "yx"
+        schema = "object"
+        temperature = "none"
+        tokens_field = "max_completion_tokens"
+        context = 32_000
+
+        [gpt-5]
+        input_usd = 1
+    """)
+    known, shipped = rows(), TABLES
+    assert known.keys() == {*shipped, "house"}
+    house, changed = known["house"], known["gpt-5"]
+    assert (house.file, house.spec.title, house.spec.axis_order) == (str(path), "vllm/maker/house-7b", "yx")
+    assert (house.spec.schema, house.spec.temperature, house.spec.context_tokens) == ("object", None, 32_000)
+    with Recording(ANSWERS["openai"]) as server:
+        model = open_model(model_of("house", server.url + "/v1"))
+        model.ask(Request("text", (b"jpeg",), False))
+        assert {"max_tokens", "max_completion_tokens", "temperature"} & server.sent[0].body.keys() == {
+            "max_completion_tokens"
+        }
+    assert changed.file == str(path)
+    assert (changed.spec.input_usd, changed.spec.output_usd, changed.spec.quick) == (
+        1.0,
+        10.0,
+        {"reasoning_effort": "minimal"},
+    )
+    assert changed.source is None  # which was that of another price
+    assert known["gpt-6-luna"].file == SHIPPED
+
+
+def test_two_rows_of_one_identifier_are_told_apart_by_name(own):
+    own('[careful]\nprovider = "openai"\nidentifier = "gpt-5"\nreasoning_off = {reasoning_effort = "high"}')
+    assert model_of("careful").quick == {"reasoning_effort": "high"}
+    assert model_of("gpt-5").quick == {"reasoning_effort": "minimal"}
+    with pytest.raises(UsageError, match="'openai/gpt-5' is the model of several rows: name one of gpt-5, careful"):
+        model_of("openai/gpt-5")
+
+
+def test_where_ones_own_file_is(monkeypatch, tmp_path):
+    folder = tmp_path / "config" / "dronecats"
+    folder.mkdir(parents=True)
+    (folder / "models.toml").write_text('[mine]\nprovider = "local"\nidentifier = "m"\n')
+    assert rows()["mine"].file == str(folder / "models.toml")
+    monkeypatch.setenv("XDG_CONFIG_HOME", "")
+    monkeypatch.setenv("HOME", str(tmp_path / "nowhere"))
+    assert model_rows.own_file() == tmp_path / "nowhere" / ".config" / "dronecats" / "models.toml"
+    assert rows().keys() == TABLES.keys()
+    monkeypatch.setenv(model_rows.OWN_FILE, str(tmp_path / "gone.toml"))
+    with pytest.raises(UsageError, match=r"DRONECATS_MODELS names .*gone.toml, which is not there"):
+        rows()
+    monkeypatch.setenv(model_rows.OWN_FILE, str(tmp_path))
+    with pytest.raises(UsageError, match="cannot be read: Is a directory"):
+        rows()
+
+
+def test_a_user_without_a_home_has_the_rows_that_ship(monkeypatch):
+    def nobody(uid):
+        raise KeyError(uid)
+
+    for name in ("HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    assert model_rows.own_file() is None
+    assert rows().keys() == TABLES.keys()
+
+
+GOOD = '[m]\nprovider = "vllm"\nidentifier = "x"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[m", "is not TOML: "),
+        ("provider = 'vllm'", "'provider' stands outside of a row; a row begins with [NAME]"),
+        ("['a b']", "'a b' is no name of a row"),
+        ("['a/b']", "'a/b' is no name of a row"),
+        ("[m]\nprovider = 'vllm'", "[m] lacks identifier"),
+        ("[m]\nidentifier = 'x'", "[m] lacks provider"),
+        ("[qwen3.5-9b]\nprovider = 'vllm'", "holds a row '5-9b'; put a name with a dot into quotes"),
+        (f"{GOOD}temprature = 0.2", "[m] has no 'temprature'; did you mean 'temperature'?"),
+        (f"{GOOD}quite = 0.2", "[m] has no 'quite'; there are provider, identifier"),
+        ("[m]\nprovider = 'vlm'\nidentifier = 'x'", "[m] provider: there is no 'vlm'; did you mean 'vllm'?"),
+        ("[m]\nprovider = 3", "[m] provider wants a text; it is '3'"),
+        ("[m]\nidentifier = ' '", "[m] identifier wants a text; it is ' '"),
+        (f"{GOOD}axis = 'xz'", """[m] axis wants "xy" or "yx"; it is 'xz'"""),
+        (f"{GOOD}schema = 'aray'", """[m] schema wants "object", "array" or "none"; it is 'aray'"""),
+        (f"{GOOD}schema = false", """[m] schema wants "object", "array" or "none"; it is 'False'"""),
+        (f"{GOOD}temperature = 3", """[m] temperature wants a number from 0 to 2, or "none" where none may be sent"""),
+        (f"{GOOD}temperature = true", """[m] temperature wants a number from 0 to 2, or "none" where"""),
+        (f"{GOOD}temperature = nan", """[m] temperature wants a number"""),
+        (f"{GOOD}max_tokens = 0", "[m] max_tokens wants a whole number from 1 to 100,000,000; it is '0'"),
+        (f"{GOOD}max_tokens = 1.5", "[m] max_tokens wants a whole number from 1"),
+        (f"{GOOD}top_p = 1.5", "[m] top_p wants a number from 0 to 1; it is '1.5'"),
+        (f"{GOOD}input_usd = -1", "[m] input_usd wants a number from 0 to 100,000"),
+        (f"{GOOD}input_usd = inf", "[m] input_usd wants a number"),
+        (f"{GOOD}input_usd = '5'", "[m] input_usd wants a number"),
+        (f"{GOOD}tokens_field = 'tokens'", """[m] tokens_field wants "max_tokens" or "max_completion_tokens\""""),
+        (f"{GOOD}reasoning_off = 'none'", "[m] reasoning_off wants a table of what is merged into the request"),
+        (f"{GOOD}reasoning_off = {{ a = nan }}", "[m] reasoning_off wants a table"),
+        (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", "[m] reasoning_off wants a table"),
+        ("[gpt-5]\nprovider = 'gemini'\ntokens_field = 'max_tokens'", "tokens_field is of the OpenAI chat format"),
+        ("#" * 1_000_001, "is longer than 1000000 bytes"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_one_sentence_with_file_row_and_key(own, text, said):
+    path = own(text)
+    with pytest.raises(UsageError) as wrong:
+        rows()
+    assert str(wrong.value).startswith(f"{path}")
+    assert said in str(wrong.value)
+    assert "\n" not in str(wrong.value)
+
+
+def test_a_file_that_is_no_text_is_refused(own):
+    own("").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UsageError, match="is not TOML"):
+        rows()
+
+
+VALUES = st.recursive(
+    st.one_of(st.text(max_size=8).map(repr), st.integers().map(str), st.sampled_from(["true", "nan", "1979-05-27"])),
+    lambda inner: st.lists(inner, max_size=3).map(lambda items: f"[{', '.join(items)}]"),
+    max_leaves=4,
+)
+
+
+@given(st.dictionaries(st.sampled_from([*KEYS, "other"]), VALUES, max_size=6))
+def test_whatever_a_row_states_is_a_row_or_one_sentence(tmp_path_factory, stated):
+    path = tmp_path_factory.mktemp("rows") / "own.toml"
+    path.write_text("[m]\n" + "".join(f"{key} = {value}\n" for key, value in stated.items()), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(os.environ, model_rows.OWN_FILE, str(path))
+        try:
+            found: object = rows()["m"].spec.provider
+        except UsageError as error:
+            found = error
+    if isinstance(found, UsageError):
+        assert str(found).startswith(str(path))
+        assert "\n" not in str(found)
+    else:
+        assert found in PROVIDERS

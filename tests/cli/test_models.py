@@ -1,0 +1,202 @@
+"""`dronecats models`: what is listed, shown and checked, with which status, and never a key."""
+
+import json
+
+import pytest
+
+from dronecats.agent.models.rows import OWN_FILE, rows
+from dronecats.cli.fly_spec import spec_of
+from dronecats.cli.main import main, parse
+from dronecats.flight.file import as_kept
+from tests.agent.models.pointing import Pointer
+from tests.agent.models.recording import Recording
+
+KEY = "sk-cli-SECRET-0987654321"
+
+
+@pytest.fixture(autouse=True)
+def nobodys_file(monkeypatch, tmp_path):
+    monkeypatch.delenv(OWN_FILE, raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+
+
+@pytest.fixture
+def house(monkeypatch, tmp_path):
+    """A row of one's own."""
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[house]\nprovider = "vllm"\nidentifier = "maker/house"\naxis = "yx"\nschema = "array"\n'
+        "temperature = 0.1\ninput_usd = 1\noutput_usd = 2\n",
+        encoding="utf-8",
+    )
+    monkeypatch.setenv(OWN_FILE, str(path))
+    return path
+
+
+def test_the_list_names_every_row_its_file_and_whether_its_key_is_set(monkeypatch, capsys, house):
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    assert main(["models", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    of = {line.split()[0]: line for line in lines[1:]}
+    assert of.keys() == rows().keys()
+    assert of["house"].endswith(str(house))
+    assert "[y, x]" in of["house"]
+    assert "array" in of["house"]
+    assert "OPENAI_API_KEY  " in of["gpt-5"]
+    assert "ANTHROPIC_API_KEY (not set)" in of["claude-opus-5-5"]
+    assert "(not set)" not in of["qwen3.5-4b"]  # on the loopback no key is needed
+    assert main(["models", "list", "--json"]) == 0
+    told = capsys.readouterr().out
+    by_name = {row["name"]: row for row in json.loads(told)["models"]}
+    assert (by_name["gpt-5"]["key_set"], by_name["claude-opus-5-5"]["key_set"]) == (True, False)
+    assert by_name["house"]["output_usd"] == 2.0
+    assert KEY not in told + "".join(lines)
+
+
+@pytest.mark.parametrize("name", ["gpt-5", "gemini-3.7-flash", "claude-opus-5-5", "qwen3.5-4b", "openrouter/maker/m"])
+def test_what_is_shown_is_what_is_sent_and_needs_no_key(monkeypatch, capsys, name):
+    for provider in ("OPENAI", "GEMINI", "ANTHROPIC", "VLLM", "OPENROUTER"):
+        monkeypatch.delenv(f"{provider}_API_KEY", raising=False)
+    assert main(["models", "show", name, "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    with Recording(Pointer("as declared")) as server:
+        assert main(["models", "check", name, "--base-url", server.url + "/v1"]) == 0
+    capsys.readouterr()
+    sent = server.sent[0]
+    prefix = shown["request"]["url"].partition("/v1")[0]  # OpenRouter's is below /api
+    assert shown["request"]["url"].removeprefix(prefix).removeprefix("/api") == sent.path
+    assert outline(shown["request"]["body"]) == outline(sent.body)
+    assert (shown["row"] is None) == (name == "openrouter/maker/m")
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    assert main(["models", "show", name]) == 0
+    told = capsys.readouterr().out
+    assert "bytes of JPEG in base64>" in told
+    assert ("[y, x]" in told) == ("gemini" in name)
+    assert len(told) < 12_000
+    assert KEY not in told
+
+
+def outline(value):
+    """Return a request's values without texts that are long: prompts and pictures."""
+    if isinstance(value, dict):
+        return {key: outline(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [outline(inner) for inner in value]
+    return "…" if isinstance(value, str) and ("JPEG" in value or len(value) > 100) else value
+
+
+def test_a_lifted_request_is_shown_too(capsys):
+    main(["models", "show", "gpt-5", "--json", "--lifted"])
+    assert json.loads(capsys.readouterr().out)["request"]["body"]["reasoning_effort"] == "medium"
+
+
+def test_an_address_with_a_secret_is_shown_without_it(capsys):
+    url = "http://me:hush-hush@127.0.0.1:9/v1?key=topsecretkey123456"
+    assert main(["models", "show", "local/x", "--base-url", url]) == 0
+    told = capsys.readouterr().out
+    assert "127.0.0.1:9/v1/chat/completions?key=***" in told
+    assert "hush" not in told
+    assert "topsecret" not in told
+
+
+def test_a_check_says_what_came_back_and_that_it_can_fly(capsys, house):
+    with Recording(Pointer("always [y, x]", enforces=True)) as server:
+        assert main(["models", "check", "house", "--base-url", server.url + "/v1"]) == 0
+    told = capsys.readouterr().out
+    assert server.sent[0].body["temperature"] == 0.1
+    assert "100 tokens in, 20 out" in told
+    assert "Points: it always points as [y, x], whatever is declared." in told
+    assert "Schema: enforced" in told
+    assert "Cost of these 4: $0.000560 (400 tokens in, 80 out)." in told
+    assert told.endswith("It can fly.\n")
+
+
+def test_a_model_that_points_otherwise_than_declared_cannot_fly_and_is_told_how(capsys):
+    with Recording(Pointer("always [y, x]")) as server:
+        words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
+        assert main(words) == 1
+        assert "fly it with --axis yx, or say so in its row" in capsys.readouterr().out
+        assert main([*words, "--axis", "yx"]) == 0
+        assert main([*words, "--json", "--schema", "array"]) == 1
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (said["pointing"], said["can_fly"]) == ("always [y, x]", False)
+    assert (said["schema"], said["schema_enforced"]) == ("array", False)
+    assert said["cost_usd"] is None
+
+
+def test_a_check_that_the_endpoint_fails_is_an_error_of_the_infrastructure(monkeypatch, capsys):
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    with Recording(f"wrong key {KEY}".encode(), 401) as server:
+        assert main(["models", "check", "claude-opus-5-5", "--base-url", server.url + "/v1"]) == 3
+    assert "[x, y] declared: the model endpoint" in (said := capsys.readouterr().err)
+    assert "401: wrong key ***" in said
+    assert KEY not in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["check", "gtp-5"], "did you mean 'gpt-5'"),
+        (["show", "gtp-5"], "did you mean 'gpt-5'"),
+        (["check", "claude-opus-5-5", "--schema", "array"], "Anthropic wants an object"),
+        (["check", "local/m"], "needs --base-url"),
+        (["check", "gpt-5"], "needs an API key in the environment variable OPENAI_API_KEY"),
+        (["show", "gpt-5", "--temperature", "warm"], "--temperature wants a number from 0 to 2, or none, got 'warm'"),
+    ],
+)
+def test_wrong_words_are_one_sentence_and_status_2(monkeypatch, capsys, words, said):
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    assert main(["models", *words]) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.out == ""
+
+
+def test_a_wrong_file_of_ones_own_stops_what_opens_a_model_and_is_the_doctors_finding(capsys, house):
+    house.write_text('[house]\nprovidr = "vllm"\n', encoding="utf-8")
+    for words in (["models", "list"], ["models", "check", "gpt-5"], ["fly", "--sitl", "--model", "gpt-5"]):
+        assert main(words) == 2
+        assert "mine.toml: [house] has no 'providr'; did you mean 'provider'?" in capsys.readouterr().err
+    assert main(["doctor"]) == 0
+    assert "[house] has no 'providr'" in capsys.readouterr().out
+
+
+def flown(*words):
+    """Return the model of the flight that a command line asks for."""
+    model = spec_of(parse(["fly", "--sitl", *words])).model
+    assert model
+    return model
+
+
+def test_a_flight_takes_the_row_and_what_is_said_otherwise(house):
+    model = flown("--model", "house")
+    assert (model.axis_order, model.schema, model.temperature, model.output_usd) == ("yx", "array", 0.1, 2.0)
+    assert flown("--model", "vllm/maker/house") == model
+    words = ["--axis", "xy", "--schema", "none", "--temperature", "none", "--base-url", "http://127.0.0.1:9/v1"]
+    model = flown("--model", "house", *words)
+    assert (model.axis_order, model.schema, model.temperature) == ("xy", None, None)
+    assert (model.base_url, model.output_usd) == ("http://127.0.0.1:9/v1", 2.0)
+    assert flown("--model", "gpt-5", "--temperature", "1").temperature == 1.0
+
+
+def test_a_flight_once_more_needs_no_file_of_models(monkeypatch, tmp_path, house):
+    spec = spec_of(parse(["fly", "--sitl", "--model", "house"]))
+    (tmp_path / "run.json").write_text(json.dumps({"versions": {}, "flight": as_kept(spec)}))
+    monkeypatch.setenv(OWN_FILE, str(tmp_path / "gone.toml"))
+    again = ["fly", "--spec", str(tmp_path / "run.json"), "--episode", "residential-approaching-01"]
+    assert spec_of(parse(again)).model == spec.model
+
+
+@pytest.mark.parametrize("option", [["--axis", "yx"], ["--schema", "object"], ["--temperature", "none"]])
+def test_what_is_said_of_a_model_goes_with_one(capsys, option):
+    assert main(["fly", "--sitl", *option]) == 2
+    assert f"{option[0]} goes with --model" in capsys.readouterr().err
+
+
+def test_a_flight_says_how_its_model_is_asked(capsys, house):
+    assert main(["fly", "--sitl", "--speed", "max", "--model", "local/x", "--axis", "yx", "--temperature", "none"]) == 2
+    said = capsys.readouterr()
+    assert said.out == "Model local/x: points are [y, x], no schema, no temperature\n"
+    assert "needs --base-url" in said.err

@@ -1,0 +1,117 @@
+"""A server that we did not write: LiteLLM's proxy, when DRONECATS_LITELLM names its command. docs/models.md.
+
+It stands between our client and a pilot of ours, so that what it makes of our requests and of the replies is flown.
+"""
+
+import json
+import os
+import secrets
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+
+from dronecats.pilots import roster
+from dronecats.pilots.server import PilotServer
+from tests.agent.models.pointing import Pointer
+from tests.agent.models.recording import Recording
+from tests.support.command_line import DRONECATS, last_object
+from tests.support.ports import free_port
+
+COMMAND = os.environ.get("DRONECATS_LITELLM")
+START_S = 300.0  # wall s; it imports for a quarter of a minute
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not COMMAND, reason="DRONECATS_LITELLM does not name the command of LiteLLM's proxy"),
+]
+
+
+@dataclass(frozen=True)
+class Proxy:
+    """LiteLLM before an endpoint, which it calls `behind`."""
+
+    url: str  # without a path
+    key: str
+    folder: Path
+
+    def dronecats(self, *words: str, key: str | None = None) -> subprocess.CompletedProcess[str]:
+        """Run our program with the proxy's key in the environment."""
+        keys = {f"{vendor}_API_KEY": key or self.key for vendor in ("LITELLM", "ANTHROPIC", "GEMINI")}
+        environment = {**os.environ, **keys, "DRONECATS_MODELS": str(self.folder / "models.toml")}
+        (self.folder / "models.toml").touch()
+        return subprocess.run([*DRONECATS, *words], env=environment, capture_output=True, text=True, timeout=600)
+
+
+@contextmanager
+def proxy(folder: Path, behind: str) -> Iterator[Proxy]:
+    """LiteLLM's proxy before the endpoint at `behind`, as a context."""
+    assert COMMAND
+    entry = {"model": "hosted_vllm/behind", "api_base": behind, "api_key": "none"}
+    config = folder / "config.yaml"  # JSON is YAML
+    config.write_text(json.dumps({"model_list": [{"model_name": "behind", "litellm_params": entry}]}))
+    port, key = free_port(socket.SOCK_STREAM), f"sk-{secrets.token_hex(24)}"
+    # its own environment; with the list of prices that came with it, so that nothing is asked of the network
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    environment |= {"LITELLM_MASTER_KEY": key, "LITELLM_LOCAL_MODEL_COST_MAP": "True"}
+    words = [COMMAND, "--config", str(config), "--host", "127.0.0.1", "--port", str(port)]
+    with (folder / "proxy.log").open("w") as log:
+        running = subprocess.Popen(words, env=environment, cwd=folder, stdout=log, stderr=subprocess.STDOUT)
+    try:
+        until = time.monotonic() + START_S
+        while not alive(url := f"http://127.0.0.1:{port}"):
+            assert running.poll() is None, (folder / "proxy.log").read_text()[-3000:]
+            assert time.monotonic() < until, (folder / "proxy.log").read_text()[-3000:]
+            time.sleep(0.2)
+        yield Proxy(url, key, folder)
+    finally:
+        running.terminate()
+        running.wait(30)
+
+
+def alive(url: str) -> bool:
+    try:
+        return httpx.get(f"{url}/health/liveliness", timeout=2).status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def test_an_episode_is_flown_through_it_as_without_it(tmp_path):
+    with PilotServer(roster.answer("vision"), "behind") as pilot, proxy(tmp_path, pilot.base_url) as through:
+        flights = {}
+        for model, url in (("litellm/behind", through.url + "/v1"), ("local/behind", pilot.base_url)):
+            out = tmp_path / model.split("/")[0]
+            words = ("--speed", "max", "--model", model, "--base-url", url, "--out", str(out), "--json")
+            flown = through.dronecats("fly", "--sitl", *words)
+            assert flown.returncode == 0, flown.stderr + flown.stdout
+            flights[model] = last_object(flown.stdout), out
+        refused = through.dronecats(
+            "models", "check", "litellm/behind", "--base-url", through.url + "/v1", key="sk-quite-another-key"
+        )
+    logs = [out / result["episode"] for result, out in flights.values()]
+    assert all(result["success"] for result, _ in flights.values())
+    assert len({(log / "truth.jsonl").read_bytes() for log in logs}) == 1  # the very same flight
+    said = [[json.loads(line)["reply"] for line in (log / "decisions.jsonl").open()] for log in logs]
+    assert said[0] == said[1]
+    assert refused.returncode == 3
+    assert through.key not in refused.stderr
+    assert not any(
+        through.key.encode() in path.read_bytes() for out in logs for path in out.rglob("*") if path.is_file()
+    )
+
+
+@pytest.mark.parametrize(("provider", "schema"), [("litellm", "array"), ("anthropic", "object")])
+def test_our_formats_are_ones_that_it_understands(tmp_path, provider, schema):
+    """Gemini's is not among them: its adapter knows `inline_data` and not `inlineData`, and leaves the picture out."""
+    with Recording(Pointer("as declared", enforces=True)) as server, proxy(tmp_path, server.url + "/v1") as through:
+        words = ("check", f"{provider}/behind", "--base-url", through.url + "/v1", "--schema", schema, "--json")
+        checked = through.dronecats("models", *words)
+    assert checked.returncode == 0, checked.stderr + checked.stdout
+    said = last_object(checked.stdout)
+    assert (said["pointing"], said["schema_enforced"]) == ("as declared", True), said
+    assert (said["tokens_in"], said["tokens_out"]) == (400, 80)
