@@ -42,6 +42,7 @@ class SqliteFile:
             raise UsageError(f"the {kind.name} {path} cannot be opened: {said}") from None
         try:
             self._check()
+            self._db.execute("PRAGMA synchronous=NORMAL")  # a kill loses nothing; a power cut may, of the last moment
         except sqlite3.DatabaseError as error:
             self._db.close()
             raise UsageError(f"{path} is no {kind.name}: {error}; move it away, or name another file") from None

@@ -9,6 +9,7 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import quote
 
+import psutil
 import pytest
 
 from tests.support.command_line import DRONECATS
@@ -82,7 +83,8 @@ def test_a_key_in_the_address_is_told_nowhere(tmp_path, end):
     query = f"api_key={quote(IN_THE_QUERY, safe='')}"
     url = f"http://me:{IN_THE_USER}@127.0.0.1:{server.server_port}{path}?{query}"
     command = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--latency", "fixed:0",
-               "--model", "openai/x", "--base-url", url, "--out", str(tmp_path / "run"), "--json"]  # fmt: skip
+               "--model", "openai/x", "--base-url", url, "--cache", str(tmp_path / "replies.sqlite"),
+               "--out", str(tmp_path / "run"), "--json"]  # fmt: skip
     environment = {**os.environ, "OPENAI_API_KEY": IN_THE_ENVIRONMENT}
     flown = subprocess.run(command, capture_output=True, env=environment, timeout=600)
     server.shutdown()
@@ -91,6 +93,7 @@ def test_a_key_in_the_address_is_told_nowhere(tmp_path, end):
     assert set(server.asked) == {f"{path}/chat/completions?{query}"}
     files = {str(path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     told = {**files, "stdout": flown.stdout, "stderr": flown.stderr}
+    assert {"ledger.sqlite", "replies.sqlite"} <= {name.rpartition("/")[2] for name in files}
     decisions = next(data for name, data in files.items() if name.endswith("decisions.jsonl")).splitlines()
     assert json.loads(decisions[0])["action"] == {"action": "rotate", "angle_deg": 5}
     assert "***" in json.loads(decisions[0])["reply"]
@@ -100,3 +103,52 @@ def test_a_key_in_the_address_is_told_nowhere(tmp_path, end):
         for spelt in {secret, quote(secret, safe=""), quote(quote(secret, safe=""), safe=""), basic}:
             found = [name for name, data in told.items() if spelt.encode() in data]
             assert not found, (secret, spelt, found)
+
+
+class Looking(BaseHTTPRequestHandler):
+    """Looks, when it is asked, at what anybody can see of the processes that fly."""
+
+    def do_POST(self):
+        self.rfile.read(int(self.headers["Content-Length"]))
+        assert isinstance(self.server, Seen)
+        for child in psutil.Process(self.server.flying).children(recursive=True):
+            command, environment = " ".join(child.cmdline()), " ".join(child.environ().values())
+            self.server.seen[command] = environment
+        self.send_response(401)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def do_GET(self):
+        self.send_response(404)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
+class Seen(ThreadingHTTPServer):
+    """What was seen: of each child its environment by its command."""
+
+    flying = 0  # pid
+    seen: dict[str, str]
+
+
+def test_a_child_that_asks_no_model_does_not_get_the_key(tmp_path):
+    server = Seen(("127.0.0.1", 0), Looking)
+    server.seen = {}
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    command = [*DRONECATS, "fly", "--sitl", "--model", "openai/x", "--base-url", f"http://127.0.0.1:{server.server_port}/v1",
+               "--out", str(tmp_path / "run")]  # fmt: skip
+    environment = {**os.environ, "OPENAI_API_KEY": IN_THE_ENVIRONMENT, "MINE": "not-a-secret"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as flight:
+        server.flying = flight.pid
+        _, err = flight.communicate(timeout=600)
+    server.shutdown()
+    server.server_close()
+    assert flight.returncode == 3, err
+    modules = {line.rpartition(" ")[2] for line in server.seen}
+    assert {"dronecats.sitl.simulator_process", "dronecats.sitl.camera_process"} <= modules, err
+    for line, environ in server.seen.items():
+        assert IN_THE_ENVIRONMENT not in line + environ, line
+        assert "not-a-secret" in environ

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from dronecats.agent.models.model import Model, Reply, Request
+from foundation.errors import InfrastructureError
 from foundation.sqlite_file import FileKind, SqliteFile
 
 KIND = FileKind(
@@ -42,7 +43,10 @@ class ReplyCache:
 
 
 def _reply(told: str) -> Reply:
-    return Reply(**json.loads(told))
+    try:
+        return Reply(**json.loads(told))
+    except (ValueError, TypeError):
+        raise InfrastructureError("the cache holds what is no reply; move it away, or name another file") from None
 
 
 class CachedModel:
