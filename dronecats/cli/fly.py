@@ -51,7 +51,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
-    pilot.add_argument("--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, recorded:FILE; no models")
+    pilot.add_argument(
+        "--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, failing:NAME, recorded:FILE; no models"
+    )
     pilot.add_argument("--model", metavar="PROVIDER/NAME", help=f"PROVIDER is one of {', '.join(PROVIDERS)}")
     pilot.add_argument("--base-url", metavar="URL", help="where that is served, http://HOST:PORT/v1")
     pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
