@@ -164,7 +164,7 @@ def test_one_leaves_the_protocol(flown):
     assert flight.verdict.steps == len(flight.kinds) > 6
     for parser in ("strict", "lenient"):
         for text in failing.NO_ACTIONS:
-            assert [one.action for drones in (1, 4) for one in reading(text, drones, "xy", parser)] == [None] * 5  # type: ignore[arg-type]
+            assert [one.action for drones in (1, 4) for one in reading(text, drones, "xy", parser)] == [None] * 5
 
 
 @pytest.mark.parametrize("name", NAMES)
