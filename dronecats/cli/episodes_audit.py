@@ -21,7 +21,9 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser = actions.add_parser("audit", help="fly episodes with a built-in pilot, in parallel, and report per suite")
     parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="these only (default: all that are shipped)")
     parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick, all or v1")
-    parser.add_argument("--pilot", default="oracle", metavar="NAME", help="oracle (default), vision or blind:NAME")
+    parser.add_argument(
+        "--pilot", default="oracle", metavar="NAME", help="oracle (default), vision, blind:NAME or failing:NAME"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
     parser.add_argument(
         "--latency", default="fixed:0.1", metavar="POLICY", help="fixed:SECONDS of vehicle time (default fixed:0.1)"

@@ -52,7 +52,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
-    pilot.add_argument("--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, recorded:FILE; no models")
+    pilot.add_argument(
+        "--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, failing:NAME, recorded:FILE; no models"
+    )
     pilot.add_argument(
         "--model",
         metavar="NAME",

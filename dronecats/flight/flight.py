@@ -77,7 +77,7 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
         airframes.load(simulated.airframe)
         if not (simulated.rendered or spec.replay) and (spec.model or roster.looks(spec.pilot or "")):
             raise UsageError(
-                "only the oracle and the blind can fly without rendering; every other pilot looks at the frames"
+                "only oracle, blind and failing pilots fly without rendering; every other pilot looks at the frames"
             )
         if simulated.px4 and simulated.autopilot != "px4":
             raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")

@@ -5,8 +5,10 @@ whoever has the truth calls it (the run, never the agent).
 """
 
 import math
+from collections.abc import Sequence
 
 from dronecats.pilots import reply as text
+from dronecats.pilots.sight import TrueSight
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
@@ -18,6 +20,19 @@ _KEEPS_HEIGHT_M = 7.0  # nearer than this the height is kept …
 _KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would then leave the picture below or above before it is reached
 _TURN_MAX_DEG = 90.0
 _TOO_NEAR_M = 0.3  # nearer than this to the lens a point has no useful place in the picture
+
+
+def nearest_flies(sights: Sequence[TrueSight]) -> str:
+    """Return the oracle's reply for some drones. The nearest flies, the others hover: one arrival is enough."""
+    nearest = min(sights, key=lambda sight: sight.distance_m)
+    return text.fleet([of_one(sight) if sight is nearest else text.think() for sight in sights])
+
+
+def of_one(sight: TrueSight) -> str:
+    """Return `reply` for one drone, of what is true of it."""
+    return reply(
+        sight.position_ned, sight.yaw_rad, sight.attitude, sight.camera, sight.target_ned, sight.target_velocity_ned
+    )
 
 
 def reply(
@@ -40,7 +55,7 @@ def reply(
     """
     q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
     aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
-    x, y = _pixel(_in_camera(position_ned, q, camera, target_ned), camera)
+    x, y = pixel(in_camera(position_ned, q, camera, target_ned), camera)
     if not 0.0 <= x <= camera.width:
         return text.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
     in_picture = 0.0 <= y <= camera.height
@@ -48,8 +63,8 @@ def reply(
     if in_picture and distance <= ARRIVED_M:
         return text.finished()
 
-    ahead = _in_camera(position_ned, q, camera, aim)
-    x, y = _pixel(ahead, camera)
+    ahead = in_camera(position_ned, q, camera, aim)
+    x, y = pixel(ahead, camera)
     if not 0.0 <= x <= camera.width:
         return text.rotate(_bearing_deg(position_ned, yaw_rad, aim))
     horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
@@ -61,7 +76,7 @@ def reply(
     travel = horizontal - reach
     if in_picture and distance <= _CLOSE_ENOUGH_M and travel < STRIDE_MIN_M:
         return text.finished()
-    depth = _depth_for(travel, ahead[0])
+    depth = depth_for(travel, ahead[0])
     if horizontal < _KEEPS_HEIGHT_M and abs(vertical) < _KEEPS_HEIGHT_BAND_M:
         f, middle = camera.focal_px, camera.height / 2.0
         span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
@@ -78,7 +93,7 @@ def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
     )
 
 
-def _depth_for(travel_m: float, depth_m: float) -> float:
+def depth_for(travel_m: float, depth_m: float) -> float:
     """Return a depth whose stride leaves a distance that further strides can cover: the true depth when it is full.
 
     Strides are 3 m, or between 1.2 m and 1.8 m, so what is left is halved where a full one would leave too little.
@@ -90,7 +105,7 @@ def _depth_for(travel_m: float, depth_m: float) -> float:
     return min(max(stride, STRIDE_MIN_M), longest) / NEAR_SCALE
 
 
-def _in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
+def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
     """Return a point in camera axes (forward, right, down), m from the optical centre."""
     offset = rotate(q, camera.offset_frd)
     return rotate_inverse(
@@ -103,7 +118,7 @@ def _in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3
     )
 
 
-def _pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
+def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
     """Return where a point in camera axes is in the picture plane (px); far to the side when it is behind."""
     if point[0] < _TOO_NEAR_M:
         return (math.copysign(math.inf, point[1]), math.inf)

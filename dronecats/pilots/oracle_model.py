@@ -1,28 +1,34 @@
-"""The oracle behind the interface a model has: it listens on the truth bus. Built by the run, never by the agent."""
+"""A pilot that is told the truth, behind the interface a model has: it listens on the truth bus. Built by the run."""
 
-import math
 from collections.abc import Callable
 
 from dronecats.agent.models.model import Reply, Request
 from dronecats.pilots import oracle
-from dronecats.pilots import reply as reply_text
+from dronecats.pilots.sight import Knowing, TrueSight
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import ModelError
 from foundation.frames import quat_yaw
-from foundation.truth import NewestTruth, Origin, TruthSample
+from foundation.truth import NewestTruth, Origin
 
 AHEAD_S = 0.5  # s, over which the target's velocity is taken
 
 
 class OracleModel:
-    """Answers with the text that `oracle.reply` writes, one JSON object per drone."""
+    """Answers with the text of a pilot that is told the truth: the oracle's, one JSON object per drone."""
 
-    name = "oracle"
-
-    def __init__(self, world: World, camera: CameraModel, origin: Origin, listen: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        world: World,
+        camera: CameraModel,
+        origin: Origin,
+        listen: Callable[[], None],
+        name: str = "oracle",
+        pilot: Knowing = oracle.nearest_flies,
+    ) -> None:
         """`listen` is called before each answer, to read what is waiting on the bus into `feed`."""
-        self._world, self._camera, self._listen = world, camera, listen
+        self.name = name
+        self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
         self._truth = NewestTruth(origin)
         self.feed = self._truth.feed  # bytes of the truth bus go in here
         self._t0_us: int | None = None
@@ -31,14 +37,10 @@ class OracleModel:
         self._t0_us = t0_us
 
     def ask(self, request: Request) -> Reply:
-        """Answer for every picture's drone. Of a fleet the nearest flies, the others hover: one arrival is enough."""
+        """Answer for every picture's drone."""
         self._listen()
-        drones = range(len(request.images_jpeg))
-        if len(drones) == 1:
-            return Reply(self._reply(0), 0.0)
-        nearest = min(drones, key=self._distance_m)
-        replies = [self._reply(drone) if drone == nearest else reply_text.think() for drone in drones]
-        return Reply(reply_text.fleet(replies), 0.0)
+        drones = range(request.drone, request.drone + len(request.images_jpeg))
+        return Reply(self._pilot([self._sight(drone) for drone in drones]), 0.0)
 
     def check(self) -> None:
         """It is here."""
@@ -46,24 +48,13 @@ class OracleModel:
     def close(self) -> None:
         pass
 
-    def _sample(self, drone: int) -> TruthSample:
+    def _sight(self, drone: int) -> TrueSight:
         sample = self._truth.of(drone)
         if sample is None:
-            raise ModelError(f"the oracle has not heard where drone {drone} is")
-        return sample
-
-    def _time_s(self, time_us: int) -> float:
-        return 0.0 if self._t0_us is None else max(0.0, (time_us - self._t0_us) / 1e6)
-
-    def _distance_m(self, drone: int) -> float:
-        sample = self._sample(drone)
-        return math.dist(sample.position_ned, self._world.target_centre(self._time_s(sample.time_us)))
-
-    def _reply(self, drone: int) -> str:
-        sample = self._sample(drone)
-        t_s = self._time_s(sample.time_us)
+            raise ModelError(f"the {self.name} has not heard where drone {drone} is")
+        t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
         north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
-        return oracle.reply(
-            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, self._camera, here, (north, east, down)
+        return TrueSight(
+            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera
         )

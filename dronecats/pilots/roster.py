@@ -4,18 +4,25 @@ import difflib
 from collections.abc import Callable
 from pathlib import Path
 
+from dronecats.pilots.failing import FAILURES
 from dronecats.pilots.patterns import PATTERNS
 from foundation.errors import UsageError
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
-RECORDED, BLIND = "recorded:", "blind:"
-NAMES = (*SERVED, "oracle")
+RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"
+ORACLE = "oracle"
+NAMES = (*SERVED, ORACLE)
 
 
 def check(name: str) -> str:
     """Return `name` if there is such a pilot. Raises UsageError with the nearest names, or for a file it cannot say."""
     if name in NAMES or (name.removeprefix(BLIND) in PATTERNS and name.startswith(BLIND)):
         return name
+    if name.startswith(FAILING):
+        if name.removeprefix(FAILING) in FAILURES:
+            return name
+        known = "; ".join(f"{one} {failing.says}" for one, failing in FAILURES.items())
+        raise UsageError(f"there is no failing pilot '{name.removeprefix(FAILING)}'; there are: {known}")
     if name.startswith(RECORDED):
         answer(name)
         return name
@@ -23,15 +30,19 @@ def check(name: str) -> str:
         known = "; ".join(f"{one} {pattern.says}" for one, pattern in PATTERNS.items())
         raise UsageError(f"there is no blind pilot '{name.removeprefix(BLIND)}'; there are: {known}")
     near = difflib.get_close_matches(name, NAMES, n=2, cutoff=0.4)
-    hint = (
-        f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(NAMES)}, {BLIND}NAME, {RECORDED}FILE"
-    )
+    every = ", ".join((*NAMES, f"{BLIND}NAME", f"{FAILING}NAME", f"{RECORDED}FILE"))
+    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {every}"
     raise UsageError(f"there is no pilot '{name}'; {hint}")
 
 
 def looks(name: str) -> bool:
     """Return whether a pilot looks at the frames, which must be drawn for it then."""
-    return name not in ("oracle", "blind") and not name.startswith(BLIND)
+    return not knows(name) and name != "blind" and not name.startswith(BLIND)
+
+
+def knows(name: str | None) -> bool:
+    """Return whether a pilot is told the truth, and flies only where that is known."""
+    return name is not None and (name == ORACLE or name.startswith(FAILING))
 
 
 def answer(name: str) -> Callable[[str, list[bytes]], str]:

@@ -5,6 +5,7 @@ from typing import Any
 
 from dronecats.flight.flight import look_up
 from dronecats.flight.spec import Connected, FlightSpec
+from dronecats.pilots import roster
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
@@ -35,9 +36,10 @@ def fly_connected(
 
     Everything that can be refused is refused before the run folder is made: UsageError.
     """
-    if spec.pilot == "oracle":
+    if roster.knows(spec.pilot):
         raise UsageError(
-            "the oracle needs the truth, which --sitl knows, or --world with --truth; choose --pilot vision or --model"
+            f"the pilot {spec.pilot} needs the truth, which --sitl knows, or --world with --truth;"
+            " choose --pilot vision or --model"
         )
     flight = look_up(spec)
     link = open_link(vehicle, spec.envelope)

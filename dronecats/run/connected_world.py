@@ -5,6 +5,7 @@ from typing import Any
 
 from dronecats.flight.flight import CAMERA, look_up
 from dronecats.flight.spec import Connected, FlightSpec
+from dronecats.pilots import roster
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset, start_of
 from dronecats.run.connected import open_link, told_by
@@ -40,8 +41,8 @@ def fly_world(
     record = flight.record
     if record is None:
         raise UsageError("a vehicle that simulates itself wants a world: name an episode or a map with --world")
-    if spec.map is not None and spec.pilot == "oracle":
-        raise UsageError("the oracle flies to an episode's target, and a map has none; choose --pilot vision")
+    if spec.map is not None and roster.knows(spec.pilot):
+        raise UsageError(f"the pilot {spec.pilot} knows an episode's target, and a map has none; choose --pilot vision")
     judged = spec.map is None and not dry  # what was only meant to be flown succeeds nowhere
     world = World(record)
     if len(record.starts) > 1:

@@ -1,30 +1,35 @@
-"""The oracle on a stage that knows the truth. It needs what simulating needs."""
+"""The pilots that are told the truth, on a stage that knows it. They need what simulating needs."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from dronecats.flight.flight import Flight
+from dronecats.pilots import failing, oracle, roster
 from dronecats.pilots.oracle_model import OracleModel
+from dronecats.pilots.sight import Knowing
 from dronecats.run.pilot import OpenPilot, opened
 from dronecats.sitl.scenario import origin
 from dronecats.stages.stage import TruthfulStage
 from episodes.world import World
 from foundation.camera import CameraModel
 
-ORACLE = "oracle"
-
 
 @contextmanager
 def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) -> Iterator[OpenPilot]:
     """Open any pilot of a flight in a world of ours. Raises UsageError, InfrastructureError."""
-    if flight.spec.pilot != ORACLE or flight.spec.replay:
+    name = flight.spec.pilot
+    if name is None or not roster.knows(name) or flight.spec.replay:
         with opened(flight, stage, folder) as pilot:
             yield pilot
         return
-    tap = stage.tap(lambda data: oracle.feed(data))
-    oracle = OracleModel(world, CameraModel(), origin(world), tap.drain)
+    tap = stage.tap(lambda data: model.feed(data))
+    model = OracleModel(world, CameraModel(), origin(world), tap.drain, name, _knowing(name))
     try:
-        yield OpenPilot(oracle, begin=oracle.begin)
+        yield OpenPilot(model, begin=model.begin)
     finally:
         tap.close()
+
+
+def _knowing(name: str) -> Knowing:
+    return oracle.nearest_flies if name == roster.ORACLE else failing.pilot(name.removeprefix(roster.FAILING))

@@ -59,7 +59,7 @@ RUNS = (
     Run(r"dronecats (maps (?!import$)|tune|judge|flightlog trace|doctor)", drop=r"--ulog \S+"),
     Run(r"dronecats compare RUN", add="--seconds 5"),  # the flight of the test lasts no minute
     Run(r"dronecats fly --sitl --speed max --pilot recorded", slow=True),
-    Run(r"dronecats fly --sitl --speed max --(latency|pilot blind)", slow=True),
+    Run(r"dronecats fly --sitl --speed max --(latency|pilot (blind|failing))", slow=True),
     Run(r"dronecats fly --spec RUN", add="--episode residential-approaching-01 --out again", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
     Run(r"dronecats episodes optics", slow=True),
