@@ -63,6 +63,7 @@ RUNS = (
     Run(r"dronecats fly --spec RUN", add="--episode residential-approaching-01 --out again", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
     Run(r"dronecats episodes optics", slow=True),
+    Run(r"dronecats models (list|show)"),
 )
 
 VEHICLE = "a vehicle or a camera that is running; tests/system, tests/hil/cameras, tests/cli do it"
@@ -73,6 +74,7 @@ REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 ELSEWHERE = (
     (r"dronecats$|dronecats fly$", "the program or a verb, named"),
     (r"dronecats fly --sitl .*--model", "a model's endpoint and key; tests/agent does it with endpoints of its own"),
+    (r"dronecats models check", "a model's endpoint and key; tests/cli does it with endpoints of its own"),
     (r"dronecats fly --sitl --autopilot px4", PX4),
     (r"dronecats fly --sitl( --episode \S+ --pilot vision| --optics FILE\.toml)?$", REAL_TIME),
     (r"(echo ARM \| )?dronecats fly (--connect|…)", VEHICLE),

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from email.parser import Parser
 from pathlib import Path
@@ -23,7 +24,16 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 ROOMS = {"foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil"}
 BESIDE = {"CHANGELOG.md", "LICENSE", "MANIFEST.in", "PKG-INFO", "README.md", "pyproject.toml", "requirements.lock"}
-OURS = ("PYTHONPATH", "PYTHONHOME", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "DRONECATS_MAPS")
+MODELS = "dronecats/agent/models/models.toml"
+OURS = (
+    "PYTHONPATH",
+    "PYTHONHOME",
+    "NUMBA_CACHE_DIR",
+    "XDG_CACHE_HOME",
+    "DRONECATS_MAPS",
+    "DRONECATS_MODELS",
+    "XDG_CONFIG_HOME",
+)
 
 
 def finished(*words, cwd, **variables):
@@ -156,6 +166,12 @@ def test_the_wheel_says_what_it_can(dronecats):
     for folder, suite in ((records, "all"), (records / "v1", "v1")):
         listed = json.loads(dronecats("episodes", "list", "--suite", suite, "--json"))["episodes"]
         assert {episode["id"] for episode in listed} == {path.stem for path in folder.glob("*.json")}
+
+
+def test_the_wheel_knows_models_by_name(dronecats):
+    listed = json.loads(dronecats("models", "list", "--json"))["models"]
+    assert {row["name"] for row in listed} == set(tomllib.loads((ROOT / MODELS).read_text(encoding="utf-8")))
+    assert "bytes of JPEG" in dronecats("models", "show", "gpt-5")
 
 
 def test_the_doctor_finds_nothing_missing(dronecats, installed):

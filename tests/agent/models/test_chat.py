@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
+from dronecats.agent.models.open import open_http, open_model
 from dronecats.agent.models.openai_chat import ChatModel
 from dronecats.agent.models.providers import PROVIDERS, spec_of
 from dronecats.agent.models.spec import ModelSpec
@@ -134,6 +134,21 @@ def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
     assert (body["temperature"], body["top_p"], body["top_k"]) == (0.4, 0.9, 20)
     bare = ChatModel(ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:1", temperature=None))
     assert bare.body(REQUEST).keys() == {"model", "messages", "max_tokens"}
+
+
+@pytest.mark.parametrize("provider", ["openai", "gemini", "anthropic"])
+@pytest.mark.parametrize(
+    ("asked", "held"),
+    [
+        (REQUEST, True),
+        (Request("text", REQUEST.images_jpeg * 2, False), False),  # one object cannot answer for two
+        (Request("text", REQUEST.images_jpeg, False, role="commander"), False),  # who answers no action
+    ],
+)
+def test_a_schema_goes_with_the_questions_that_it_describes(provider, asked, held):
+    held_to = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
+    body = str(open_http(held_to).body(asked))
+    assert ("additionalProperties" in body) == held
 
 
 def test_servers_of_ones_own_are_on_the_loopback_and_want_no_key(monkeypatch):

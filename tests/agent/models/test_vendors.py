@@ -239,8 +239,9 @@ def test_the_rows_of_gemini(monkeypatch, name, thinking):
     switch = (spec.thinking if thinking else spec.quick) or {}
     config = types.GenerateContentConfig(temperature=0.4, top_p=0.95, top_k=40, max_output_tokens=8192)
     if switch:
-        level = types.ThinkingLevel(switch["thinkingConfig"]["thinkingLevel"])
-        config.thinking_config = types.ThinkingConfig(thinking_level=level)
+        level = switch["thinkingConfig"]["thinkingLevel"]
+        assert level in types.ThinkingLevel.__members__
+        config.thinking_config = types.ThinkingConfig(thinking_level=types.ThinkingLevel[level])
     picture: Any = types.Part(inline_data=types.Blob(data=JPEG, mime_type="image/jpeg"))
     with Recording(CONTENT) as server:
         client = genai.Client(api_key=KEY, http_options=types.HttpOptions(base_url=server.url))
