@@ -16,7 +16,7 @@ from dronecats.agent.decisions import Decision
 from dronecats.agent.last_reply import await_reply
 from dronecats.agent.latency import COMMANDER, Latency, Question
 from dronecats.agent.models.model import Model, Request
-from dronecats.agent.orders import Orders, OrdersError, parse_orders
+from dronecats.agent.orders import FleetOrders, OrdersError, parse_orders
 from dronecats.agent.prompt import labels
 from dronecats.agent.roster import Post, roster
 from dronecats.rundir.rows import Cause, Exchange, Order
@@ -48,7 +48,7 @@ class _Shown:
     reports: frozenset[int]  # drones whose report is open
 
 
-class Commander:
+class FleetCommander:
     """One context for all drones."""
 
     def __init__(
@@ -107,7 +107,7 @@ class Commander:
         if not due:
             if asking.answered and not self._tally.taken and not shown.number:
                 raise ModelError("the commander did not answer once before the episode was over")
-            self._keep(self._row(shown, None, Orders(), "the episode was over before the reply"))
+            self._keep(self._row(shown, None, FleetOrders(), "the episode was over before the reply"))
             return []
         reply, now_s = asking.reply(), self._now_s()
         error: str | None = None
@@ -115,7 +115,7 @@ class Commander:
             orders, refused = self._granted(parse_orders(reply.text, len(self._posts)), shown)
             error = "; ".join(refused) or None
         except OrdersError as unreadable:
-            orders, error = Orders(), str(unreadable)
+            orders, error = FleetOrders(), str(unreadable)
         self._keep(self._row(shown, asking, orders, error))
         decisions = [self._declare(drone, shown, asking) for drone in orders.confirmed]
         for drone, goal in orders.goals:
@@ -148,7 +148,7 @@ class Commander:
         question = Question(self._cockpit.seed, shown.number, COMMANDER)
         return Asking(command.model, request, self._cockpit.executor, command.latency, question, shown.asked_s)
 
-    def _granted(self, orders: Orders, shown: _Shown) -> tuple[Orders, list[str]]:
+    def _granted(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
         """Return what of the orders can be carried out, and why the rest cannot: it acts on what it was shown."""
         refused: list[str] = []
         goals, confirmed = [], []
@@ -162,7 +162,7 @@ class Commander:
                 goals.append((drone, goal))
             else:
                 refused.append(f"drone {drone + 1} has reported meanwhile")
-        return Orders(tuple(goals), tuple(confirmed)), refused
+        return FleetOrders(tuple(goals), tuple(confirmed)), refused
 
     def _declare(self, drone: int, shown: _Shown, asking: Asking) -> Decision:
         """Declare a confirmed report: on the frame that the commander saw, which the drone has hovered at since."""
@@ -183,7 +183,7 @@ class Commander:
         self._cockpit.on_step(decision)
         return decision
 
-    def _row(self, shown: _Shown, asking: Asking | None, orders: Orders, error: str | None) -> Exchange:
+    def _row(self, shown: _Shown, asking: Asking | None, orders: FleetOrders, error: str | None) -> Exchange:
         """Return what is logged of an exchange; no `asking` where the reply came too late."""
         reply, now_s = asking.reply() if asking else None, self._now_s()
         return Exchange(

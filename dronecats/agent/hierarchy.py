@@ -7,7 +7,7 @@ asked at once when they are due at once, and the commander beside them.
 from collections.abc import Callable
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.commander import Commander, CommandQuestions
+from dronecats.agent.commander import CommandQuestions, FleetCommander
 from dronecats.agent.decider import Questions, Tally
 from dronecats.agent.decisions import Decision
 from dronecats.agent.drone import Drone
@@ -30,7 +30,7 @@ class Hierarchy:
         self._drones = [Drone(i, each, cockpit.camera_model) for i, each in enumerate(cockpit.aircraft)]
         posts = [Post(drone, questions.instruction) for drone in self._drones]
         self._pilots = [Subordinate(questions, post, cockpit, lambda: self.now_s, self._tally) for post in posts]
-        self._commander = Commander(command, posts, cockpit, lambda: self.now_s, self._tally, self._keep)
+        self._commander = FleetCommander(command, posts, cockpit, lambda: self.now_s, self._tally, self._keep)
 
     @property
     def now_s(self) -> float:

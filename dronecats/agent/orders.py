@@ -12,7 +12,7 @@ MAX_GOAL_CHARS = 500  # as an episode's own instruction
 
 
 @dataclass(frozen=True, slots=True)
-class Orders:
+class FleetOrders:
     """One reply. Drones are counted from 0 here, and from 1 in the reply."""
 
     goals: tuple[tuple[int, str], ...] = ()  # (drone, its goal on one line), in the order of the reply
@@ -23,7 +23,7 @@ class OrdersError(ValueError):
     """A reply holds no orders; the text says why. A failure of the commander, never of the infrastructure."""
 
 
-def parse_orders(reply: str, drones: int) -> Orders:
+def parse_orders(reply: str, drones: int) -> FleetOrders:
     """Return the orders in a commander's reply to a fleet of `drones`.
 
     Prose or a code fence around the object is tolerated: the last one that has either key counts, since what comes
@@ -38,7 +38,7 @@ def parse_orders(reply: str, drones: int) -> Orders:
     for drone in {drone for drone, _ in goals}:
         if sum(one == drone for one, _ in goals) > 1:
             raise OrdersError(f"drone {drone + 1} has two goals")
-    return Orders(goals, tuple(dict.fromkeys(confirmed)))
+    return FleetOrders(goals, tuple(dict.fromkeys(confirmed)))
 
 
 def _list(value: dict[str, Any], key: str) -> list[Any]:
