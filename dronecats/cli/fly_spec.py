@@ -11,12 +11,17 @@ if TYPE_CHECKING:
     from dronecats.flight.spec import FlightSpec
     from hil.link.envelope import Limits
 
-SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "drones", "full", "optics", "autopilot", "px4", "no_envelope")
+SIMULATED_ONLY = (
+    "speed", "seed", "airframe", "episode", "drones", "command", "full", "optics", "autopilot", "px4", "no_envelope",
+)  # fmt: skip
 CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
     "target", "target_std",
 )  # fmt: skip
-BESIDE_SPEC = ("episode", "base_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run")
+BESIDE_SPEC = (
+    "episode", "base_url", "commander_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run",
+)  # fmt: skip
+SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
 
@@ -32,6 +37,10 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
     if args.base_url and not args.model:
         raise UsageError("--base-url goes with --model PROVIDER/NAME, for example --model local/my-model")
+    if args.commander and args.command != "hierarchical":
+        raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
+    if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
+        raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
     strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
     stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
     if stray == "no_envelope":
@@ -112,6 +121,8 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
     if args.base_url and spec.model:
         spec = replace(spec, model=replace(spec.model, base_url=args.base_url))
+    if args.commander_url and spec.commander:
+        spec = replace(spec, commander=replace(spec.commander, base_url=args.commander_url))
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
     if missing := hidden(spec):
@@ -126,10 +137,16 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
     from dronecats.agent.prompt import Prompt
     from dronecats.pilots import roster
 
-    prompt = Prompt.load(args.prompt).template if args.prompt else None
+    told: dict[str, Any] = {"prompt": Prompt.load(args.prompt).template if args.prompt else None}
+    if args.command:
+        told["command"] = args.command
+    if args.commander and args.commander.startswith(SCRIPTED):
+        told["scripted"] = roster.check_commander(args.commander)
+    elif args.commander:
+        told["commander"] = spec_of(args.commander, args.commander_url, "--commander")
     if args.model:
-        return {"model": spec_of(args.model, args.base_url), "prompt": prompt}
-    return {"pilot": roster.check(args.pilot or "vision"), "prompt": prompt}
+        return {"model": spec_of(args.model, args.base_url), **told}
+    return {"pilot": roster.check(args.pilot or "vision"), **told}
 
 
 def _of_episode(name: str) -> dict[str, Any]:

@@ -66,12 +66,19 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     _check_numbers(spec)
     if spec.pilot:
         roster.check(spec.pilot)
+    if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
+        raise UsageError(
+            f"--command {spec.command} asks for each drone alone, and {spec.pilot} counts its questions, not whose they"
+            " are; choose vision, oracle or a model"
+        )
+    if spec.scripted_commander:
+        roster.check_commander(spec.scripted_commander)
     if spec.drones is not None and not spec.simulated:
         raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
     simulated = spec.simulated
     if simulated:
         airframes.load(simulated.airframe)
-        if not simulated.rendered and (spec.model or roster.looks(spec.pilot or "")):
+        if not simulated.rendered and (spec.model or spec.commander or roster.looks(spec.pilot or "")):
             raise UsageError(
                 "only the oracle and the blind can fly without rendering; every other pilot looks at the frames"
             )
@@ -82,8 +89,8 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
         raise UsageError(
             "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
         )
-    if spec.model:
-        model = open_model(spec.model)
+    for asked in filter(None, (spec.model, spec.commander)):
+        model = open_model(asked)
         try:
             if ask_model:
                 model.check()

@@ -8,6 +8,7 @@ from dronecats.pilots.patterns import PATTERNS
 from foundation.errors import UsageError
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
+COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)"}
 RECORDED, BLIND = "recorded:", "blind:"
 NAMES = (*SERVED, "oracle")
 
@@ -29,6 +30,18 @@ def check(name: str) -> str:
     raise UsageError(f"there is no pilot '{name}'; {hint}")
 
 
+def check_commander(name: str) -> str:
+    """Return `name` if there is such a built-in commander. Raises UsageError."""
+    if name in COMMANDERS:
+        return name
+    raise UsageError(f"there is no commander '{name}'; there are PROVIDER/NAME and {', '.join(COMMANDERS)}")
+
+
+def forgets(name: str) -> bool:
+    """Return whether a pilot answers a question by what stands in it, whoever's drone it is about."""
+    return name in NAMES
+
+
 def looks(name: str) -> bool:
     """Return whether a pilot looks at the frames, which must be drawn for it then."""
     return name not in ("oracle", "blind") and not name.startswith(BLIND)
@@ -43,6 +56,10 @@ def answer(name: str) -> Callable[[str, list[bytes]], str]:
         from dronecats.pilots.recorded import player
 
         return player(Path(name.removeprefix(RECORDED)))
+    if name in COMMANDERS:
+        from dronecats.pilots.commander import divide
+
+        return divide
     if name == "vision":
         from dronecats.pilots.vision import answer as vision
 
@@ -56,4 +73,4 @@ def owner(name: str) -> str:
     """Return what a served pilot's endpoint says of itself to whoever lists its models."""
     if name.startswith(BLIND):
         return f"{SERVED['blind'][:-1]}: {PATTERNS[name.removeprefix(BLIND)].says})"
-    return SERVED.get(name, "dronecats (replies of another flight said again, not a model)")
+    return (SERVED | COMMANDERS).get(name, "dronecats (replies of another flight said again, not a model)")

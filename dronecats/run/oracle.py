@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dronecats.flight.flight import Flight
 from dronecats.pilots.oracle_model import OracleModel
-from dronecats.run.pilot import OpenPilot, opened
+from dronecats.run.pilot import OpenPilot, commanded, opened
 from dronecats.sitl.scenario import origin
 from dronecats.stages.stage import TruthfulStage
 from episodes.world import World
@@ -25,6 +25,7 @@ def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) 
     tap = stage.tap(lambda data: oracle.feed(data))
     oracle = OracleModel(world, CameraModel(), origin(world), tap.drain)
     try:
-        yield OpenPilot(oracle, begin=oracle.begin)
+        with commanded(flight, stage, folder, OpenPilot(oracle, begin=oracle.begin)) as pilot:
+            yield pilot
     finally:
         tap.close()
