@@ -27,6 +27,7 @@ class Cockpit:
     frames_dir: Path
     executor: Executor  # where what may take long is called
     t0_us: int  # µs, the vehicles' clock when the episode began
+    commander_log: Path | None = None  # where a hierarchy keeps its exchanges; None: nowhere
     seed: tuple[int, ...] = (0,)  # of all that an agent draws
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
     on_tick: Callable[[], None] = _nothing  # called at every tick; what it raises ends the flight

@@ -4,18 +4,17 @@ A decider is a generator that yields whenever vehicle time has to pass. So sever
 asking for its own drones when those have flown what they were told.
 """
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from itertools import count
 
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from dronecats.agent import action as actions
 from dronecats.agent.asking import Asking
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decisions import Decision
 from dronecats.agent.drone import Drone
-from dronecats.agent.last_reply import outlast
+from dronecats.agent.last_reply import await_reply
 from dronecats.agent.latency import Latency, Question
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt, labels
@@ -41,6 +40,18 @@ class Questions:
     last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
 
 
+class Tally:
+    """Numbers the steps of an episode as they are decided, over all who decide in it: so none is ever missing."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def take(self) -> int:
+        """Return the next number, from 0."""
+        self.taken += 1
+        return self.taken - 1
+
+
 class Decider:
     """Decides for its drones, step by step. Of one drone it is the paper's pilot, of four its joint command."""
 
@@ -50,12 +61,13 @@ class Decider:
         drones: Sequence[Drone],
         cockpit: Cockpit,
         now_s: Callable[[], float],
-        numbers: Iterator[int] | None = None,
+        tally: Tally | None = None,
     ) -> None:
-        """`now_s` reads the episode's clock; `numbers` are those of the steps, shared by who shares the episode."""
+        """`now_s` reads the episode's clock; `tally` numbers the steps, shared by who shares the episode."""
         self._questions, self._drones, self._cockpit = questions, drones, cockpit
         self._now_s = now_s
-        self._numbers = numbers or count()
+        self._tally = tally or Tally()
+        self._asked = 0  # questions; of the only decider of an episode each is the step of its number
         self._decided_s: float | None = None
         self.steps = 0
 
@@ -72,58 +84,50 @@ class Decider:
         return False
 
     def _see(self) -> Generator[None, None, list[Frame]]:
-        """Return every drone's newest frame. The vehicles are kept holding meanwhile: a fleet's frames take a while."""
-        camera, drones, patience_s = self._cockpit.camera, self._drones, self._questions.patience_s
-        coming = self._cockpit.executor.submit(lambda: [camera.newest(drone.index) for drone in drones])
-        asked_s = self._now_s()
-        while not coming.done():
-            yield
-            if patience_s is not None and self._now_s() > asked_s + patience_s:
-                raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
-        frames = coming.result()
-        for drone, frame in zip(drones, frames, strict=True):
+        """Return every drone's newest frame, from which the angles of its next action count."""
+        indices = [drone.index for drone in self._drones]
+        frames = yield from newest_frames(self._cockpit, indices, self._now_s, self._questions.patience_s)
+        for drone, frame in zip(self._drones, frames, strict=True):
             drone.see(frame.time_us)
         return frames
 
     def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
         """Ask, await the reply, and have every drone begin what it says; return when all have flown it."""
-        patience_s = self._questions.patience_s
         # a frame may be newer than what its drone has told since; no reply is older than its picture
         asked_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
         thinking = any(drone.thinks_next for drone in self._drones)  # one call answers for all of them
-        step = next(self._numbers)
-        asking = self._ask(frames, thinking, step, asked_s)
-        while not asking.due(self._now_s()):
-            yield
-            if self._now_s() >= cap_s:
-                break
-            if patience_s is not None and self._now_s() > asked_s + patience_s:
-                raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
-        if not asking.due(self._now_s()):
-            if self._questions.last_reply:
-                yield from outlast(asking, lambda: self._now_s() - asked_s, patience_s)
-            if not self.steps:
+        asking = self._ask(frames, thinking, self._asked, asked_s)
+        self._asked += 1
+        asked = self._questions
+        if not (yield from await_reply(asking, self._now_s, asked_s, cap_s, asked.patience_s, asked.last_reply)):
+            if not self._tally.taken:
                 raise ModelError("the model did not answer once before the episode was over")
             return []  # the episode is over before the reply: whatever it says came too late to be an action
-        decisions = self._decide(frames, asking, thinking, step)
+        decisions = self._decide(frames, asking, thinking)
         while any(drone.busy for drone in self._drones) and self._now_s() < cap_s:
             yield
             for drone in self._drones:
                 drone.advance(self._now_s())
         return decisions
 
-    def _ask(self, frames: Sequence[Frame], thinking: bool, step: int, now_s: float) -> Asking:
+    def _ask(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
         asked, cockpit = self._questions, self._cockpit
-        pictures = tuple(encode(frame.image_rgb) for frame in frames)
-        for frame, jpeg in zip(frames, pictures, strict=True):
-            (cockpit.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
+        pictures = keep_pictures(cockpit, frames)
         text = asked.prompt.render(
-            asked.instruction, self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
+            self._instruction(), self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
         )
         first = self._drones[0].index
-        request = Request(text, pictures, thinking, labels(len(self._drones)), step=step, drone=first)
-        question = Question(cockpit.seed, step, first)
+        request = Request(text, pictures, thinking, labels(len(self._drones)), step=number, drone=first)
+        question = Question(cockpit.seed, number, first)
         return Asking(asked.model, request, cockpit.executor, asked.latency, question, now_s)
+
+    def _instruction(self) -> str:
+        """Return what the drones are told to do."""
+        return self._questions.instruction
+
+    def _report(self, action: actions.Action | None) -> bool | UnsetType:
+        """Return whether an action is a report to a commander; unset where there is none to report to."""
+        return UNSET
 
     def _histories(self) -> str:
         if len(self._drones) == 1:
@@ -131,8 +135,8 @@ class Decider:
         named = zip(labels(len(self._drones)), self._drones, strict=True)
         return "\n".join(f"{label}\n{drone.history.render()}" for label, drone in named)
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, step: int) -> list[Decision]:
-        reply, now_s = asking.reply(), self._now_s()
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
+        reply, now_s, step = asking.reply(), self._now_s(), self._tally.take()
         rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
         self._decided_s = now_s
         decisions = []
@@ -155,6 +159,7 @@ class Decider:
                 thinking=thinking,
                 rate_hz=None if rate_hz is None else round(rate_hz, 6),
                 finish=reply.finish or UNSET,
+                report=self._report(action),
             )
             self._cockpit.log.write(decision)
             drone.thinks_next = isinstance(action, actions.Think)
@@ -170,3 +175,24 @@ class Decider:
 
     def _since_begin_s(self, frame: Frame) -> float:
         return (frame.time_us - self._cockpit.t0_us) / 1e6
+
+
+def newest_frames(
+    cockpit: Cockpit, drones: Sequence[int], now_s: Callable[[], float], patience_s: float | None
+) -> Generator[None, None, list[Frame]]:
+    """Return the newest frame of each drone; yield while they come, a fleet's take a while. Raises CameraError."""
+    coming = cockpit.executor.submit(lambda: [cockpit.camera.newest(drone) for drone in drones])
+    asked_s = now_s()
+    while not coming.done():
+        yield
+        if patience_s is not None and now_s() > asked_s + patience_s:
+            raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
+    return coming.result()
+
+
+def keep_pictures(cockpit: Cockpit, frames: Sequence[Frame]) -> tuple[bytes, ...]:
+    """Return frames as the JPEGs that a model gets, each kept in the run folder."""
+    pictures = tuple(encode(frame.image_rgb) for frame in frames)
+    for frame, jpeg in zip(frames, pictures, strict=True):
+        (cockpit.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
+    return pictures

@@ -34,6 +34,11 @@ class History:
     def append(self, action: Action) -> None:
         self._actions.append(action)
 
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """Oldest first."""
+        return tuple(self._actions)
+
     def render(self) -> str:
         """Return the numbered lines, oldest first, the newest tagged; or the sentence for the first step."""
         if not self._actions:

@@ -14,6 +14,7 @@ import numpy as np
 from foundation.errors import UsageError
 
 LONGEST_S = 300.0  # an episode
+COMMANDER = 255  # the drone of a commander's questions: no vehicle has that number
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +22,8 @@ class Question:
     """What tells one question from every other: nothing of a random latency depends on anything else."""
 
     seed: tuple[int, ...]  # of the episode, and of this flight of it
-    step: int
-    drone: int  # the first of those that are asked together
+    step: int  # how many were asked for these drones before it
+    drone: int  # the first of those that are asked together, or COMMANDER
 
 
 Charge = Callable[[Question, float], float]  # question, measured wall seconds → vehicle seconds

@@ -70,6 +70,11 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         "--parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)"
     )
     pilot.add_argument(
+        "--command", choices=("flat", "hierarchical", "solo"), help="who decides for a fleet: docs/commanding.md"
+    )
+    pilot.add_argument("--commander", metavar="NAME", help="of a hierarchy; or scripted:divide, no model")
+    pilot.add_argument("--commander-url", metavar="URL", help="where that is served")
+    pilot.add_argument(
         "--latency",
         metavar="POLICY",
         help="real (default), measured, fixed:SECONDS (with --speed max: fixed:0.5) or lognormal:MEDIAN,SIGMA",

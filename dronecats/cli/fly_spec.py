@@ -12,18 +12,22 @@ if TYPE_CHECKING:
     from dronecats.flight.spec import Accounts, FlightSpec
     from hil.link.envelope import Limits
 
-SIMULATED_ONLY = ("speed", "seed", "airframe", "episode", "drones", "full", "optics", "autopilot", "px4", "no_envelope")
+SIMULATED_ONLY = (
+    "speed", "seed", "airframe", "episode", "drones", "command", "full", "optics", "autopilot", "px4", "no_envelope",
+)  # fmt: skip
 CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
     "target", "target_std",
 )  # fmt: skip
 ACCOUNTS = ("cost_limit", "token_limit", "ledger", "cache")
 BESIDE_SPEC = (
-    "episode", "base_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run", *ACCOUNTS
+    "episode", "base_url", "commander_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run",
+    *ACCOUNTS,
 )  # fmt: skip
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
             "full", "prompt")  # fmt: skip
+SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
 
@@ -39,6 +43,10 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
     if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
         raise UsageError(f"--{_option(alone)} goes with --model PROVIDER/NAME, for example --model local/my-model")
+    if args.commander and args.command != "hierarchical":
+        raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
+    if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
+        raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
     strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
     stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
     if stray == "no_envelope":
@@ -187,6 +195,8 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
         spec = replace(spec, model=replace(spec.model, base_url=args.base_url))
     changed = {name: value for name, value in asdict(_accounts(args)).items() if value is not None}
     spec = replace(spec, accounts=replace(spec.accounts, **changed))
+    if args.commander_url and spec.commander:
+        spec = replace(spec, commander=replace(spec.commander, base_url=args.commander_url))
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
     if not spec.replay and (missing := hidden(spec)):
@@ -199,10 +209,27 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
 def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
     from dronecats.pilots import roster
 
-    common = {"prompt": _template(args.prompt) if args.prompt else None, "accounts": _accounts(args)}
+    told: dict[str, Any] = {
+        "prompt": _template(args.prompt) if args.prompt else None,
+        "accounts": _accounts(args),
+        **_of_command(args),
+    }
     if args.model:
-        return {"model": model_of(args.model, args), **common}
-    return {"pilot": roster.check(args.pilot or "vision"), **common}
+        return {"model": model_of(args.model, args), **told}
+    return {"pilot": roster.check(args.pilot or "vision"), **told}
+
+
+def _of_command(args: argparse.Namespace) -> dict[str, Any]:
+    """Return how a fleet is commanded, and by whom."""
+    from dronecats.agent.models.rows import model_of as row_or_name
+    from dronecats.pilots import roster
+
+    told: dict[str, Any] = {"command": args.command} if args.command else {}
+    if args.commander and args.commander.startswith(SCRIPTED):
+        return {**told, "scripted": roster.check_commander(args.commander)}
+    if args.commander:
+        told["commander"] = row_or_name(args.commander, args.commander_url)
+    return told
 
 
 def _of_episode(name: str) -> dict[str, Any]:

@@ -22,12 +22,14 @@ def as_json(spec: FlightSpec) -> dict[str, Any]:
 
 def as_kept(spec: FlightSpec) -> dict[str, Any]:
     """Return the spec as JSON values for a file: without what may be a key or a password in an address."""
-    model, connected = spec.model, spec.connected
+    model, commander, connected = spec.model, spec.commander, spec.connected
     if model and model.base_url:
         model = replace(model, base_url=redacted_url(model.base_url))
+    if commander and commander.base_url:
+        commander = replace(commander, base_url=redacted_url(commander.base_url))
     if connected and connected.camera:
         connected = replace(connected, camera=shown(connected.camera))
-    return as_json(replace(spec, model=model, connected=connected))
+    return as_json(replace(spec, model=model, commander=commander, connected=connected))
 
 
 def from_json(value: Any, where: str) -> FlightSpec:
@@ -61,6 +63,7 @@ def hidden(spec: FlightSpec) -> list[str]:
     """Return which addresses of a spec were hidden when it was kept, as the options that give them anew."""
     addresses = {
         "--base-url": spec.model.base_url if spec.model else None,
+        "--commander-url": spec.commander.base_url if spec.commander else None,
         "--camera": spec.connected.camera if spec.connected else None,
     }
     return [option for option, address in addresses.items() if address and HIDDEN in address]

@@ -70,12 +70,20 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     _check_accounts(spec)
     if spec.pilot and not spec.replay:
         roster.check(spec.pilot)
+    if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
+        raise UsageError(
+            f"--command {spec.command} asks for each drone alone, and {spec.pilot} counts its questions, not whose they"
+            " are; choose vision, oracle or a model"
+        )
+    if spec.scripted_commander:
+        roster.check_commander(spec.scripted_commander)
     if spec.drones is not None and not spec.simulated:
         raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
     simulated = spec.simulated
     if simulated:
         airframes.load(simulated.airframe)
-        if not (simulated.rendered or spec.replay) and (spec.model or roster.looks(spec.pilot or "")):
+        looks = spec.model or spec.commander or roster.looks(spec.pilot or "")
+        if not (simulated.rendered or spec.replay) and looks:
             raise UsageError(
                 "only oracle, blind and failing pilots fly without rendering; every other pilot looks at the frames"
             )
@@ -86,8 +94,8 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
         raise UsageError(
             "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
         )
-    if spec.model and not spec.replay:
-        model = open_model(spec.model)
+    for asked in () if spec.replay else filter(None, (spec.model, spec.commander)):
+        model = open_model(asked)
         try:
             if ask_model and spec.accounts.cache is None:  # which may know every reply
                 model.check()

@@ -14,6 +14,7 @@ from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
+SCRIPTED = "scripted:divide"  # who commands built-in pilots unless somebody is named
 LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
 
 
@@ -74,6 +75,9 @@ class FlightSpec:
     model: ModelSpec | None = None
     replay: Recording | None = None  # in the place of whichever of the two flew it
     accounts: Accounts = Accounts()
+    command: Literal["flat", "hierarchical", "solo"] = "flat"  # one context for all; a commander; or each on its own
+    commander: ModelSpec | None = None  # of a hierarchy; None: the same model, …
+    scripted: str | None = None  # … or a built-in commander, no model; None of a built-in pilot: the one that divides
     prompt: str | None = None  # a template; None: the one that ships
     latency: str = LATENCY
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
@@ -89,8 +93,21 @@ class FlightSpec:
         _one("pilot or model", self.pilot, self.model)
         if sum(place is not None for place in (self.episode, self.record, self.map)) > 1:
             raise ValueError("it wants one of episode, record or map, and has more")
+        if self.commander and self.scripted:
+            raise ValueError("it wants one commander, and has two")
+        if (self.commander or self.scripted) and self.command != "hierarchical":
+            raise ValueError(f"a commander goes with command hierarchical, not {self.command}")
+        if self.command != "flat" and self.connected:
+            raise ValueError(f"command {self.command} goes with simulated: a vehicle that is connected is one")
         if self.envelope is None and self.connected:
             raise ValueError("a vehicle that is not simulated wants an envelope")
+
+    @property
+    def scripted_commander(self) -> str | None:
+        """The built-in commander of a hierarchy, None where a model commands, or nobody."""
+        if self.command != "hierarchical" or self.commander or (self.model and not self.scripted):
+            return None
+        return self.scripted or SCRIPTED
 
     @property
     def pilot_name(self) -> str:

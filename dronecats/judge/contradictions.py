@@ -77,10 +77,23 @@ def of_logs(logs: Logs) -> list[str]:
 
 
 def of_replies(logs: Logs, reread: Rereading) -> list[str]:
-    """Return the decisions whose action is not what their reply says, in one sentence."""
-    drones = max((d.drone for d in logs.decisions), default=0) + 1
-    told = [(d, d.reply) for d in logs.decisions if d.reply is not UNSET]
-    other = [d for d, reply in told if d.action not in reread(reply, drones, d.mended is not UNSET)[d.drone]]
+    """Return the decisions whose action is not what their reply says, in one sentence.
+
+    A reply is for the drones that are decided for together, in the order of their numbers.
+    """
+    together: dict[int, set[int]] = {}  # by step
+    for decision in logs.decisions:
+        together.setdefault(decision.step, set()).add(decision.drone)
+    group: dict[int, set[int]] = {}  # by drone: a kill may cost a step some of its rows, but not every step
+    for drones in together.values():
+        for drone in drones:
+            group.setdefault(drone, set()).update(drones)
+    told = [(d, d.reply, sorted(group[d.drone])) for d in logs.decisions if d.reply is not UNSET]
+    other = [
+        d
+        for d, reply, drones in told
+        if d.action not in reread(reply, len(drones), d.mended is not UNSET)[drones.index(d.drone)]
+    ]
     if not other:
         return []
     return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]

@@ -23,13 +23,12 @@ def declarations(logs: Logs) -> list[Measured]:
 
 
 def last_action(logs: Logs) -> Measured | None:
-    """Return the last action within the cap, None without any; of a fleet, the closest of the last step.
+    """Return the last action within the cap, None without any; of a fleet, the closest of each drone's last one.
 
-    Of a step that was not measured in full nobody knows which was the closest: its distance is None.
+    Where one of them was not measured nobody knows which was the closest: its distance is None.
     """
-    acted = [d for d in logs.decisions if d.t_decided <= CAP_S]
-    step = max((d.step for d in acted), default=None)
-    last = [measured(d, logs) for d in acted if d.step == step]
+    newest = {d.drone: d for d in sorted(logs.decisions, key=lambda d: d.step) if d.t_decided <= CAP_S}
+    last = [measured(newest[drone], logs) for drone in sorted(newest)]
     return min(last, key=lambda m: -1.0 if m.distance_m is None else m.distance_m, default=None)
 
 

@@ -1,14 +1,20 @@
 """A pilot that is told the truth, behind the interface a model has: it listens on the truth bus. Built by the run."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from dronecats.agent.models.model import Reply, Request
-from dronecats.pilots import oracle
+from dronecats.pilots import briefing, oracle, places
+from dronecats.pilots import reply as reply_text
 from dronecats.pilots.sight import Knowing, TrueSight
+from episodes.check.candidates import centre
+from episodes.record import StartPose
+from episodes.scene import Instance
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import ModelError
-from foundation.frames import quat_yaw
+from foundation.frames import quat_yaw, wrap_pi
 from foundation.truth import NewestTruth, Origin
 
 AHEAD_S = 0.5  # s, over which the target's velocity is taken
@@ -40,6 +46,8 @@ class OracleModel:
         """Answer for every picture's drone."""
         self._listen()
         drones = range(request.drone, request.drone + len(request.images_jpeg))
+        if len(drones) == 1 and self._pilot is oracle.nearest_flies:
+            return Reply(self._alone(request.drone, briefing.read(request.text).command), 0.0)
         return Reply(self._pilot([self._sight(drone) for drone in drones]), 0.0)
 
     def check(self) -> None:
@@ -47,6 +55,19 @@ class OracleModel:
 
     def close(self) -> None:
         pass
+
+    def _alone(self, drone: int, command: str) -> str:
+        """Return the action of one drone that is asked for alone: it goes to the candidate that its command points to.
+
+        At one that is not the target it stops and says nothing, as whoever had read its inscription would.
+        """
+        place, sight = places.told(command), self._sight(drone)
+        row = in_a_row(self._world, self._world.record.starts[drone])
+        if place is None or place > len(row) or row[place - 1] is self._world.target:
+            return self._pilot([sight])
+        there = replace(sight, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
+        said = self._pilot([there])
+        return reply_text.think() if said == reply_text.finished() else said
 
     def _sight(self, drone: int) -> TrueSight:
         sample = self._truth.of(drone)
@@ -58,3 +79,15 @@ class OracleModel:
         return TrueSight(
             sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera
         )
+
+
+def in_a_row(world: World, start: StartPose) -> list[Instance]:
+    """Return the target and its look-alikes from left to right, as a start faces them; the target alone without any."""
+    things = [one for one in world.scene.instances if one is world.target or one.name.startswith("candidate-")]
+    yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
+
+    def off(one: Instance) -> float:
+        there = centre(one)
+        return wrap_pi(math.atan2(there[1] - east, there[0] - north) - yaw)
+
+    return sorted(things, key=off)

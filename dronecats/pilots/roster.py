@@ -12,6 +12,7 @@ SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "drone
 RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"
 ORACLE = "oracle"
 NAMES = (*SERVED, ORACLE)
+COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)"}
 
 
 def check(name: str) -> str:
@@ -35,6 +36,18 @@ def check(name: str) -> str:
     raise UsageError(f"there is no pilot '{name}'; {hint}")
 
 
+def check_commander(name: str) -> str:
+    """Return `name` if there is such a built-in commander. Raises UsageError."""
+    if name in COMMANDERS:
+        return name
+    raise UsageError(f"there is no commander '{name}'; there are PROVIDER/NAME and {', '.join(COMMANDERS)}")
+
+
+def forgets(name: str) -> bool:
+    """Return whether a pilot answers a question by what stands in it, whoever's drone it is about."""
+    return name in NAMES
+
+
 def looks(name: str) -> bool:
     """Return whether a pilot looks at the frames, which must be drawn for it then."""
     return not knows(name) and name != "blind" and not name.startswith(BLIND)
@@ -54,6 +67,10 @@ def answer(name: str) -> Callable[[str, list[bytes]], str]:
         from dronecats.pilots.recorded import player
 
         return player(Path(name.removeprefix(RECORDED)))
+    if name in COMMANDERS:
+        from dronecats.pilots.commander import divide
+
+        return divide
     if name == "vision":
         from dronecats.pilots.vision import answer as vision
 
@@ -67,4 +84,4 @@ def owner(name: str) -> str:
     """Return what a served pilot's endpoint says of itself to whoever lists its models."""
     if name.startswith(BLIND):
         return f"{SERVED['blind'][:-1]}: {PATTERNS[name.removeprefix(BLIND)].says})"
-    return SERVED.get(name, "dronecats (replies of another flight said again, not a model)")
+    return (SERVED | COMMANDERS).get(name, "dronecats (replies of another flight said again, not a model)")

@@ -146,6 +146,7 @@ def _begin(
             camera_model=stage.camera_model,
             log=log,
             frames_dir=folder / layout.FRAMES,
+            commander_log=folder / layout.COMMANDER,
             executor=stage.executor,
             t0_us=t0_us,
             seed=seed,

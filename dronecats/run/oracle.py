@@ -8,7 +8,7 @@ from dronecats.flight.flight import Flight
 from dronecats.pilots import failing, oracle, roster
 from dronecats.pilots.oracle_model import OracleModel
 from dronecats.pilots.sight import Knowing
-from dronecats.run.pilot import OpenPilot, opened
+from dronecats.run.pilot import OpenPilot, commanded, opened
 from dronecats.sitl.scenario import origin
 from dronecats.stages.stage import TruthfulStage
 from episodes.world import World
@@ -26,7 +26,8 @@ def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) 
     tap = stage.tap(lambda data: model.feed(data))
     model = OracleModel(world, CameraModel(), origin(world), tap.drain, name, _knowing(name))
     try:
-        yield OpenPilot(model, begin=model.begin)
+        with commanded(flight, stage, folder, OpenPilot(model, begin=model.begin)) as pilot:
+            yield pilot
     finally:
         tap.close()
 

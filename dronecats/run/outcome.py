@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from msgspec import UNSET
+
 from dronecats.agent.action import action_from
 from dronecats.agent.history import compact
 from dronecats.judge.episode import verdict_of, write_verdict
@@ -21,6 +23,7 @@ from dronecats.rundir.results import Result
 from dronecats.rundir.rows import Decision
 from foundation.camera import CameraModel
 from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
+from foundation.protocol import FINISHED
 
 Say = Callable[[str], None]
 DECLARED = CameraModel()
@@ -118,6 +121,8 @@ def progress(
 
     def line(decision: Decision) -> None:
         what = compact(action_from(decision.action), camera) if decision.action else f"! {decision.error}"
+        what += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
+        what += " (confirmed)" if decision.confirmed_by is not UNSET else ""
         drone = f" drone {decision.drone}" if decision.drone else ""
         told = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)"
         say(f"{told}  {cost}" if (cost := spent()) else told)

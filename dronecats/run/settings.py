@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from dronecats.agent.command_prompt import CommandPrompt
 from dronecats.flight.file import as_kept
 from dronecats.flight.flight import Flight, map_digest
 from dronecats.flight.spec import Simulated
@@ -16,6 +17,7 @@ def settings(flight: Flight, camera: dict[str, Any] | None, agent: AgentMaker = 
         "agent": f"{agent.__module__}.{agent.__qualname__}",
         **({"map_sha256": of_map} if of_map else {}),
         "prompt_sha256": flight.prompt.digest,
+        **({"commander_prompt_sha256": CommandPrompt.load().digest} if flight.spec.command == "hierarchical" else {}),
         "clock": _clock(flight.spec.simulated),
         "camera": camera,
     }

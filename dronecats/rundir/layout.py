@@ -8,6 +8,7 @@ LEDGER = "ledger.sqlite"  # what its models have cost, and whose turn it is
 EPISODE = "episode.json"  # the record that was flown
 WORLD = "world.json"  # the record that was drawn and not judged
 DECISIONS = "decisions.jsonl"  # by the agent
+COMMANDER = "commander.jsonl"  # by the agent, of a hierarchy: every exchange with its commander
 TRUTH = "truth.jsonl"  # by the logger
 ESTIMATE = "estimate.jsonl"  # derived after a flight without truth
 VERDICT = "verdict.json"

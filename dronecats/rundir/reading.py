@@ -22,6 +22,7 @@ from dronecats.rundir.rows import (
     EstimatedFrame,
     EstimatedPose,
     EstimateHead,
+    Exchange,
     FlownRecord,
     FrameTruth,
     Pose,
@@ -93,6 +94,12 @@ def estimate(folder: Path) -> Estimate | None:
         raise UsageError(f"{path} is damaged: it does not say what it was derived from")
     frames = _frames([row for row in told if isinstance(row, EstimatedFrame)], path)
     return Estimate(head, frames, tuple(row for row in told if isinstance(row, EstimatedPose)))
+
+
+def exchanges(folder: Path) -> tuple[Exchange, ...]:
+    """Return an episode's commander.jsonl, nothing where no commander was asked. Raises UsageError."""
+    path = folder / layout.COMMANDER
+    return tuple(rows(path, Exchange)) if path.exists() else ()
 
 
 def rows(path: Path, row: type[Row]) -> Iterator[Row]:

@@ -74,6 +74,12 @@ class Decision:
     finish: (
         Annotated[str, _of("why the reply ends: length, filtered, refusal, …; missing: it was done")] | UnsetType
     ) = UNSET
+    report: Annotated[bool, _of("under a commander: arrival is reported to it here, and not declared")] | UnsetType = (
+        UNSET
+    )
+    confirmed_by: (
+        Annotated[Whole, _of("number of the commander's exchange that declares, on the frame that it saw")] | UnsetType
+    ) = UNSET
 
     @property
     def kind(self) -> str | None:
@@ -82,8 +88,44 @@ class Decision:
 
     @property
     def declares(self) -> bool:
-        """Whether it declares arrival."""
-        return self.kind == FINISHED
+        """Whether it declares arrival; what is reported to a commander is for the commander to declare."""
+        return self.kind == FINISHED and self.report is not True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """Why a commander was asked."""
+
+    why: Annotated[Literal["start", "report", "stall", "time"], Meta(extra={"wrong": "is no cause"})]
+    drone: Annotated[DroneNumber | None, _of("whose report or stall it is")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """What a commander has one drone do."""
+
+    drone: DroneNumber
+    goal: Annotated[str, _of("the instruction of the drone's own agent from its next question on")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exchange:
+    """A question to the commander and what came of it: a line of commander.jsonl, by the agent."""
+
+    number: Annotated[Whole, _of("0 is the first")]
+    t_asked: Annotated[Seconds, _of("s, when it was asked: no earlier than its newest picture")]
+    t_answered: Annotated[Seconds | None, _of("s, when the reply was there; null: the episode was over before")]
+    causes: tuple[Cause, ...]
+    roster: Annotated[str, _of("what was said of the drones, as it stood in the question")]
+    frames: Annotated[tuple[Whole, ...], _of("frame_id of each drone's picture, the first drone's first")]
+    reply: Annotated[str | None, _of("as received; null: none came in time")]
+    orders: Annotated[tuple[Order, ...], _of("those that were carried out")]
+    confirms: Annotated[tuple[DroneNumber, ...], _of("drones whose report was confirmed: a decision each")]
+    error: Annotated[str | None, _of("why the reply, or a part of it, changed nothing")] = None
+    latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")] = None
+    tokens_in: int | None = None
+    tokens_out: int | None = None
+    model: Annotated[str, _of("its name")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

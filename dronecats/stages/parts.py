@@ -14,6 +14,7 @@ CAMERA = ChildKind("camera", "dronecats.sitl.camera_process", CameraConfig)
 TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.sitl.truth_bridge", TruthBridgeConfig)
 LOGGER = ChildKind("logger", "dronecats.logger.logger_process", LoggerConfig)
 ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.logger.estimate_process", EstimateLoggerConfig)
+COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process", PilotConfig)
 PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
 
 

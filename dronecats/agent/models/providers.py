@@ -86,9 +86,9 @@ def provider_of(name: str) -> Provider:
     raise UsageError(f"there is no model provider '{name}'; {hint}")
 
 
-def spec_of(model: str, base_url: str | None = None) -> ModelSpec:
+def spec_of(model: str, base_url: str | None = None, option: str = "--model") -> ModelSpec:
     """Return the model that 'PROVIDER/NAME' names. Raises UsageError for what has no such form."""
     head, slash, name = model.partition("/")
     if not (slash and name):
-        raise UsageError(f"--model wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
+        raise UsageError(f"{option} wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
     return ModelSpec(provider=provider_of(head).name, name=name, base_url=base_url)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_http, open_model
+from dronecats.agent.models.open import open_model
 from dronecats.agent.models.openai_chat import ChatModel
 from dronecats.agent.models.providers import PROVIDERS, spec_of
 from dronecats.agent.models.spec import ModelSpec
@@ -147,7 +147,7 @@ def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
 )
 def test_a_schema_goes_with_the_questions_that_it_describes(provider, asked, held):
     held_to = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
-    body = str(open_http(held_to).body(asked))
+    body = str(open_model(held_to).body(asked))
     assert ("additionalProperties" in body) == held
 
 
