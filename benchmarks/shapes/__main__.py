@@ -1,11 +1,12 @@
 """The vision pilot's knowledge of shapes, made from pictures of campuses that do not exist.
 
-    python -m benchmarks.shapes [--out FILE] [--campuses N] [--pictures N] [--rounds N] [--check [FILE]]
+    python -m benchmarks.shapes [--out FILE] [--campuses N] [--pictures N] [--rounds N] [--check [FILE]] [--short]
 
 draws the campuses, takes windows out of their pictures, fits a first network, takes windows that it mistakes, fits the
 network that ships, and writes it. `--check` only prints, for a network, how many things it finds in pictures of
 campuses that it was not fitted to, and how often it finds what is not there. Everything comes from seeds; the last
-digits are the processor's and its algebra library's.
+digits are the processor's and its algebra library's. `--short` shows in seconds that it runs, and writes only where
+it is told to.
 """
 
 import argparse
@@ -26,11 +27,13 @@ from dronecats.pilots.paint import Picture
 from episodes.render.renderer import Renderer
 
 LEARNT, UNSEEN = 200, 900  # the first seed of the campuses to learn from, and of those to check with
-CAMPUSES, PICTURES, ROUNDS = 46, 28, 44
+CAMPUSES, PICTURES, ROUNDS = 40, 28, 24
 FIRST_CAMPUSES, FIRST_ROUNDS = 10, 20
+CHECKED = (4, 24)  # campuses, and pictures of each
 NOTHING, MISTAKEN = 50, 45  # windows of a picture that hold nothing: any, and those that the first network mistakes
+SHADOW_CELLS = 2048  # a side of the shadow map: the half of what flights are drawn with
 QUALITY = 88  # of the JPEG that a picture is kept as, as a pilot gets it
-USUAL_PERCENTILE = 85.0
+USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
 CHECKED_M = (3.2, 20.0, 40.0)
 PLAINLY = 0.5  # of a thing's pixels are to be seen of what is counted as there
 ODDS = (0.0, 1.0, 2.5)  # logarithms, from which a thing counts as found
@@ -42,7 +45,7 @@ def draw(first: int, count: int, pictures: int) -> Iterator[Kept]:
     """Yield the pictures of `count` campuses, as JPEG, with what they show."""
     for seed in range(first, first + count):
         scene = campuses.build(seed)
-        renderer = Renderer(scene, campuses.CAMERA)
+        renderer = Renderer(scene, campuses.CAMERA, threads=1, shadow_cells=SHADOW_CELLS)
         for one in campuses.pictures(scene, renderer, seed, pictures):
             done, data = cv2.imencode(".jpg", one.rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
             assert done
@@ -58,12 +61,14 @@ def decoded(kept: Iterable[Kept]) -> Iterator[tuple[Picture, tuple[Shown, ...]]]
 
 def usual(kept: Iterable[Kept]) -> dict[str, float]:
     """Return for each kind which share of the box around it a thing fills that nothing hides."""
-    shares: dict[str, list[float]] = defaultdict(list)
+    shares: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for _, shown in kept:
         for one in shown:
-            if one.depth_m < 30.0:
-                shares[one.kind].append(one.pixels / one.whole)
-    return {kind: float(np.percentile(each, USUAL_PERCENTILE)) for kind, each in shares.items()}
+            shares[one.kind].append((one.depth_m, one.pixels / one.whole))
+    return {
+        kind: float(np.percentile([s for d, s in each if d < USUAL_WITHIN_M] or [s for _, s in each], USUAL_PERCENTILE))
+        for kind, each in shares.items()
+    }
 
 
 def collect(
@@ -88,8 +93,13 @@ def learn(kept: list[Kept], first: int, rounds: int) -> shapes.Network:
 
 def write(network: shapes.Network, file: Path) -> None:
     """Write a network in half precision."""
-    names = ("hidden", "hidden_bias", "out", "out_bias")
-    np.savez(file, allow_pickle=False, **{name: getattr(network, name).astype(np.float16) for name in names})
+    np.savez(
+        file,
+        hidden=network.hidden.astype(np.float16),
+        hidden_bias=network.hidden_bias.astype(np.float16),
+        out=network.out.astype(np.float16),
+        out_bias=network.out_bias.astype(np.float16),
+    )
 
 
 def found(network: shapes.Network, kept: list[Kept]) -> dict[str, tuple[list[tuple[float, float]], list[float]]]:
@@ -136,16 +146,24 @@ def main() -> None:
     """Make the network, or check one."""
     parser = argparse.ArgumentParser(description="The vision pilot's network of shapes.")
     shipped = Path(shapes.__file__).with_name("shapes.npz")
-    parser.add_argument("--out", type=Path, default=shipped, help="where the network is written")
-    parser.add_argument("--campuses", type=int, default=CAMPUSES, help="how many campuses it learns from")
-    parser.add_argument("--pictures", type=int, default=PICTURES, help="of each campus")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help="of the second fit over its examples")
+    parser.add_argument("--out", type=Path, help="where the network is written (default: over the one that ships)")
+    parser.add_argument("--campuses", type=int, default=CAMPUSES, help=f"it learns from so many (default {CAMPUSES})")
+    parser.add_argument("--pictures", type=int, default=PICTURES, help=f"of each campus (default {PICTURES})")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"of the second fit (default {ROUNDS})")
     parser.add_argument("--check", type=Path, nargs="?", const=shipped, help="only check this network")
+    parser.add_argument("--short", action="store_true", help="a campus and a round, to see that it runs")
     args = parser.parse_args()
-    if args.check is None:
-        kept = list(draw(LEARNT, args.campuses, args.pictures))
-        write(learn(kept, min(FIRST_CAMPUSES, args.campuses) * args.pictures, args.rounds), args.out)
-    report(shapes.read(args.check or args.out), list(draw(UNSEEN, 4, 24)))
+    campuses_to_learn, pictures, rounds = (1, 4, 1) if args.short else (args.campuses, args.pictures, args.rounds)
+    if args.check is not None:
+        network = shapes.read(args.check)
+    else:
+        kept = list(draw(LEARNT, campuses_to_learn, pictures))
+        network = learn(kept, min(FIRST_CAMPUSES, campuses_to_learn) * pictures, rounds)
+        out = args.out or (None if args.short else shipped)
+        if out is not None:
+            write(network, out)
+            network = shapes.read(out)
+    report(network, list(draw(UNSEEN, *((1, 4) if args.short else CHECKED))))
 
 
 if __name__ == "__main__":

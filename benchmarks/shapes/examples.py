@@ -23,6 +23,9 @@ SEEN = (
     0.40,
 )  # of the pixels a thing has where nothing hides it: less is nothing, less than the second no example
 UNSAID = -1
+ASKEW = 12  # windows of a picture that show a thing from where it does not stand
+MOST_OF_A_ROW = 6  # windows of one distance and height that are taken for a mistake each
+USUAL_WINDOWS = 5000.0  # of a picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,37 +79,35 @@ def draw(
 ) -> Examples:
     """Return windows of one picture: all that hold something, and `others` that do not.
 
-    With a network the latter are half those that it takes for something, which is what there is to learn.
+    With a network the latter are those that it takes most for something, and besides there are ASKEW that show a thing
+    from a place where it does not stand.
     """
     windows, kinds = list[NDArray[np.float16]](), list[NDArray[np.int8]]()
-    empty, odds = list[NDArray[np.float16]](), list[NDArray[np.floating]]()
+    empty, rank, askew = list[NDArray[np.float16]](), list[NDArray[np.float64]](), list[NDArray[np.float16]]()
     for strip in shapes.strips(picture):
         for height in range(len(shapes.HEIGHTS_M)):
-            said = labels(strip, height, shown, usual, NEAR if network is None else ABOUT)
-            seen = None
-            if network is not None or (said > 0).any():
-                seen = strip.windows(height)
-            for kind in np.unique(said[said > 0]):
-                where = np.flatnonzero(said == kind)
-                assert seen is not None
-                windows.append(seen[where].astype(np.float16))
-                kinds.append(np.full(len(where), kind, np.int8))
-            where = np.flatnonzero(said == 0)
+            said = labels(strip, height, shown, usual)
+            holds = np.flatnonzero(said > 0)
+            nothing = np.flatnonzero(said == 0)
             if network is None:
-                take = where[rng.random(len(where)) < others / 5000.0]
-                if len(take):
-                    seen = strip.windows(height) if seen is None else seen
-                    empty.append(seen[take].astype(np.float16))
-                    odds.append(rng.random(len(take)))
-            elif len(where):
-                assert seen is not None
-                taken_for = 1.0 - network.shares(seen[where])[:, 0]
-                hard = np.argsort(-taken_for)[:6]
-                empty.append(seen[where[hard]].astype(np.float16))
-                odds.append(-taken_for[hard])
-    if empty:
-        pool, rank = np.concatenate(empty), np.concatenate(odds)
-        keep = np.argsort(rank)[:others]
-        windows.append(pool[keep])
-        kinds.append(np.zeros(len(keep), np.int8))
-    return Examples(np.concatenate(windows), np.concatenate(kinds))
+                nothing = nothing[rng.random(len(nothing)) < others / USUAL_WINDOWS]
+            if not len(holds) and not len(nothing):
+                continue
+            seen = strip.windows(height)
+            windows.append(seen[holds].astype(np.float16))
+            kinds.append(said[holds])
+            if network is None:
+                empty.append(seen[nothing].astype(np.float16))
+                rank.append(rng.random(len(nothing)))
+                continue
+            about = labels(strip, height, shown, usual, ABOUT)[nothing] != 0
+            askew.append(seen[rng.permutation(nothing[about])[:1]].astype(np.float16))
+            clear = nothing[~about]
+            mistaken = 1.0 - network.shares(seen[clear])[:, 0]
+            worst = np.argsort(-mistaken)[:MOST_OF_A_ROW]
+            empty.append(seen[clear[worst]].astype(np.float16))
+            rank.append(-mistaken[worst].astype(np.float64))
+    chosen = np.concatenate(empty)[np.argsort(np.concatenate(rank), kind="stable")[:others]]
+    beside = rng.permutation(np.concatenate(askew))[:ASKEW] if askew else chosen[:0]
+    none = np.concatenate((chosen, beside))
+    return Examples(np.concatenate((*windows, none)), np.concatenate((*kinds, np.zeros(len(none), np.int8))))

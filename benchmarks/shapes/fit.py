@@ -1,6 +1,6 @@
 """The fit of the vision pilot's network: one hidden layer, cross-entropy, Adam, all in numpy."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,8 @@ def fit(examples: Examples, rounds: int, seed: int) -> shapes.Network:
     steps = rounds * (len(examples.kinds) // BATCH)
     for k, (x, kinds) in enumerate(_batches(examples, rounds, mean, spread, rng)):
         rate = RATE * 0.5 * (1.0 + np.cos(np.pi * k / steps)) + 1e-5
-        for i, slope in enumerate(_slopes(weights, x, kinds, rng)):
+        awake = (rng.random((len(x), HIDDEN), np.float32) >= RESTS) / np.float32(1.0 - RESTS)
+        for i, slope in enumerate(slopes_of(weights, x, kinds, awake)):
             slopes[i] += (1.0 - FIRST) * (slope - slopes[i])
             squares[i] += (1.0 - SECOND) * (slope * slope - squares[i])
             way = slopes[i] / (1.0 - FIRST ** (k + 1)) / (np.sqrt(squares[i] / (1.0 - SECOND ** (k + 1))) + 1e-8)
@@ -80,11 +81,18 @@ def _batches(
             yield (x - off) / by * shown, examples.kinds[take]
 
 
-def _slopes(weights: list[Floats], x: Floats, kinds: NDArray[np.int8], rng: np.random.Generator) -> list[Floats]:
-    """Return the gradient of the mean cross-entropy by each weight."""
+def slopes_of(
+    weights: Sequence[NDArray[np.floating]],
+    x: NDArray[np.floating],
+    kinds: NDArray[np.int8],
+    awake: NDArray[np.floating],
+) -> list[NDArray[np.floating]]:
+    """Return the gradient of the mean cross-entropy by each weight.
+
+    awake: (N, hidden), 0 where a hidden unit rests, what its neighbours' weight makes up for elsewhere.
+    """
     hidden, hidden_bias, out, out_bias = weights
     before = x @ hidden + hidden_bias
-    awake = (rng.random(before.shape, np.float32) >= RESTS) / np.float32(1.0 - RESTS)
     active = np.maximum(before, 0.0) * awake
     raw = active @ out + out_bias
     raw -= raw.max(axis=1, keepdims=True)

@@ -33,6 +33,7 @@ def _any(words: dict[str, str]) -> str:
 
 _HEAD = re.compile(rf"\bthe ({_any(NOUNS)}) ({_any(_RELATIONS)}) (.+)", re.IGNORECASE)
 _KNOWN = re.compile(rf"(?:the )?({_any(NOUNS)})\b", re.IGNORECASE)
+_SOUGHT = re.compile(r"\b(?:find|locate|look|search|seek)\b", re.IGNORECASE)
 _ENDS = re.compile(
     r"(?:,| and (?:go|get|fly|approach|reach|catch|follow|close|come)\b| until\b|[.;!?]).*", re.IGNORECASE
 )
@@ -53,6 +54,7 @@ class ToldByPlace:
     kind: str  # of `shapes.KINDS`
     relation: str
     landmarks: tuple[ToldBy, ...]
+    sought: bool = False  # to be looked for: it is not in sight at first
 
 
 def read(command: str) -> ToldByPlace | None:
@@ -65,7 +67,8 @@ def read(command: str) -> ToldByPlace | None:
     said = re.split(r" and (?=the\b|[A-Z])", rest, maxsplit=1) if relation == BETWEEN else [rest]
     if relation == BETWEEN and len(said) < 2:
         return None
-    return ToldByPlace(NOUNS[found[1].lower()], relation, tuple(_landmark(words) for words in said))
+    sought = _SOUGHT.search(command[: found.start()]) is not None
+    return ToldByPlace(NOUNS[found[1].lower()], relation, tuple(_landmark(words) for words in said), sought)
 
 
 def _landmark(words: str) -> ToldBy:

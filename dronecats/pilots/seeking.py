@@ -15,6 +15,7 @@ from dronecats.pilots.paint import Picture
 from dronecats.pilots.standing import PlacedThing
 from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M
 
+_CIRCLE = 5  # turns of a sweep after which everything around has been seen
 _CLAIM_M = 4.6  # from the body, in plan; the verifier's radius is 5 m in space
 _STOP_M = 4.1  # where strides are meant to end
 _CLOSER_M = 3.4  # farther off than this a second claim is made from nearer, past the thing's own half width
@@ -25,6 +26,8 @@ _RATIO = 0.45  # logarithm, of distances, likewise
 _WEIGHT = 7.0  # of a relation that holds, as logarithm of odds
 _VISITED_M = 6.5  # what stands nearer than this after a claim is what was claimed
 _LEAVE_DEG = 75.0  # turned away from what was claimed
+_ASIDE_DEG = 44.0  # off the way to what stands behind an obstacle
+_BLOCKED_AFTER = 3  # strides that bring nothing nearer
 _SHORTEST_M = STRIDE_MIN_M / NEAR_SCALE + 0.01
 _ALIKE = {"fountain": ("fountain", "tiered-fountain")}  # words that mean more than one kind
 
@@ -85,12 +88,28 @@ def _follow(
     ]
     if near:
         one = max(near, key=lambda t: t.odds - 3.0 * abs(math.log(t.depth_m / expected)))
-        return _approach(one, 0.6 * _away_m(one) + 0.4 * (expected + ranging.CAMERA_AHEAD_M))
+        away = 0.6 * _away_m(one) + 0.4 * (expected + ranging.CAMERA_AHEAD_M)
+        return _round(picture) if _blocked(past, away) else _approach(one, away)
     if expected <= _CLAIM_M:
         return reply.finished()
     if expected <= _CAREFUL_M:
         return _go(PlacedThing(told.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
     return _choose(picture, wanted, past, told, things)
+
+
+def _blocked(past: tuple[PastAction, ...], away_m: float) -> bool:
+    """Return whether the last strides towards what is `away_m` off have brought it no nearer than one would."""
+    strides = past[-_BLOCKED_AFTER:]
+    if len(strides) < _BLOCKED_AFTER or any(p.kind != GO or p.depth_m < NEAR_M for p in strides):
+        return False
+    return away_m > strides[0].depth_m - 0.5 * _BLOCKED_AFTER * STRIDE_MAX_M
+
+
+def _round(picture: Picture) -> str:
+    """Return a stride past an obstacle, on the side where the view is more open."""
+    u, _ = search.way_out(picture)
+    side = math.copysign(math.tan(math.radians(_ASIDE_DEG)), u - 500.0)
+    return reply.go(500.0 + 500.0 * max(-0.99, min(0.99, side)), 500.0, search.WANDER_M)
 
 
 def _choose(
@@ -104,13 +123,14 @@ def _choose(
     visited = any(p.kind == FINISHED for p in past)
     open_to = [t for t in wanted if not (visited and _away_m(t) < _VISITED_M)]
     turns = search.trailing(past, ROTATE)
-    known = all(one.kind for one in told.landmarks)
     ranked = sorted(((_worth(t, told, things), t) for t in open_to), key=lambda pair: -pair[0])
-    if ranked:
-        worth, best = ranked[0]
-        # out of sight at first, a thing is told by its landmark: without it, look on until the circle is closed
-        if worth >= _SURE and (not known or worth >= _SURE + 0.3 * _WEIGHT or not past or turns >= 5 or visited):
-            return _approach(best, _away_m(best))
+    # what is to be looked for is not in the first picture; it is told by its landmark, so without that the first circle
+    # is closed before another thing of its kind will do
+    first_circle = told.sought and turns == len(past) and turns < _CIRCLE
+    least = _SURE + 0.3 * _WEIGHT if first_circle and all(one.kind for one in told.landmarks) else _SURE
+    if ranked and ranked[0][0] >= least and not (told.sought and not past):
+        best = ranked[0][1]
+        return _approach(best, _away_m(best))
     marks = [t for t in things if t.kind in {k for one in told.landmarks if one.kind for k in _kinds(one.kind)}]
     far = [t for t in marks if t.odds >= _SURE and _away_m(t) > 2.0 * _VISITED_M]
     if turns and far and not wanted:

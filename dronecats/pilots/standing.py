@@ -10,7 +10,7 @@ from dronecats.pilots import shapes
 from dronecats.pilots.paint import Picture
 
 LEAST = -0.5  # logarithm of the odds from which a thing is taken to be there
-_APART = 0.30  # logarithm of the ratio of two distances from which two sightings in one direction are two things
+_APART = 0.40  # logarithm of the ratio of two distances from which two sightings in one direction are two things
 _SAME_RAD = 0.02  # so near in direction, two sightings of one kind are one thing whatever its width
 _HALF_WIDTH_M = {
     "fountain": 2.2,
@@ -48,14 +48,32 @@ def half_width_m(kind: str) -> float:
 
 
 def find(picture: Picture, kinds: Iterable[str], network: shapes.Network) -> list[PlacedThing]:
-    """Return the things of these kinds in a picture (H, W, 3), BGR and 90° across, the surest first."""
+    """Return the things of these kinds in a picture (H, W, 3), BGR and 90° across, the surest first.
+
+    Neighbouring windows see the same thing at other distances and from other heights; it is where they put it on
+    average, each as far as it is sure.
+    """
     seen = _sightings(picture, tuple(kinds), network)
     level = _level(seen)
-    kept: list[PlacedThing] = []
+    groups: list[list[PlacedThing]] = []
     for one in sorted((s for s in seen if abs(s.below_m - level) <= _LEVEL), key=lambda s: -s.odds):
-        if not any(_same(one, other) for other in kept):
-            kept.append(one)
-    return kept
+        group = next((g for g in groups if _same(one, g[0])), None)
+        if group is None:
+            groups.append([one])
+        elif one.kind == group[0].kind:
+            group.append(one)
+    return [_together(group) for group in groups]
+
+
+def _together(group: list[PlacedThing]) -> PlacedThing:
+    """Return one thing for all sightings of it, the surest of which is the first."""
+    first = group[0]
+    weight = [math.exp(one.odds - first.odds) for one in group]
+    total = sum(weight)
+    depth = math.exp(sum(w * math.log(one.depth_m) for w, one in zip(weight, group, strict=True)) / total)
+    aside = sum(w * one.right_m / one.depth_m for w, one in zip(weight, group, strict=True)) / total
+    below = sum(w * one.below_m for w, one in zip(weight, group, strict=True)) / total
+    return PlacedThing(first.kind, depth, aside * depth, below, first.odds)
 
 
 def _sightings(picture: Picture, kinds: tuple[str, ...], network: shapes.Network) -> list[PlacedThing]:

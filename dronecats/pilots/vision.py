@@ -2,8 +2,8 @@
 
 Assumed knowledge beyond the picture: a level pinhole camera, 90° across (paper, appendix "Execution"), usual sizes of
 things, and the rules by which a `go` is flown. No truth, no map, no memory: what it did before it reads in the prompt's
-history, so equal requests get equal answers. It tells things apart by colour and size only: it reads no plates and no
-signs, and a command without a colour word leaves it searching.
+history, so equal requests get equal answers. What is told by colour it looks for by colour and size; what is told by
+where it stands, by shape and place (`seeking`). It reads no plates, no signs and no names on halls.
 """
 
 import math

@@ -46,8 +46,9 @@ def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it(episo
 def test_any_thing_in_any_relation_is_read_out_of_any_sentence(verb, noun, how, mark, pronoun):
     said = verb.format(what=f"the {noun} {how} {mark}", it=pronoun)
     known = expression.NOUNS.get(mark.removeprefix("the "))
+    sought = verb in phrases.VERBS["searching"] or verb in phrases.VERBS["search-and-track"]
     assert expression.read(said) == ToldByPlace(
-        expression.NOUNS[noun], how, (ToldBy(mark.removeprefix("the "), known),)
+        expression.NOUNS[noun], how, (ToldBy(mark.removeprefix("the "), known),), sought
     )
 
 
