@@ -2,8 +2,8 @@
 
 Assumed knowledge beyond the picture: a level pinhole camera, 90° across (paper, appendix "Execution"), usual sizes of
 things, and the rules by which a `go` is flown. No truth, no map, no memory: what it did before it reads in the prompt's
-history, so equal requests get equal answers. It tells things apart by colour and size only: it reads no plates and no
-signs, and a command without a colour word leaves it searching.
+history, so equal requests get equal answers. What is told by colour it looks for by colour and size; what is told by
+where it stands, by shape and place (`seeking`). It reads no plates, no signs and no names on halls.
 """
 
 import math
@@ -11,10 +11,10 @@ import math
 import cv2
 import numpy as np
 
-from dronecats.pilots import briefing, paint, ranging, referent, reply, sighting
+from dronecats.pilots import briefing, expression, paint, ranging, referent, reply, search, seeking, sighting
 from dronecats.pilots.briefing import PastAction
 from foundation.errors import UsageError
-from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M
+from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, STRIDE_MAX_M, STRIDE_MIN_M
 
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 
@@ -32,13 +32,6 @@ _SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30  # slopes under 0.15 keep the height; near the target, gentle ones are made such
 _LEVEL_WITHIN_M = 7.0
 
-# Searching. The history shows five actions, so what a search has done so far must be readable from five.
-_SWEEP_DEG = 60.0  # five of them and the first view are the full circle
-_SECOND_SWEEP_DEG = 45.0  # a turn of this size says: the circle is closed, now looking for a way out
-_WANDER_M = 20.0  # a `go` of this depth says: to a new vantage point; distances of sightings are kept off it
-_WANDERS = 3  # strides to a new vantage point, each up to 3 m
-_OPEN = 0.62  # share of the column above the horizon that is sky, above which a direction counts as open
-
 
 def answer(prompt: str, images: list[bytes]) -> str:
     """Return the next action of every picture's drone. Raises UsageError when there is no picture or it is broken."""
@@ -46,6 +39,9 @@ def answer(prompt: str, images: list[bytes]) -> str:
         raise UsageError("The vision pilot needs a picture.")
     told = briefing.read(prompt)
     named = referent.read(told.command)
+    placed = expression.read(told.command) if named.color is None else None
+    if placed is not None:
+        return reply.fleet([seeking.decide(decode(jpeg), placed, told.past(k)) for k, jpeg in enumerate(images)])
     return reply.fleet([decide(decode(jpeg), named, told.past(k)) for k, jpeg in enumerate(images)])
 
 
@@ -70,10 +66,10 @@ def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAct
     """Return the action for one picture, given what is looked for and what was done before."""
     seen = sighting.find(picture, named)
     if seen is None:
-        return reply.finished() if _was_before_it(past) else _search(picture, past)
+        return reply.finished() if _was_before_it(past) else search.search(picture, past)
     if _fills(seen.box, picture.shape[0] / picture.shape[1]):
         return reply.finished()
-    doubted = _trailing(past, FINISHED) >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
+    doubted = search.trailing(past, FINISHED) >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
     if seen.range.distance_m <= _ARRIVED_M and not doubted:
         return reply.finished()
     return _approach(seen, picture.shape[0] / picture.shape[1])
@@ -110,71 +106,9 @@ def _depth_for(there: ranging.Range) -> float:
     travel = there.distance_m - _TARGET_M
     if there.distance_m >= _CAREFUL_M:
         depth = max(there.depth_m, NEAR_M)
-        return depth if abs(depth - _WANDER_M) > 0.5 else _WANDER_M - 1.0
+        return depth if abs(depth - search.WANDER_M) > 0.5 else search.WANDER_M - 1.0
     longest = NEAR_SCALE * STRIDE_MAX_M
     # what two short strides can cover is halved, so that the last one is not too short to be flown
     stride = travel if travel <= longest else 0.5 * travel
     depth = min(stride, longest) / NEAR_SCALE + 0.01
     return min(max(depth, _SHORTEST_DEPTH_M), NEAR_M - 0.05)
-
-
-def _search(picture: paint.Picture, past: tuple[PastAction, ...]) -> str:
-    """Turn until the circle is closed, then walk to where the view is open, then turn again."""
-    turns = _trailing(past, ROTATE)
-    if turns:
-        side = math.copysign(1.0, past[-1].angle_deg)
-        if turns < 5:
-            return reply.rotate(side * _SWEEP_DEG)
-        leaving = sum(abs(abs(p.angle_deg) - _SECOND_SWEEP_DEG) < 1.0 for p in past)
-        u, openness = _way_out(picture)
-        if openness >= _OPEN * (1.0 - 0.2 * leaving):
-            return reply.go(u, 500.0, _WANDER_M)
-        return reply.rotate(side * _SECOND_SWEEP_DEG)
-    wandered = _wanders(past)
-    if 0 < wandered < _WANDERS:
-        u, openness = _way_out(picture)
-        if openness >= 0.5 * _OPEN:
-            return reply.go(u, 500.0, _WANDER_M)
-    if wandered == 0 and past and past[-1].kind == GO:  # it was there a moment ago: first to the side it was on
-        return reply.rotate(math.copysign(_SWEEP_DEG, past[-1].x_px - 640.0))
-    return reply.rotate(_SWEEP_DEG)
-
-
-def _way_out(picture: paint.Picture) -> tuple[float, float]:
-    """Return the direction (u, 0–1000) in which the view is most open, and how much of its column is sky, 0 … 1.
-
-    Sky low over the horizon means that nothing tall stands there: along a street rather than into a house. Upright
-    edges about the horizon mean posts, trunks and hedges at the drone's own height.
-    """
-    height, width = picture.shape[:2]
-    about = cv2.cvtColor(picture[int(0.38 * height) : int(0.75 * height)], cv2.COLOR_BGR2GRAY)
-    upright = (np.abs(cv2.Sobel(about, cv2.CV_32F, 1, 0)) > 90.0).mean(axis=0)
-    upper = paint.sky(picture)[: height // 2]
-    share = upper.mean(axis=0)
-    window = max(3, width // 8)
-    smooth, obstructed = (
-        np.convolve(np.pad(row, window // 2, mode="edge"), np.ones(window) / window, mode="valid")[:width]
-        for row in (share, upright)
-    )
-    # at equal openness straight ahead is preferred: no turn, and the view is centred
-    prefer = smooth - 2.0 * obstructed - 0.05 * np.abs(np.linspace(-1.0, 1.0, width))
-    column = int(np.argmax(prefer))
-    return 1000.0 * (column + 0.5) / width, float(smooth[column])
-
-
-def _trailing(past: tuple[PastAction, ...], kind: str) -> int:
-    count = 0
-    for action in reversed(past):
-        if action.kind != kind:
-            break
-        count += 1
-    return count
-
-
-def _wanders(past: tuple[PastAction, ...]) -> int:
-    count = 0
-    for action in reversed(past):
-        if action.kind != GO or abs(action.depth_m - _WANDER_M) > 0.3:
-            break
-        count += 1
-    return count

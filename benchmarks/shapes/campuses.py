@@ -1,0 +1,159 @@
+"""Campuses that do not exist: the catalogue's things and halls at random places, and pictures of them with the truth.
+
+Nothing stands where the shipped campus has it. Halls change their places, trees and fixtures are dealt out anew, plants
+have another seed than any record, and the sun stands elsewhere.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes import assets
+from episodes.assets import buildings, campus_monuments, fixtures, people, plants
+from episodes.maps import campus, campus_ground, campus_plan
+from episodes.maps.daylight import sun_at
+from episodes.render.renderer import Renderer
+from episodes.scene import Instance, Mesh, Scene
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Vec3, quat_from_euler
+
+CAMERA = CameraModel(640, 360)
+EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: where things are dealt out
+COPIES = {"bench": 12, "bin": 8, "lamp": 12, "person": 26, "tree": 18, "bollard": 8, "conifer": 8, "shrub": 20}
+OTHERS = 11  # copies of every other kind
+APART_M = 2.6  # between the middles of two things, so that none stands inside another
+HEIGHTS_M = (1.0, 2.4)  # of the camera over the ground
+FARTHEST_M = 50.0
+TILT_RAD = 0.025  # rad, standard deviation of pitch and roll: a body that has just braked
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One thing in one picture."""
+
+    kind: str
+    depth_m: float  # planar, from the camera to the thing's middle
+    right_m: float  # of the optical axis
+    below_m: float  # of the camera, the thing's foot
+    box: tuple[int, int, int, int]  # px, left, top, right, bottom of its pixels
+    pixels: int
+    whole: float  # px, that the box around it as it stands would have, were nothing in the way
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Photograph:
+    """One picture and what stands in it."""
+
+    rgb: NDArray[np.uint8]  # (360, 640, 3)
+    shown: tuple[Shown, ...]
+
+
+def makers(rng: np.random.Generator) -> dict[str, Mesh]:
+    """Return a mesh per kind, in the looks that the catalogue gives them."""
+    made = {kind: maker() for kind, maker in fixtures.MAKERS.items()}
+    made["tiered-fountain"] = campus_monuments.fountain(3)
+    made["person"] = people.person("grey")
+    made["delivery-robot"] = fixtures.delivery_robot("white")
+    made["service-cart"] = fixtures.service_cart("white")
+    species = str(rng.choice(("oak", "maple", "birch")))
+    made["tree"] = plants.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
+    made["conifer"] = plants.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))
+    made["shrub"] = plants.bush(float(rng.uniform(0.4, 0.6)), int(rng.integers(3, 9)))
+    return made
+
+
+def build(seed: int) -> Scene:
+    """Return a campus that nobody has seen."""
+    rng = np.random.default_rng((seed, 4711))
+    terrain = campus_ground.terrain()
+    instances: list[Instance] = []
+
+    def add(kind: str, mesh: Mesh, north: float, east: float, yaw: float, down: float | None = None) -> None:
+        place = (north, east, terrain.at(north, east) if down is None else down)
+        instances.append(Instance(len(instances) + 1, f"{kind}-{len(instances)}", kind, mesh, place, yaw))
+
+    for use, mesh in campus_ground.ground():
+        instances.append(Instance(len(instances) + 1, use, "ground", mesh, (0.0, 0.0, 0.0)))
+    plans = [plan for plan, *_ in campus_plan.HALLS]
+    feet: list[tuple[float, float, float, float]] = []  # north, east, half depth, half width of the halls
+    for k, (_, north, east, facing) in zip(rng.permutation(len(plans)), campus_plan.HALLS, strict=True):
+        plan, yaw = plans[int(k)], math.radians(facing)
+        out = plan.depth / 2 + 2.0
+        add(
+            "hall",
+            buildings.hall(plan),
+            north,
+            east,
+            yaw,
+            terrain.at(north + math.cos(yaw) * out, east + math.sin(yaw) * out),
+        )
+        forward, back, side = buildings.reach(plan)
+        deep, wide = max(forward, back) + 0.6, side + 0.6
+        feet.append((north, east, *((deep, wide) if facing in (0.0, 180.0) else (wide, deep))))
+    made = makers(rng)
+    taken: list[tuple[float, float]] = []
+    for kind in sorted(made):
+        for _ in range(COPIES.get(kind, OTHERS if kind != "clock-tower" else 2)):
+            for _ in range(20):
+                n, e = (float(rng.uniform(*span)) for span in EXTENT)
+                apart = all(math.hypot(n - a, e - b) > APART_M for a, b in taken)
+                if apart and not any(abs(n - a) < h and abs(e - b) < w for a, b, h, w in feet):
+                    taken.append((n, e))
+                    add(kind, _dressed(kind, made[kind], rng), n, e, float(rng.uniform(-math.pi, math.pi)))
+                    break
+    for side in (-1, 1):
+        for along in (-90.0, -30.0, 30.0, 90.0):
+            add("wood", plants.wood(64.0, 10.0, 3), side * 104.0, along, math.pi / 2)
+            add("wood", plants.wood(64.0, 10.0, 4), along, side * 104.0, 0.0)
+    sun = sun_at(campus.ORIGIN[0], int(rng.integers(110, 170)), float(rng.uniform(9.4, 11.4)))
+    return replace(campus.build(1), name=f"campus-of-{seed}", instances=tuple(instances), sun=sun)
+
+
+def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
+    """Return a person in a garment and a gait of its own; anything else as it is."""
+    if kind != "person":
+        return mesh
+    paint = str(rng.choice(assets.PAINTS)) if rng.random() < 0.6 else "grey"
+    return people.pedestrian(paint) if rng.random() < 0.5 else people.person(paint)
+
+
+def pictures(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[Photograph]:
+    """Yield pictures from random places of a campus, at the heights at which the benchmark's drones fly."""
+    rng = np.random.default_rng((seed, 815))
+    things = [i for i in scene.instances if i.kind not in ("ground", "wood", "hall")]
+    halls = [i for i in scene.instances if i.kind == "hall"]
+    done = 0
+    while done < count:
+        n, e = (float(rng.uniform(*span)) for span in EXTENT)
+        yaw = float(rng.uniform(-math.pi, math.pi))
+        near = min(math.hypot(i.position_ned[0] - n, i.position_ned[1] - e) for i in things)
+        if near < 2.0 or any(math.dist((n, e), h.position_ned[:2]) < 16.0 for h in halls):
+            continue
+        height = float(rng.uniform(*HEIGHTS_M))
+        eye = (n, e, scene.terrain.at(n, e) - height)
+        tilt = [float(v) for v in rng.normal(0.0, TILT_RAD, 2)] if rng.random() < 0.5 else [0.0, 0.0]
+        view = renderer.render(CameraPose(eye, quat_from_euler(tilt[0], tilt[1], yaw)))
+        shown = tuple(_shown(view.ids, things, eye, yaw))
+        done += 1
+        yield Photograph(view.rgb, shown)
+
+
+def _shown(ids: NDArray[np.int32], things: list[Instance], eye: Vec3, yaw: float) -> Iterator[Shown]:
+    counts = np.bincount(ids.ravel(), minlength=max(i.id for i in things) + 1)
+    c, s = math.cos(yaw), math.sin(yaw)
+    for one in things:
+        if counts[one.id] < 12:
+            continue
+        north, east = one.position_ned[0] - eye[0], one.position_ned[1] - eye[1]
+        depth, right = c * north + s * east, -s * north + c * east
+        if depth > FARTHEST_M or depth < 1.0:
+            continue
+        rows, columns = np.nonzero(ids == one.id)
+        low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
+        wide = 0.5 * (high[0] - low[0] + high[1] - low[1])
+        whole = float(wide * -low[2]) * (CAMERA.focal_px / depth) ** 2
+        box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
+        yield Shown(one.kind, depth, right, one.position_ned[2] - eye[2], box, int(counts[one.id]), whole)
