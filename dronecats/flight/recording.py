@@ -1,5 +1,7 @@
 """A flight that was flown, read from its folder, to be flown again."""
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +11,8 @@ from dronecats.agent.models.replay import RecordedStep, Recording
 from dronecats.flight.file import from_json
 from dronecats.flight.spec import FlightSpec
 from dronecats.rundir import layout
-from dronecats.rundir.reading import episode_folder, json_object, rows, run_configuration, truth
-from dronecats.rundir.rows import Decision, End
+from dronecats.rundir.reading import episode_folder, exchanges, json_object, rows, run_configuration, truth
+from dronecats.rundir.rows import Decision, End, Exchange
 from foundation.errors import UsageError
 
 
@@ -34,12 +36,15 @@ def recorded(path: Path) -> FlightSpec:
 
 def _recording(folder: Path) -> Recording:
     steps: dict[int, RecordedStep] = {}
+    asked: Counter[int] = Counter()  # by the first of the drones that are asked for together
     for said in rows(folder / layout.DECISIONS, Decision):
+        if said.confirmed_by is not UNSET:  # the commander's, whose reply stands with its exchange
+            continue
         if said.reply is UNSET:
             raise UsageError(f"{folder / layout.DECISIONS} holds no replies; an older version flew it")
         if said.step not in steps:  # of those that were asked for together, the first
             steps[said.step] = RecordedStep(
-                step=said.step,
+                step=asked[said.drone],
                 drone=said.drone,
                 reply=str(said.reply),
                 latency_s=said.latency_s or 0.0,
@@ -47,7 +52,29 @@ def _recording(folder: Path) -> Recording:
                 tokens_out=said.tokens_out,
                 finish=None if said.finish is UNSET else str(said.finish),
             )
+            asked[said.drone] += 1
     if not steps:
         raise UsageError(f"{folder} holds no decision; name a flight that took steps")
     ends = [row.reason for row in truth(folder) if isinstance(row, End)]
-    return Recording(flight=folder.name, steps=tuple(steps.values()), to_the_cap="cap" in ends)
+    commanded = exchanges(folder)
+    return Recording(
+        flight=folder.name,
+        steps=(*steps.values(), *_of_commander(commanded)),
+        to_the_cap="cap" in ends,
+        commander=commanded[0].model if commanded else None,
+    )
+
+
+def _of_commander(commanded: Sequence[Exchange]) -> Iterator[RecordedStep]:
+    """Yield the replies of the exchanges that had one."""
+    for said in commanded:
+        if said.reply is not None:
+            yield RecordedStep(
+                step=said.number,
+                drone=0,
+                reply=said.reply,
+                latency_s=said.latency_s or 0.0,
+                tokens_in=said.tokens_in,
+                tokens_out=said.tokens_out,
+                role="commander",
+            )

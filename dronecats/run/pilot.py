@@ -120,7 +120,10 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
         yield pilot
         return
     scripted = spec.scripted_commander
-    if spec.replay or (scripted is None and spec.commander is None):
+    if spec.replay:
+        yield replace(pilot, commander=ReplayModel(spec.replay, "commander"))
+        return
+    if scripted is None and spec.commander is None:
         yield replace(pilot, commander=pilot.model)
         return
 

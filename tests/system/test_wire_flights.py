@@ -109,6 +109,18 @@ def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
     assert logs(again) == logs(first)
 
 
+def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
+    unseen = Simulated(speed=None, rendered=False)
+    spec = replace(LOCKSTEP, episode="residential-commanding-02", pilot="oracle", command="hierarchical", full=True)
+    spec = replace(spec, simulated=unseen, seconds=60.0, latency="lognormal:1,0.5")
+    _, first = flown(spec, tmp_path / "first")
+    commanded = rows(first / "commander.jsonl")
+    assert any(row["confirms"] for row in commanded)
+    _, again = replayed(capsys, tmp_path / "first" / first.name, tmp_path / "again")
+    assert logs(again) == logs(first)
+    assert (again / "commander.jsonl").read_bytes() == (first / "commander.jsonl").read_bytes()
+
+
 def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, capsys):
     _, first = flown(LOCKSTEP, tmp_path / "first")
     log = first / "decisions.jsonl"

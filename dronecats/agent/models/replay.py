@@ -1,6 +1,7 @@
 """A recorded flight in a model's place: to each question the very reply that it had, with its latency."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from dronecats.agent.latency import LONGEST_S
 from dronecats.agent.models.model import Reply, Request
@@ -11,13 +12,14 @@ from foundation.errors import ModelError
 class RecordedStep:
     """One reply as the log has it."""
 
-    step: int
+    step: int  # number of the question among those about these drones
     drone: int  # the first of those that were asked for together
     reply: str
     latency_s: float = 0.0  # s of vehicle time
     tokens_in: int | None = None
     tokens_out: int | None = None
     finish: str | None = None
+    role: Literal["pilot", "commander"] = "pilot"  # whose it is; the steps of a commander are its exchanges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,25 +29,29 @@ class Recording:
     flight: str  # the episode folder it was read from, its name
     steps: tuple[RecordedStep, ...]
     to_the_cap: bool  # it flew to its end: a question without a reply was answered too late
+    commander: str | None = None  # the name of who commanded; None: nobody did
 
 
 class ReplayModel:
-    """Answers from a recording."""
+    """Answers from a recording, the questions of one role."""
 
-    def __init__(self, recording: Recording) -> None:
-        self.name = recording.flight
+    def __init__(self, recording: Recording, role: Literal["pilot", "commander"] = "pilot") -> None:
+        self.name = recording.commander or recording.flight if role == "commander" else recording.flight
         self._recording = recording
-        self._steps = {(each.step, each.drone): each for each in recording.steps}
+        self._steps = {(each.step, each.drone): each for each in recording.steps if each.role == role}
         self._late: set[int] = set()  # drones whose last question had no reply
 
     def ask(self, request: Request) -> Reply:
         """Return the recorded reply. Raises ModelError for a question that the flight did not have."""
         said = self._steps.get((request.step, request.drone))
-        if said is not None and request.role == "pilot":
+        if said is not None:
             return Reply(said.reply, said.latency_s, said.tokens_in, said.tokens_out, finish=said.finish)
-        if not self._recording.to_the_cap or request.drone in self._late or request.role != "pilot":
+        if not self._recording.to_the_cap or request.drone in self._late:
+            asked = f"question {request.step} to the commander"
+            if request.role == "pilot":
+                asked = f"step {request.step} of drone {request.drone}"
             raise ModelError(
-                f"the recording of {self.name} has no reply for step {request.step} of drone {request.drone}:"
+                f"the recording of {self._recording.flight} has no reply for {asked}:"
                 " this flight asks what that one did not"
             )
         self._late.add(request.drone)
