@@ -95,8 +95,6 @@ def _found(text: str) -> list[Found]:
     for each in values(text, "[{"):
         if not each.inner and (_items(each.value) or (isinstance(each.value, dict) and each.value)):
             found.append(each)
-            if each.cut:
-                break
     return found
 
 
