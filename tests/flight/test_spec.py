@@ -1,5 +1,6 @@
 """A flight is a value: it pickles, it is JSON, no key of it is kept, and the file of a run flies it again."""
 
+import argparse
 import json
 import pickle
 from dataclasses import replace
@@ -10,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.cli import fly
+from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main
 from dronecats.flight.file import as_json, as_kept, from_json, hidden
 from dronecats.flight.flight import look_up
@@ -52,6 +55,7 @@ def specs(draw):
     }
     return FlightSpec(
         **chosen,
+        parser=draw(st.sampled_from(["strict", "lenient"])),
         prompt=draw(OPTIONAL), latency=draw(TEXTS), patience_s=draw(st.none() | NUMBERS),
         seed=draw(st.integers(0, 2**31 - 1)), seconds=draw(NUMBERS), full=draw(st.booleans()),
         envelope=draw(st.sampled_from([Limits(), SIMULATED, Limits(exclusions=(SQUARE,), battery_min=None)])),
@@ -137,3 +141,16 @@ def test_the_file_of_an_older_run_is_told_from_a_wrong_one(tmp_path, capsys):
     file.write_text(json.dumps({"pilot": "oracle", "versions": {"dronecats": "0.1.0"}}))
     assert main(["fly", "--spec", str(file)]) == 2
     assert "earlier version" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "vehicle", [["--sitl"], ["--connect", "udpin://127.0.0.1:1", "--camera", "x", "--instruction", "go"]]
+)
+def test_the_command_line_says_how_replies_are_read(vehicle):
+    command = argparse.ArgumentParser()
+    fly.add_parser(command.add_subparsers())
+
+    def asked(*words):
+        return spec_of(command.parse_args(["fly", *vehicle, *words])).parser
+
+    assert (asked(), asked("--parser", "lenient"), asked("--parser", "strict")) == ("strict", "lenient", "strict")

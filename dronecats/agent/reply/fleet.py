@@ -15,7 +15,7 @@ from dronecats.agent.reply.shapes import action_of, tells
 from dronecats.agent.reply.surroundings import around, without_reasoning
 from dronecats.agent.reply.tolerant import Cut, Found, values
 
-NAMED = ("drone", "drone_id", "drone_number", "drone_index", "id")
+NAMED = ("drone", "drone_id", "drone_number", "drone_index")
 _NAME = re.compile(r"(?:drone|uav)?[\s_#-]*(\d{1,3})", re.IGNORECASE)
 _NESTED_MAX = 3  # arrays or objects around the array that is meant
 
@@ -95,8 +95,6 @@ def _found(text: str) -> list[Found]:
     for each in values(text, "[{"):
         if not each.inner and (_items(each.value) or (isinstance(each.value, dict) and each.value)):
             found.append(each)
-            if each.cut:
-                break
     return found
 
 
@@ -105,11 +103,11 @@ def _of_found(found: list[Found], drones: int) -> Division:
     if arrays:
         return _of_arrays(arrays, drones)
     objects = [each.value for each in found if tells(each.value)]
-    if len(found) == 1 and not (objects and _name(objects[0], drones) is not None):
+    if len(found) == 1 and not (objects and _name(objects[0]) is not None):
         return _of_object(found[0].value, drones)
     if not objects:
         raise ActionError("no JSON array of actions in the reply")
-    if len(objects) == drones or all(_name(each, drones) is not None for each in objects):
+    if len(objects) == drones or all(_name(each) is not None for each in objects):
         division = _of_items(objects, drones)
         division.mends.add("lines")
         return division
@@ -164,7 +162,7 @@ def _items(value: Any) -> list[Any] | None:
 def _of_items(items: list[Any], drones: int) -> Division:
     """Return the division of objects in a row: by the drones that they name, or in the order of the pictures."""
     items = items[:-1] if items and isinstance(items[-1], Cut) else items
-    names = [_name(item, drones) for item in items]
+    names = [_name(item) for item in items]
     division = Division({})
     told = [name for name in names if name is not None]
     places, zero_based = _places(told, drones)
@@ -201,14 +199,16 @@ def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
     return [name if zero_based else name - 1 for name in names], zero_based
 
 
-def _name(item: Any, drones: int) -> int | None:
-    """Return the number by which an object names its drone; an `id` is one only where it can be."""
+def _name(item: Any) -> int | None:
+    """Return the number by which an object names its drone, None where it names none."""
     if not isinstance(item, Mapping):
         return None
     for key in NAMED:
         said = item.get(key)
         if isinstance(said, str) and (match := _NAME.fullmatch(said.strip())):
-            said = int(match.group(1))
-        if isinstance(said, int) and not isinstance(said, bool) and (key != "id" or 0 <= said <= drones):
+            return int(match.group(1))
+        if isinstance(said, int) and not isinstance(said, bool):
             return said
-    return None
+    said = item.get("id")  # a bare number there may be of anything
+    match = _NAME.fullmatch(said.strip()) if isinstance(said, str) else None
+    return int(match.group(1)) if match and not match.group().isdigit() else None
