@@ -154,6 +154,12 @@ def test_wrong_words_are_one_sentence_and_status_2(monkeypatch, capsys, words, s
     assert told.out == ""
 
 
+def test_the_doctor_counts_the_models(capsys, house):
+    main(["doctor", "--json"])
+    findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
+    assert findings["models"]["detail"] == f"{len(rows())} by name, 1 of {house}"
+
+
 def test_a_wrong_file_of_ones_own_stops_what_opens_a_model_and_is_the_doctors_finding(capsys, house):
     house.write_text('[house]\nprovidr = "vllm"\n', encoding="utf-8")
     for words in (["models", "list"], ["models", "check", "gpt-5"], ["fly", "--sitl", "--model", "gpt-5"]):
