@@ -35,7 +35,7 @@ class SqliteFile:
         self._path, self._kind, self._lock = path, kind, threading.Lock()
         try:
             if not path.exists():
-                _make(path, kind)
+                make(path, kind)
             self._db = _connected(path)
         except (OSError, sqlite3.OperationalError) as error:
             said = error.strerror if isinstance(error, OSError) else error
@@ -97,7 +97,7 @@ def _connected(path: Path) -> sqlite3.Connection:
     return sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
 
 
-def _make(path: Path, kind: FileKind) -> None:
+def make(path: Path, kind: FileKind) -> None:
     """Make the file beside its place and link it there: whoever comes second finds a whole one and keeps it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")

@@ -30,6 +30,7 @@ PLACEHOLDERS = (
     (r"(?<=episodes show )ID\b", "residential-approaching-01"),
     (r"(?<=episodes sheet --out )FILE\b", "sheet.jpg"),
     (r"(?<=--seed )[NS]\b|(?<=--port )N\b|(?<=--log )N\b|(?<=--seconds )N\b", "1"),
+    (r"(?<=--cost-limit )USD\b|(?<=--token-limit )N\b", "1"),
     (r"(?<=--target-std )M\b", "3"),
     (r"\bDIR\b", "out"),
     (r" \[--ulog FILE\]| --ulog FILE\b", " --ulog flight.ulg"),
@@ -60,6 +61,7 @@ RUNS = (
     Run(r"dronecats compare RUN", add="--seconds 5"),  # the flight of the test lasts no minute
     Run(r"dronecats fly --sitl --speed max --pilot recorded", slow=True),
     Run(r"dronecats fly --sitl --speed max --(latency|pilot (blind|failing))", slow=True),
+    Run(r"dronecats fly --sitl --model replay:RUN", add="--out replayed", slow=True),
     Run(r"dronecats fly --spec RUN", add="--episode residential-approaching-01 --out again", slow=True),
     Run(r"python -m benchmarks\.\S+", add="--short"),
     Run(r"dronecats episodes optics", slow=True),
@@ -73,7 +75,7 @@ REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 
 ELSEWHERE = (
     (r"dronecats$|dronecats fly$", "the program or a verb, named"),
-    (r"dronecats fly --sitl .*--model", "a model's endpoint and key; tests/agent does it with endpoints of its own"),
+    (r"dronecats fly --sitl .*--model (?!replay:)", "a model's endpoint and key; tests/agent does it with its own"),
     (r"dronecats models check", "a model's endpoint and key; tests/cli does it with endpoints of its own"),
     (r"dronecats fly --sitl --autopilot px4", PX4),
     (r"dronecats fly --sitl( --episode \S+ --pilot vision| --optics FILE\.toml)?$", REAL_TIME),

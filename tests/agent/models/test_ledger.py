@@ -10,11 +10,13 @@ import pytest
 
 from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.endpoint import RetryPolicy
-from dronecats.agent.models.ledger import Ledger, Spent
+from dronecats.agent.models.ledger import KIND, Ledger, Spent
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.rate_headers import Allowance
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
+from foundation.sqlite_file import make
 from tests.agent.models.faulty_wire import Wire, answer, completion, say
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
@@ -152,4 +154,37 @@ def test_what_an_answer_allows_is_what_the_next_one_waits_for(tmp_path):
     model.ask(REQUEST)
     assert ledger.limiter(wire.url, "m").claim(0) == pytest.approx(1.0, abs=0.01)  # one a second
     wire.close()
+    ledger.close()
+
+
+CLAIMING = """
+import sys
+from pathlib import Path
+from dronecats.agent.models.ledger import Ledger
+limiter = Ledger(Path(sys.argv[1]), lambda: 5000.0).limiter("http://h/v1", "m")
+granted = 0
+while limiter.claim(0) == 0.0:
+    granted += 1
+print(granted)
+"""
+
+
+def test_many_processes_together_are_granted_what_there_is_and_not_one_more(tmp_path):
+    path = tmp_path / "ledger.sqlite"
+    ledger = Ledger(path, lambda: 5000.0)
+    ledger.limiter("http://h/v1", "m").heard((Allowance("requests", 400.0, 400.0, 3600.0, steady=False),))
+    command = [sys.executable, "-c", CLAIMING, str(path)]
+    children = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    assert sum(int(child.communicate()[0]) for child in children) == 400
+    ledger.close()
+
+
+def test_whoever_comes_second_to_make_it_keeps_the_first_ones(tmp_path):
+    path = tmp_path / "ledger.sqlite"
+    ledger = Ledger(path)
+    ledger.spend("m", Spent(1, 2, 3, 4.0))
+    ledger.close()
+    make(path, KIND)
+    ledger = Ledger(path)
+    assert ledger.spent() == Spent(1, 2, 3, 4.0)
     ledger.close()
