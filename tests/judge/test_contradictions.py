@@ -104,6 +104,21 @@ def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
     assert len(of_replies(logs(swapped), reread)) == 1
 
 
+def test_of_drones_that_are_asked_for_alone_each_has_a_reply_of_its_own():
+    """A commander's confirmation has none; its drone's own replies are read as one drone's."""
+    told = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
+    confirmed = {k: v for k, v in decision(3, 1, 6.0, drone=1).items() if k != "reply"}
+    assert of_replies(logs([*told, {**confirmed, "confirmed_by": 0}]), reread) == []
+    other = {**told[2], "action": {"action": "finished"}}
+    assert len(of_replies(logs([*told[:2], other]), reread)) == 1
+
+
+def test_a_step_of_which_a_kill_left_one_row_is_still_a_fleets():
+    reply = '[{"action": "think"}, {"action": "finished"}]'
+    whole = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
+    assert of_replies(logs([*whole, {**whole[0], "step": 1}]), reread) == []
+
+
 def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):
     folder = write(tmp_path / "a-01", GO, [BEGIN, *SEEN, END])
     (folder / "episode.json").write_text('{"id": "b-02"}')
