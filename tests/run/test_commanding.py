@@ -70,10 +70,11 @@ def test_who_has_found_the_wrong_one_is_sent_on(tmp_path):
     assert [places.told(order.goal) for one in told for order in one.orders] == [1, 2]
 
 
+@pytest.mark.slow
 def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
     spec = FlightSpec(
-        pilot="blind", episode=EPISODE, command="hierarchical", drones=2, seconds=4.0, latency="real",
-        simulated=Simulated(speed=4.0, rendered=True),
+        pilot="blind", episode=EPISODE, command="hierarchical", drones=2, seconds=30.0, latency="real",
+        simulated=Simulated(speed=1.0),
     )  # fmt: skip
     result = fly(spec, tmp_path / "run", lambda line: None)
     assert (result["outcome"], result["error"]) == ("failure", None)
