@@ -8,9 +8,9 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge.measured import SAME_S, consistent, declarations
-from dronecats.rundir.layout import DECISIONS, EPISODE
+from dronecats.rundir.layout import COMMANDER, DECISIONS, EPISODE
 from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import Decision, FrameTruth, Pose
+from dronecats.rundir.rows import Decision, Exchange, FrameTruth, Pose
 from foundation.protocol import CAP_S, RADIUS_M
 
 # s before its cap at which a flight may have ended by it: the logger's clock is the newest truth that it has heard, and
@@ -97,6 +97,16 @@ def of_replies(logs: Logs, reread: Rereading) -> list[str]:
     if not other:
         return []
     return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]
+
+
+def of_commander(logs: Logs, exchanges: Sequence[Exchange]) -> list[str]:
+    """Return the declarations by a commander that are not what it is logged to have confirmed, in one sentence."""
+    said = {
+        (one.number, drone, one.frames[drone]) for one in exchanges for drone in one.confirms if drone < len(one.frames)
+    }
+    made = [d for d in logs.decisions if d.confirmed_by is not UNSET]
+    other = [d for d in made if (d.confirmed_by, d.drone, d.frame_id) not in said]
+    return [f"step {other[0].step} was not confirmed in {COMMANDER}{_more(other)}"] if other else []
 
 
 def of_folder(name: str, record: Mapping[str, Any] | None) -> list[str]:

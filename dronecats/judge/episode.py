@@ -16,7 +16,7 @@ from dronecats.judge.measures import NOTHING_KNOWN, measures
 from dronecats.judge.stored import Comparison, compare
 from dronecats.judge.verdict import Judgement, Measured, judge
 from dronecats.rundir import layout
-from dronecats.rundir.reading import Logs, check_version, episodes, json_object, read
+from dronecats.rundir.reading import Logs, check_version, episodes, exchanges, json_object, read
 from dronecats.rundir.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
 from dronecats.rundir.writing import as_json
 from foundation.errors import InfrastructureError, UsageError
@@ -142,7 +142,16 @@ def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: contradictions
     found = contradictions.of_logs(logs)
     found += contradictions.of_folder(folder.resolve().name, json_object(folder / layout.EPISODE))
     found += contradictions.of_replies(logs, reread) if reread else []
+    found += _of_commander(folder, logs)
     return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(found))
+
+
+def _of_commander(folder: Path, logs: Logs) -> list[str]:
+    """Return what is wrong with commander.jsonl, which no verdict goes by."""
+    try:
+        return contradictions.of_commander(logs, exchanges(folder))
+    except UsageError as damage:
+        return [str(damage)]
 
 
 def _stored(path: Path, verdict: Verdict) -> Comparison | None:

@@ -3,6 +3,7 @@ import re
 import pytest
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
+from dronecats.agent.command_prompt import CAUSES, CommandPrompt
 from dronecats.agent.history import History
 from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
 from dronecats.pilots import briefing
@@ -61,7 +62,8 @@ def test_a_fleet_is_asked_for_an_array_and_told_about_its_pictures():
 @pytest.mark.parametrize("drones", [1, 4])
 def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
     """Neither the radius, nor that one arrival settles a fleet's episode, nor how a fleet should go about it."""
-    text = " ".join(Prompt.load().render("go to the van", "(none)", 5, drones=drones).split()).lower()
+    prompts = [Prompt.load().render("go to the van", "(none)", 5, drones=drones), CommandPrompt.load().template]
+    text = " ".join(" ".join(prompts).split()).lower()
     assert not re.search(r"\b(five|5|5\.0)\s*(m|met\w+)\b", text)
     told = r"\b(radius|enough|divide|share|split|spread|pool\w*|one drone|any drone|verif\w+|score\w*)\b"
     assert not re.search(told, text)
@@ -69,7 +71,8 @@ def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
 
 
 def test_not_six_words_in_a_row_are_the_papers():
-    ours = rows("\n".join((Prompt.load().template, *ONE.values(), *FLEET.values(), *FRAMED)))
+    of_commander = (CommandPrompt.load().template, *CAUSES.values())
+    ours = rows("\n".join((Prompt.load().template, *ONE.values(), *FLEET.values(), *FRAMED, *of_commander)))
     assert len(known()) > 800
     assert [words for key, words in ours.items() if key in known()] == []
 

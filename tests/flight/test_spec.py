@@ -43,6 +43,13 @@ models = st.builds(
 )  # fmt: skip
 
 
+commands = st.one_of(
+    st.fixed_dictionaries({"command": st.sampled_from(["flat", "solo", "hierarchical"])}),
+    st.fixed_dictionaries({"command": st.just("hierarchical"), "commander": models}),
+    st.fixed_dictionaries({"command": st.just("hierarchical"), "scripted": TEXTS}),
+)
+
+
 @st.composite
 def specs(draw):
     vehicle = draw(st.sampled_from(["simulated", "connected"]))
@@ -57,6 +64,7 @@ def specs(draw):
         **chosen,
         parser=draw(st.sampled_from(["strict", "lenient"])),
         prompt=draw(OPTIONAL), latency=draw(TEXTS), patience_s=draw(st.none() | NUMBERS),
+        drones=draw(st.none() | st.integers(1, 8)), **draw(commands if vehicle == "simulated" else st.just({})),
         seed=draw(st.integers(0, 2**31 - 1)), seconds=draw(NUMBERS), full=draw(st.booleans()),
         envelope=draw(st.sampled_from([Limits(), SIMULATED, Limits(exclusions=(SQUARE,), battery_min=None)])),
     )  # fmt: skip
@@ -79,6 +87,12 @@ def test_a_flight_pickles_and_is_json(spec):
         ({"connected": {"url": "x"}}, "one of simulated or connected"),
         ({"map": "blocks"}, "one of episode, record or map"),
         ({"simulated": {"autopilot": "ardupilot"}}, "Invalid enum value"),
+        ({"command": "chain"}, "Invalid enum value"),
+        ({"scripted": "scripted:divide"}, "a commander goes with command hierarchical, not flat"),
+        (
+            {"command": "hierarchical", "scripted": "x", "commander": {"provider": "local", "name": "m"}},
+            "it wants one commander, and has two",
+        ),
     ],
 )
 def test_what_is_no_flight_is_told_in_one_sentence(change, said, tmp_path, capsys):
@@ -99,6 +113,9 @@ def test_what_is_kept_of_a_flight_holds_no_key():
     text = json.dumps(kept)
     assert all(secret not in text for secret in ("0123456789abcdef", "T0PSECRET", "pw777"))
     assert hidden(from_json(kept, "run.json")) == ["--base-url", "--camera"]
+    above = FlightSpec(pilot="vision", command="hierarchical", commander=model, simulated=Simulated())
+    assert "0123456789abcdef" not in json.dumps(as_kept(above))
+    assert hidden(from_json(as_kept(above), "run.json")) == ["--commander-url"]
     assert hidden(spec) == []
     assert from_json(as_json(spec), "pipe") == spec
 

@@ -1,5 +1,7 @@
 """Logs that do not hold together are nobody's score; what still is certain stands."""
 
+import json
+
 import pytest
 
 from dronecats.cli.judge import reread
@@ -112,6 +114,37 @@ def test_a_reply_that_was_mended_is_read_again_with_the_same_patience():
     assert len(of_replies(logs(fleet), reread)) == 1  # nothing was mended, they say
     swapped = [{**each, "action": other["action"]} for each, other in zip(mended, reversed(fleet), strict=True)]
     assert len(of_replies(logs(swapped), reread)) == 1
+
+
+def test_of_drones_that_are_asked_for_alone_each_has_a_reply_of_its_own():
+    """A commander's confirmation has none; its drone's own replies are read as one drone's."""
+    told = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
+    confirmed = {k: v for k, v in decision(3, 1, 6.0, drone=1).items() if k != "reply"}
+    assert of_replies(logs([*told, {**confirmed, "confirmed_by": 0}]), reread) == []
+    other = {**told[2], "action": {"action": "finished"}}
+    assert len(of_replies(logs([*told[:2], other]), reread)) == 1
+
+
+def test_a_step_of_which_a_kill_left_one_row_is_still_a_fleets():
+    reply = '[{"action": "think"}, {"action": "finished"}]'
+    whole = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
+    assert of_replies(logs([*whole, {**whole[0], "step": 1}]), reread) == []
+
+
+def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_and_no_more(tmp_path):
+    confirmed = {k: v for k, v in decision(0, 7, 5.0, drone=1, confirmed_by=2).items() if k != "reply"}
+    folder = write(tmp_path / "a-01", [confirmed], [BEGIN, frame(7, 4.5, 4.0, drone=1), END])
+    missing = "step 0 was not confirmed in commander.jsonl"
+    assert judge_folder(folder)["contradictions"] == [missing]
+    exchange = {"number": 2, "t_asked": 4.5, "t_answered": 5.0, "causes": [{"why": "report", "drone": 1}], "roster": "",
+                "frames": [6, 7], "reply": "{}", "orders": [], "confirms": [1], "model": "m"}  # fmt: skip
+    for change, told in (({}, []), ({"confirms": [0]}, [missing]), ({"frames": [7, 6]}, [missing])):
+        (folder / "commander.jsonl").write_text(json.dumps({**exchange, **change}) + "\n")
+        assert judge_folder(folder)["contradictions"] == told
+    (folder / "commander.jsonl").write_text('{"number": -1}\n{}\n')
+    judged = judge_folder(folder)
+    assert judged["outcome"] == "success"
+    assert "commander.jsonl line 1 is damaged" in judged["contradictions"][0]
 
 
 def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):

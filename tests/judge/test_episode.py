@@ -167,6 +167,24 @@ def test_of_a_fleets_last_step_the_closest_is_not_known_when_one_was_not_measure
     assert judge_folder(folder(steps, [BEGIN, measured[0], END]))["ne_m"] is None
 
 
+def test_of_drones_with_steps_of_their_own_the_closest_last_action_counts(folder):
+    steps = [decision(0, 0, 5.0, "go"), decision(1, 1, 6.0, "go", drone=1), decision(2, 2, 9.0, "go", drone=1)]
+    measured = [frame(0, 4.5, 7.0), frame(1, 5.5, 6.0, drone=1), frame(2, 8.5, 9.0, drone=1)]
+    assert judge_folder(folder(steps, [BEGIN, *measured, END]))["ne_m"] == 7.0
+
+
+def test_a_report_is_no_declaration_and_its_confirmation_is_one_at_its_own_frame(folder):
+    report = decision(0, 0, 5.0, report=True)
+    confirmed = {k: v for k, v in decision(1, 1, 9.0, confirmed_by=1).items() if k != "reply"}
+    truth = [BEGIN, frame(0, 4.5, 4.0), frame(1, 8.5, 6.0)]
+    assert judge_folder(folder([report], [*truth, END]))["declarations"] == 0
+    verdict = judge_folder(folder([report, confirmed], [*truth, END]))
+    assert (verdict["outcome"], verdict["declarations"], verdict["ne_m"]) == ("failure", 1, 6.0)
+    near = [BEGIN, frame(0, 4.5, 6.0), frame(1, 8.5, 4.0), END]
+    verdict = judge_folder(folder([report, confirmed], near))
+    assert (verdict["outcome"], verdict["deciding"]["step"]) == ("success", 1)
+
+
 def test_a_flight_that_was_cut_off_is_no_failure_at_another_radius(folder):
     truth = [BEGIN, frame(0, 4.5, 9.0), frame(1, 8.5, 4.0)]
     declared = [decision(0, 0, 5.0), decision(1, 1, 9.0)]

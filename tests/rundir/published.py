@@ -12,6 +12,7 @@ from dronecats.rundir.schema import FOLDER
 OF = {
     layout.RUN: "run",
     layout.DECISIONS: "decisions",
+    layout.COMMANDER: "commander",
     layout.TRUTH: "truth",
     layout.ESTIMATE: "estimate",
     layout.VERDICT: "verdict",

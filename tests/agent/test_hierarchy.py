@@ -1,0 +1,290 @@
+"""A commander over a pilot for each drone: who decides what, on which picture, and how it all ends."""
+
+import json
+from concurrent.futures import Executor, Future
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
+from dronecats.agent.commander import CommandQuestions
+from dronecats.agent.decider import Questions
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.hierarchy import Hierarchy
+from dronecats.agent.latency import Latency, latency
+from dronecats.agent.models.model import Reply
+from dronecats.agent.prompt import Prompt
+from dronecats.pilots import briefing
+from dronecats.rundir.reading import exchanges
+from foundation.errors import ModelError
+from foundation.setpoints import Hold
+from tests.agent.flown_wire import CAMERA, Clock, Views
+from tests.support.json_lines import rows
+
+GO, TURN, DONE = (
+    '{"action":"go","point":[500,500],"depth_m":9}',
+    '{"action":"rotate","angle_deg":30}',
+    '{"action":"finished"}',
+)
+EVERYBODY = [{"drone": k, "goal": f"goal {k}"} for k in (1, 2, 3)]
+
+
+class Said:
+    """A model that answers with what a function makes of the request, and keeps the requests."""
+
+    name = "said"
+
+    def __init__(self, answer):
+        self.answer, self.asked = answer, []
+
+    def ask(self, request):
+        self.asked.append(request)
+        said = self.answer(request)
+        if isinstance(said, Exception):
+            raise said
+        return Reply(said if isinstance(said, str) else json.dumps(said), 0.1, 10, 1)
+
+    def check(self):
+        pass
+
+    def close(self):
+        pass
+
+
+class Timed(Views):
+    """A camera whose frames have the time of their vehicle."""
+
+    def __init__(self, vehicles):
+        super().__init__(72, 128)
+        self.vehicles = vehicles
+
+    def newest(self, drone=0):
+        frame = super().newest(drone)
+        return type(frame)(frame.frame_id, drone, self.vehicles[drone].time_us, frame.image_rgb)
+
+
+class Holding(Clock):
+    """A vehicle that remembers when it was last told to hold or to move."""
+
+    def fly(self, setpoint, seconds=None, seen=None):
+        self.moves = not isinstance(setpoint, Hold)
+        super().fly(setpoint, seconds, seen)
+
+
+def script(*replies):
+    """A commander that gives these replies in order, and then nothing to do."""
+    coming = iter(replies)
+    return Said(lambda request: next(coming, {"orders": []}))
+
+
+def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5", executor=None, stop=None):
+    """Fly a hierarchy; return (decisions, exchanges, vehicles)."""
+    folder.mkdir(exist_ok=True)
+    vehicles = [Holding() for _ in range(drones)]
+    log = DecisionLog(folder / "decisions.jsonl")
+    cockpit = Cockpit(
+        aircraft=vehicles, camera=Timed(vehicles), camera_model=CAMERA, log=log, frames_dir=folder,
+        executor=executor or InlineExecutor(), t0_us=0, commander_log=folder / "commander.jsonl",
+    )  # fmt: skip
+    charge = latency(policy) if isinstance(policy, str) else policy
+    command = CommandQuestions(commander, CommandPrompt.load(), "find it", charge)
+    agent = Hierarchy(Questions(pilot, Prompt.load(None), "find it", charge), command, cockpit)
+    try:
+        agent.fly(seconds, stop or (lambda decision: False))
+    finally:
+        log.close()
+    return rows(folder / "decisions.jsonl"), exchanges(folder), vehicles
+
+
+def command_of(request):
+    return briefing.read(request.text).command
+
+
+def test_all_hover_until_the_commander_has_spoken_and_then_fly_its_goals(tmp_path):
+    pilot, commander = Said(lambda request: GO), script({"orders": EVERYBODY[:2]})
+    decisions, (first, *_), _ = fly(tmp_path, pilot, commander, policy="fixed:2", seconds=12.0)
+    assert first.t_answered == pytest.approx(2.0, abs=0.1)
+    assert min(d["t_frame"] for d in decisions) >= first.t_answered
+    told = {request.drone: command_of(request) for request in pilot.asked}
+    assert told == {0: "goal 1", 1: "goal 2", 2: "find it"}  # who has no goal yet goes by the episode's instruction
+    assert {len(request.images_jpeg) for request in pilot.asked} == {1}
+    asked = commander.asked[0]
+    assert (asked.role, len(asked.images_jpeg)) == ("commander", 3)
+    assert asked.labels == ("Drone 1:", "Drone 2:", "Drone 3:")
+    assert sorted({d["step"] for d in decisions}) == list(range(len(decisions)))
+
+
+def test_finished_is_a_report_and_the_confirmation_the_declaration_on_the_commanders_picture(tmp_path):
+    pilot = Said(lambda request: DONE if request.drone == 1 else GO)
+    commander = script({"orders": EVERYBODY}, {"confirm": [2]})
+    decisions, told, vehicles = fly(tmp_path, pilot, commander, seconds=9.0)
+    report, confirmed = (d for d in decisions if d["drone"] == 1)
+    assert (report["action"], report["report"]) == ({"action": "finished"}, True)
+    assert (confirmed["action"], confirmed["confirmed_by"]) == ({"action": "finished"}, 1)
+    assert "report" not in confirmed
+    assert "reply" not in confirmed
+    assert [cause.why for cause in told[1].causes] == ["report"]
+    assert told[1].confirms == (1,)
+    assert confirmed["frame_id"] == told[1].frames[1] != report["frame_id"]
+    assert confirmed["t_frame"] >= report["t_decided"]
+    assert sum(request.drone == 1 for request in pilot.asked) == 1  # then it hovers
+    assert vehicles[1].moves is False
+    assert all(d["report"] is False for d in decisions if d["drone"] != 1)
+
+
+def test_only_a_confirmation_may_end_the_flight(tmp_path):
+    seen = []
+
+    def stop(decision):
+        seen.append(decision)
+        return decision.declares
+
+    pilot, commander = Said(lambda request: DONE), script({"orders": EVERYBODY}, {"confirm": [1]})
+    decisions, *_ = fly(tmp_path, pilot, commander, stop=stop, seconds=60.0, policy="fixed:4")
+    assert [d["drone"] for d in decisions if "confirmed_by" in d] == [0]
+    assert decisions[-1]["confirmed_by"] == 1
+    assert seen[-1].declares
+
+
+def test_a_report_waits_for_its_answer_and_an_order_is_a_refusal_with_a_fresh_history(tmp_path):
+    def answer(request):
+        return DONE if request.drone == 0 and command_of(request) == "goal 1" else GO
+
+    pilot = Said(answer)
+    commander = script({"orders": EVERYBODY}, {"orders": []}, {"orders": [{"drone": 1, "goal": "the next"}]})
+    decisions, told, _ = fly(tmp_path, pilot, commander, seconds=INTERVAL_S + 20.0)
+    assert [exchange.causes[0].why for exchange in told[:3]] == ["start", "report", "time"]  # it is asked about once
+    own = [d for d in decisions if d["drone"] == 0]
+    assert own[0]["report"] is True
+    assert own[1]["t_frame"] >= told[2].t_answered > INTERVAL_S
+    requests = [request for request in pilot.asked if request.drone == 0]
+    assert [command_of(request) for request in requests[:2]] == ["goal 1", "the next"]
+    assert briefing.read(requests[1].text).past(0) == ()  # a new goal is a new context
+    assert [past.kind for past in briefing.read(requests[2].text).past(0)] == ["go"]
+
+
+def test_a_commander_that_cannot_be_read_changes_nothing_and_is_kept(tmp_path):
+    pilot = Said(lambda request: DONE if request.drone == 2 else GO)
+    commander = Said(lambda request: "I would go left, I think.")
+    decisions, told, _ = fly(tmp_path, pilot, commander, seconds=20.0)
+    assert {command_of(request) for request in pilot.asked} == {"find it"}
+    assert {d["drone"] for d in decisions} == {0, 1, 2}
+    assert not [d for d in decisions if "confirmed_by" in d]
+    assert {exchange.error for exchange in told} == {'no JSON object with "orders" or "confirm" in the reply'}
+    assert told[0].reply == "I would go left, I think."
+    assert told[0].orders == told[0].confirms == ()
+
+
+def test_it_acts_on_what_it_was_shown(tmp_path):
+    """What a drone reports while the commander thinks is neither confirmed by that reply nor overruled by it."""
+
+    def answer(request):  # the second drone's report comes while the commander thinks about the first one's
+        turn = {0: 15, 1: 21}.get(request.drone)
+        return GO if turn is None else DONE if request.step else {"action": "rotate", "angle_deg": turn}
+
+    said = {"orders": [{"drone": 2, "goal": "other"}], "confirm": [1, 2, 3]}
+    commander = script({"orders": EVERYBODY}, said, {"confirm": [2]})
+    decisions, told, _ = fly(tmp_path, Said(answer), commander, seconds=12.0)
+    assert [(cause.why, cause.drone) for cause in told[1].causes] == [("report", 0)]
+    assert told[1].confirms == (0,)
+    assert told[1].orders == ()
+    wrong = ("drone 2 had no report to confirm", "drone 3 had no report to confirm", "drone 2 has reported meanwhile")
+    assert told[1].error == "; ".join(wrong)
+    assert [(cause.why, cause.drone) for cause in told[2].causes] == [("report", 1)]  # and it is asked at once
+    assert [(d["drone"], d["confirmed_by"]) for d in decisions if "confirmed_by" in d] == [(0, 1), (1, 2)]
+
+
+def test_it_is_asked_when_a_drone_does_not_move_and_when_nothing_happens(tmp_path):
+    pilot = Said(lambda request: TURN if request.drone == 1 else GO)
+    decisions, told, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), seconds=40.0)
+    (start, *others) = [[(cause.why, cause.drone) for cause in exchange.causes] for exchange in told]
+    assert start == [("start", None)]
+    assert others
+    assert all(("stall", 1) in causes and ("stall", 0) not in causes for causes in others)
+    still = [d for d in decisions if d["drone"] == 1 and d["t_decided"] <= told[1].t_asked]
+    assert len(still) == STALL_STEPS
+    asked = [exchange.t_asked for exchange in told[1:]]
+    assert min(after - before for before, after in pairwise(asked)) > 0.9 * STALL_STEPS  # 1 s a turn and its question
+    pilot = Said(lambda request: GO)
+    _, told, _ = fly(tmp_path / "calm", pilot, script({"orders": EVERYBODY}), seconds=100.0)
+    assert [exchange.causes[0].why for exchange in told] == ["start", "time", "time"]
+    assert told[2].t_asked - told[1].t_asked == pytest.approx(INTERVAL_S, abs=0.2)
+
+
+def test_both_levels_are_charged_and_their_draws_are_their_own(tmp_path):
+    pilot, commander = Said(lambda request: GO), script({"orders": EVERYBODY})
+    decisions, told, _ = fly(tmp_path, pilot, commander, policy="lognormal:1,0.5", seconds=60.0)
+    first = [next(d for d in decisions if d["drone"] == k)["latency_s"] for k in range(3)]
+    assert len({*first, told[0].latency_s}) == 4  # all of number 0
+    assert told[0].t_answered - told[0].t_asked == pytest.approx(told[0].latency_s, abs=0.06)
+    again, told_again, _ = fly(
+        tmp_path / "again", pilot, script({"orders": EVERYBODY}), policy="lognormal:1,0.5", seconds=60.0
+    )
+    assert (again, told_again) == (decisions, told)
+
+
+class Slow(Executor):
+    """Makes every call at once, and lets its result be known some polls later; counts those that are under way."""
+
+    def __init__(self):
+        self.under_way, self.most = 0, 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        executor, inner = self, InlineExecutor().submit(fn, *args, **kwargs)
+
+        class Polled(Future[Any]):
+            polls = 0
+
+            def done(self):
+                self.polls += 1
+                if self.polls == 5:
+                    executor.under_way -= 1
+                return self.polls >= 5
+
+            def exception(self, timeout=None):
+                return inner.exception()
+
+            def result(self, timeout=None):
+                return inner.result()
+
+        self.under_way += 1
+        self.most = max(self.most, self.under_way)
+        return Polled()
+
+
+def test_the_pilots_are_asked_at_once_and_the_commander_beside_them(tmp_path):
+    executor = Slow()
+    fly(tmp_path, Said(lambda request: DONE if request.step == 2 else GO), script({"orders": EVERYBODY}),
+        policy="real", executor=executor, seconds=30.0)  # fmt: skip
+    assert executor.most >= 3
+
+
+@pytest.mark.parametrize("role", ["pilot", "commander"])
+def test_a_model_that_fails_ends_the_flight_whichever_it_is(tmp_path, role):
+    broken = ModelError("gone")
+    pilot = Said(lambda request: broken if role == "pilot" else DONE)
+    commander = script({"orders": EVERYBODY}, broken if role == "commander" else {"orders": []})
+    with pytest.raises(ModelError, match="gone"):
+        fly(tmp_path, pilot, commander)
+
+
+def test_a_reply_that_is_too_late_is_kept_as_such_and_one_that_never_comes_is_an_error(tmp_path):
+    pilot = Said(lambda request: DONE)
+    _, told, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy="fixed:2", seconds=5.0)
+    assert told[-1].t_answered is None
+    assert told[-1].error == "the episode was over before the reply"
+    with pytest.raises(ModelError, match="the commander did not answer once"):
+        fly(tmp_path / "never", pilot, script(), policy="fixed:20", seconds=5.0)
+
+
+def test_a_drone_that_is_not_answered_before_the_end_is_nobodys_fault_where_others_were(tmp_path):
+    """The third drone's only question is under way at the cap; the numbers of the steps have no gap."""
+    pilot = Said(lambda request: GO)
+    policy = Latency("by drone", lambda question, _: 100.0 if question.drone == 2 else 0.5)
+    decisions, *_ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy=policy, seconds=8.0)
+    assert {d["drone"] for d in decisions} == {0, 1}
+    assert {request.drone for request in pilot.asked} == {0, 1, 2}
+    assert sorted(d["step"] for d in decisions) == list(range(len(decisions)))
