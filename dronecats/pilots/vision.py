@@ -2,8 +2,8 @@
 
 Assumed knowledge beyond the picture: a level pinhole camera, 90° across (paper, appendix "Execution"), usual sizes of
 things, and the rules by which a `go` is flown. No truth, no map, no memory: what it did before it reads in the prompt's
-history, so equal requests get equal answers. It tells things apart by colour and size only: it reads no plates and no
-signs, and a command without a colour word leaves it searching.
+history, so equal requests get equal answers. It tells things apart by colour and size; of several drones it makes a
+fleet that reads signs and plates (`fleet.py`). Else a command without a colour word leaves it searching.
 """
 
 import math
@@ -11,7 +11,7 @@ import math
 import cv2
 import numpy as np
 
-from dronecats.pilots import briefing, paint, ranging, referent, reply, sighting
+from dronecats.pilots import briefing, fleet, inscription, paint, ranging, referent, reply, sighting
 from dronecats.pilots.briefing import PastAction
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M
@@ -45,6 +45,10 @@ def answer(prompt: str, images: list[bytes]) -> str:
     if not images:
         raise UsageError("The vision pilot needs a picture.")
     told = briefing.read(prompt)
+    written = inscription.named(told.command)
+    if written is not None and len(images) > 1:
+        pictures = [decode(jpeg) for jpeg in images]
+        return reply.fleet(fleet.answer(pictures, written, told.command, [told.past(k) for k in range(len(images))]))
     named = referent.read(told.command)
     return reply.fleet([decide(decode(jpeg), named, told.past(k)) for k, jpeg in enumerate(images)])
 
