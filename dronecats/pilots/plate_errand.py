@@ -9,7 +9,7 @@ import math
 
 from dronecats.pilots import inscription, parked, plates, reply
 from dronecats.pilots.alike import LookAlike
-from dronecats.pilots.briefing import PastAction
+from dronecats.pilots.briefing import LEVEL_PX, PastAction
 from dronecats.pilots.inscription import Inscription
 from dronecats.pilots.paint import Picture
 from dronecats.pilots.plates import Plate
@@ -56,7 +56,7 @@ def lost(past: tuple[PastAction, ...]) -> str:
         return reply.think() if len(past) >= 2 and past[-2].kind == FINISHED else reply.finished()
     for action in reversed(past):
         if action.kind == GO:
-            return reply.rotate(math.copysign(_TURN_DEG, action.y_px - 360.0))
+            return reply.rotate(math.copysign(_TURN_DEG, action.y_px - LEVEL_PX))
     return reply.rotate(_TURN_DEG)
 
 
@@ -120,8 +120,8 @@ def _round(car: LookAlike, end: int) -> str:
 def _chosen(past: tuple[PastAction, ...]) -> int:
     """Return the end that the last strides led to: a vehicle to their right has its nearer end to the left."""
     for action in reversed(past):
-        if action.kind == GO and abs(action.y_px - 360.0) > 4.0:
-            return -1 if action.y_px > 360.0 else 1
+        if action.kind == GO and abs(action.y_px - LEVEL_PX) > 4.0:
+            return -1 if action.y_px > LEVEL_PX else 1
     return 0
 
 
