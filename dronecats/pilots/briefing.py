@@ -14,6 +14,7 @@ _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
 _PAST = re.compile(
     rf"^\s*\d+\.\s+(?:GO\s+x={_NUMBER}\s+y={_NUMBER}\s+depth={_NUMBER}m|ROTATE\s+angle={_NUMBER}deg|(THINK)|(FINISHED))"
 )
+LEVEL_PX = 360.0  # the row of the horizon in those pixels
 _DRONE = re.compile(r"\bdrone\s*#?\s*(\d{1,3})\b", re.IGNORECASE)
 
 
@@ -23,6 +24,7 @@ class PastAction:
 
     kind: str  # GO, ROTATE, THINK or FINISHED
     x_px: float = 0.0  # px, of a go; the history speaks in pixels of the full picture, 1280 wide
+    y_px: float = LEVEL_PX  # px, of a go
     depth_m: float = 0.0  # m, of a go
     angle_deg: float = 0.0  # deg, of a rotate, positive to the right
 
@@ -62,9 +64,9 @@ def read(prompt: str) -> Briefing:
 
 
 def _past(match: re.Match[str]) -> PastAction:
-    x, _y, depth, angle, think, _finished = match.groups()
+    x, y, depth, angle, think, _finished = match.groups()
     if depth is not None:
-        return PastAction(GO, x_px=float(x), depth_m=float(depth))
+        return PastAction(GO, x_px=float(x), y_px=float(y), depth_m=float(depth))
     if angle is not None:
         return PastAction(ROTATE, angle_deg=float(angle))
     return PastAction(THINK if think else FINISHED)

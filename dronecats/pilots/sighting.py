@@ -1,6 +1,7 @@
 """The one place in a picture that looks most like the thing a command names: right colour, plausible size and stand."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -41,23 +42,33 @@ class _Blob:
 
 def find(picture: paint.Picture, named: Referent) -> Sighting | None:
     """Return the best sighting of `named` in a BGR picture 640 px wide or so; None when nothing will do."""
+    best: Sighting | None = None
+    best_rank = 0.0
+    for seen, pixels in _sighted(picture, named):
+        rank = seen.score * pixels**_LARGER
+        if rank > best_rank:
+            best, best_rank = seen, rank
+    return best
+
+
+def every(picture: paint.Picture, named: Referent) -> list[Sighting]:
+    """Return all sightings of `named` in such a picture, left to right."""
+    return sorted((seen for seen, _ in _sighted(picture, named)), key=lambda s: s.box.left + s.box.right)
+
+
+def _sighted(picture: paint.Picture, named: Referent) -> Iterator[tuple[Sighting, int]]:
+    """Yield what will do, with its number of pixels."""
     if named.color is None:
-        return None
+        return
     height, width = picture.shape[:2]
     mask = paint.mask(picture, named.color)
     saturation = paint.saturation(picture)
-    best: Sighting | None = None
-    best_rank = 0.0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     tint = paint.tint(picture, labels, count) if paint.BANDS[named.color].vivid else None
     for blob in _grouped(stats, count, tint):
         seen = _judge(blob, np.isin(labels, blob.members), saturation, named, width, height)
-        if seen is None:
-            continue
-        rank = seen.score * blob.pixels**_LARGER
-        if rank > best_rank:
-            best, best_rank = seen, rank
-    return best
+        if seen is not None:
+            yield seen, blob.pixels
 
 
 def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | None) -> list[_Blob]:

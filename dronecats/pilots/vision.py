@@ -3,7 +3,8 @@
 Assumed knowledge beyond the picture: a level pinhole camera, 90° across (paper, appendix "Execution"), usual sizes of
 things, and the rules by which a `go` is flown. No truth, no map, no memory: what it did before it reads in the prompt's
 history, so equal requests get equal answers. What is told by colour it looks for by colour and size; what is told by
-where it stands, by shape and place (`seeking`). It reads no plates, no signs and no names on halls.
+where it stands, by shape and place (`seeking`). Of several drones it makes a fleet that reads signs and plates
+(`fleet`). It reads no names on halls.
 """
 
 import math
@@ -11,7 +12,19 @@ import math
 import cv2
 import numpy as np
 
-from dronecats.pilots import briefing, expression, paint, ranging, referent, reply, search, seeking, sighting
+from dronecats.pilots import (
+    briefing,
+    expression,
+    fleet,
+    inscription,
+    paint,
+    ranging,
+    referent,
+    reply,
+    search,
+    seeking,
+    sighting,
+)  # fmt: skip
 from dronecats.pilots.briefing import PastAction
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, STRIDE_MAX_M, STRIDE_MIN_M
@@ -38,6 +51,10 @@ def answer(prompt: str, images: list[bytes]) -> str:
     if not images:
         raise UsageError("The vision pilot needs a picture.")
     told = briefing.read(prompt)
+    written = inscription.named(told.command)
+    if written is not None and len(images) > 1:
+        pictures = [decode(jpeg) for jpeg in images]
+        return reply.fleet(fleet.answer(pictures, written, told.command, [told.past(k) for k in range(len(images))]))
     named = referent.read(told.command)
     placed = expression.read(told.command) if named.color is None else None
     if placed is not None:

@@ -1,0 +1,89 @@
+"""Several drones from one request, sent to as many things that look alike, to read which of them is meant.
+
+Each drone flies to a thing of its own, reads it, and declares when it is the named one; when it is another, it stays
+where it is and thinks. Nothing is remembered: which thing is a drone's own is read from its last action, which turned
+its nose to it and whose depth says how far off it was.
+"""
+
+import math
+from collections.abc import Sequence
+
+from dronecats.pilots import alike, board_errand, division, plate_errand, reading, referent, reply
+from dronecats.pilots.alike import LookAlike
+from dronecats.pilots.briefing import LEVEL_PX, PastAction
+from dronecats.pilots.division import Spotted
+from dronecats.pilots.inscription import Inscription
+from dronecats.pilots.paint import Picture
+from dronecats.pilots.referent import Size
+from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M, THINK
+
+Past = tuple[PastAction, ...]
+
+# That a drone's own thing may have moved between two pictures: bearing, far and near, and logarithm of the distance
+_ASIDE_RAD, _NEAR_ASIDE_RAD, _OFF = math.radians(4.0), math.radians(8.0), 0.3
+_ROUND = 3.0  # times as much aside where the way leads round a vehicle
+_OWN = 3.0  # of these, within which a thing is a drone's own
+_NEAR_THING_M = 16.0  # from here on the way may lead past it
+_BACK_DEG = 50.0  # a turn of this size looks for what was lost
+_ON_DEG = 60.0  # a turn of this size says: that one was read, now another
+
+
+def answer(pictures: Sequence[Picture], wanted: Inscription, command: str, past: Sequence[Past]) -> list[str]:
+    """Return the next action of every drone, in picture order. Raises UsageError when nothing can be read here."""
+    reading.ready()
+    kind = referent.read(command.replace(" drone ", " "))
+    views = alike.sightings(pictures, wanted, kind)
+    if not any(past):
+        return [_depart(spot) for spot in division.divide([[thing.spot for thing in view] for view in views])]
+    all_done = all(settled(done) for done in past)
+    return [
+        reply.rotate(_ON_DEG) if all_done else _decide(picture, view, wanted, done, kind.size)
+        for picture, view, done in zip(pictures, views, past, strict=True)
+    ]
+
+
+def settled(past: Past) -> bool:
+    """Return whether a drone has read its thing and waited for the others since, or has turned in vain all round."""
+    kinds = {action.kind for action in past}
+    return len(past) >= HISTORY_LENGTH and kinds in ({THINK}, {ROTATE})
+
+
+def _depart(spot: Spotted | None) -> str:
+    if spot is None or spot.ahead_m <= 0.0:
+        return reply.rotate(_ON_DEG)
+    return reply.go(500.0 + 500.0 * spot.right_m / spot.ahead_m, 500.0, max(spot.ahead_m, NEAR_M))
+
+
+def _decide(picture: Picture, view: Sequence[LookAlike], wanted: Inscription, past: Past, size: Size) -> str:
+    if past and past[-1].kind == THINK:
+        return reply.think()
+    mine = own(view, past)
+    if mine is None:
+        if past and past[-1].kind == GO and past[-1].depth_m >= NEAR_M + STRIDE_MAX_M and past[-1].y_px == LEVEL_PX:
+            return reply.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # it is hidden, or too far to be told
+        return plate_errand.lost(past) if wanted.on_plate and past else reply.rotate(_BACK_DEG)
+    if wanted.on_plate:
+        return plate_errand.decide(picture, mine, wanted, past, size)
+    return board_errand.decide(picture, mine, wanted)
+
+
+def own(view: Sequence[LookAlike], past: Past) -> LookAlike | None:
+    """Return the thing that a drone was sent to, by what it did last; None when the picture does not show it."""
+    if not view:
+        return None
+    if not past or past[-1].kind != GO:
+        on = bool(past) and past[-1].kind == ROTATE and abs(abs(past[-1].angle_deg) - _ON_DEG) < 0.5
+        others = [thing for thing in view if not on or thing.spot.distance_m > NEAR_M]
+        return min(others, key=lambda thing: thing.spot.distance_m) if others else None
+    near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _ROUND * _NEAR_ASIDE_RAD
+    left = max(past[-1].depth_m - STRIDE_MAX_M, 0.8 * NEAR_M)
+
+    def strangeness(thing: LookAlike) -> float:
+        aside = abs(thing.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
+        off = math.log(max(thing.spot.ahead_m, 0.1) / left) / _OFF
+        if left <= NEAR_M:  # depths are chosen for the stride there
+            off = max(0.0, off)
+        return math.hypot(aside, off)
+
+    best = min(view, key=strangeness)
+    return best if strangeness(best) <= _OWN else None

@@ -1,0 +1,68 @@
+"""Reads what is written in a part of a picture, with an OCR package whose models come within its wheel.
+
+RapidOCR (Apache-2.0) on ONNX Runtime, both on the CPU and in one thread, so that equal pictures give equal texts.
+Measured against distance and angle by `python -m benchmarks.reading`.
+"""
+
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dronecats.pilots.inscription import Reading
+from dronecats.pilots.paint import Picture
+from foundation.errors import UsageError
+
+MISSING = "The vision pilot reads signs and plates with RapidOCR: install it by `pip install 'dronecats[vision]'`."
+_ENLARGED = 4.0  # times; letters of 8 px become as large as those that the models were made for
+_LARGEST_PX = 960  # of an enlarged part
+_LEAST_PX = 6
+
+
+@cache
+def _engine() -> Any:
+    """Return the OCR engine, made once a process. Raises UsageError when the package is not there."""
+    try:
+        from rapidocr import RapidOCR
+    except ImportError:
+        raise UsageError(MISSING) from None
+    threads = {f"EngineConfig.onnxruntime.{which}_op_num_threads": 1 for which in ("intra", "inter")}
+    return RapidOCR(params={"Global.log_level": "error", "Global.text_score": 0.0, **threads})
+
+
+def ready() -> None:
+    """Raise UsageError, one sentence, when nothing can be read here."""
+    _engine()
+
+
+def line(part: Picture, stretch: float = 1.0) -> list[Reading]:
+    """Return the one line of text that fills `part` (H, W, 3) BGR, widened by `stretch` where it is seen aslant."""
+    if min(part.shape[:2]) < _LEAST_PX:
+        return []
+    found = _engine()(_enlarged(part, stretch), use_det=False, use_cls=False, use_rec=True)
+    return _readings(found)
+
+
+def lines(part: Picture, stretch: float = 1.0) -> list[Reading]:
+    """Return the lines of text somewhere in `part` (H, W, 3) BGR, top to bottom, and all of them as one."""
+    if min(part.shape[:2]) < 2 * _LEAST_PX:
+        return []
+    found = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)
+    readings = _readings(found)
+    if len(readings) > 1:
+        readings.append(Reading(" ".join(r.text for r in readings), min(r.confidence for r in readings)))
+    return readings
+
+
+def _enlarged(part: Picture, stretch: float) -> Picture:
+    height, width = part.shape[:2]
+    scale = min(_ENLARGED, _LARGEST_PX / max(height, stretch * width))
+    size = (max(8, round(width * scale * stretch)), max(8, round(height * scale)))
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _readings(found: Any) -> list[Reading]:
+    if not found.txts:
+        return []
+    return [Reading(str(t), float(s)) for t, s in zip(found.txts, found.scores, strict=True) if t]
