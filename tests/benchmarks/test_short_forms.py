@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-PARTS = {"machine", "flight_peers", "render_peers", "render_export"}  # which the others are made of: no command
+PARTS = {
+    "machine",
+    "stand_in",
+    "flight_peers",
+    "render_peers",
+    "render_export",
+}  # which the others are made of: no command
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "fleet4_640x360")}
 
@@ -46,6 +52,17 @@ def test_flight(tmp_path):
     assert_figures(found, SPEEDS)
     assert found["machine"]["python_loop_ms"] > 0.0
     assert {peer["note"].split(":")[0] for peer in found["peers"].values()} == {"skipped"}
+
+
+def test_agent():
+    (found,) = printed("agent")
+    own = {
+        f"step_ms{drones}{part}" for drones in ("", "_4_drones") for part in ("", "_to_the_model", "_from_the_model")
+    }
+    assert_figures(found, own)
+    assert_figures(found["in_flight"], {"wall_s", "wall_over_model", "cpu_ms_per_step", "rss_mb", "pss_mb"})
+    assert found["in_flight"]["flights"] == 2
+    assert found["in_flight"]["steps"] >= 2 * found["in_flight"]["flights"]
 
 
 def test_render(tmp_path):
