@@ -5,7 +5,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from dronecats.agent.models.replay import RecordedStep, Recording
+from dronecats.agent.models.replay import RecordedFlight, RecordedStep
 from dronecats.flight.file import from_json
 from dronecats.flight.spec import FlightSpec
 from dronecats.rundir import layout
@@ -32,7 +32,7 @@ def recorded(path: Path) -> FlightSpec:
     return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
 
 
-def _recording(folder: Path) -> Recording:
+def _recording(folder: Path) -> RecordedFlight:
     steps: dict[int, RecordedStep] = {}
     for said in rows(folder / layout.DECISIONS, Decision):
         if said.reply is UNSET:
@@ -50,4 +50,4 @@ def _recording(folder: Path) -> Recording:
     if not steps:
         raise UsageError(f"{folder} holds no decision; name a flight that took steps")
     ends = [row.reason for row in truth(folder) if isinstance(row, End)]
-    return Recording(flight=folder.name, steps=tuple(steps.values()), to_the_cap="cap" in ends)
+    return RecordedFlight(flight=folder.name, steps=tuple(steps.values()), to_the_cap="cap" in ends)

@@ -7,7 +7,7 @@ what a file says is in it, not the file's name. So it is all that a worker needs
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dronecats.agent.models.replay import Recording
+from dronecats.agent.models.replay import RecordedFlight
 from dronecats.agent.models.spec import ModelSpec
 from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
@@ -70,7 +70,7 @@ class FlightSpec:
     connected: Connected | None = None
     pilot: str | None = None  # a built-in pilot, no model; or
     model: ModelSpec | None = None
-    replay: Recording | None = None  # in the place of whichever of the two flew it
+    replay: RecordedFlight | None = None  # in the place of whichever of the two flew it
     accounts: Accounts = Accounts()
     prompt: str | None = None  # a template; None: the one that ships
     latency: str = LATENCY

@@ -74,7 +74,7 @@ REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 
 ELSEWHERE = (
     (r"dronecats$|dronecats fly$", "the program or a verb, named"),
-    (r"dronecats fly --sitl .*--model (?!replay:)", "a model's endpoint and key; tests/agent does it with endpoints of its own"),
+    (r"dronecats fly --sitl .*--model (?!replay:)", "a model's endpoint and key; tests/agent has endpoints of its own"),
     (r"dronecats fly --sitl --autopilot px4", PX4),
     (r"dronecats fly --sitl( --episode \S+ --pilot vision| --optics FILE\.toml)?$", REAL_TIME),
     (r"(echo ARM \| )?dronecats fly (--connect|…)", VEHICLE),

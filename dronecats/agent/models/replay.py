@@ -21,7 +21,7 @@ class RecordedStep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recording:
+class RecordedFlight:
     """All that was said on a flight: a value, so that it can be flown again where its folder is not."""
 
     flight: str  # the episode folder it was read from, its name
@@ -32,7 +32,7 @@ class Recording:
 class ReplayModel:
     """Answers from a recording."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: RecordedFlight) -> None:
         self.name = recording.flight
         self._recording = recording
         self._steps = {(each.step, each.drone): each for each in recording.steps}
