@@ -7,7 +7,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from dronecats.agent.models.replay import RecordedReplies, RecordedStep
+from dronecats.agent.models.replay import RecordedFlight, RecordedStep
 from dronecats.flight.file import from_json
 from dronecats.flight.spec import FlightSpec
 from dronecats.rundir import layout
@@ -34,7 +34,7 @@ def recorded(path: Path) -> FlightSpec:
     return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
 
 
-def _recording(folder: Path) -> RecordedReplies:
+def _recording(folder: Path) -> RecordedFlight:
     steps: dict[int, RecordedStep] = {}
     asked: Counter[int] = Counter()  # by the first of the drones that are asked for together
     for said in rows(folder / layout.DECISIONS, Decision):
@@ -57,7 +57,7 @@ def _recording(folder: Path) -> RecordedReplies:
         raise UsageError(f"{folder} holds no decision; name a flight that took steps")
     ends = [row.reason for row in truth(folder) if isinstance(row, End)]
     commanded = exchanges(folder)
-    return RecordedReplies(
+    return RecordedFlight(
         flight=folder.name,
         steps=(*steps.values(), *_of_commander(commanded)),
         to_the_cap="cap" in ends,

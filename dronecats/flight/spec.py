@@ -7,7 +7,7 @@ what a file says is in it, not the file's name. So it is all that a worker needs
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dronecats.agent.models.replay import RecordedReplies
+from dronecats.agent.models.replay import RecordedFlight
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.reply.reading import ReplyParser
 from foundation.protocol import CAP_S
@@ -73,7 +73,7 @@ class FlightSpec:
     drones: int | None = None  # of a simulated episode; None: as many as its record has starts
     pilot: str | None = None  # a built-in pilot, no model; or
     model: ModelSpec | None = None
-    replay: RecordedReplies | None = None  # in the place of whichever of the two flew it
+    replay: RecordedFlight | None = None  # in the place of whichever of the two flew it
     accounts: Accounts = Accounts()
     command: Literal["flat", "hierarchical", "solo"] = "flat"  # one context for all; a commander; or each on its own
     commander: ModelSpec | None = None  # of a hierarchy; None: the same model, …

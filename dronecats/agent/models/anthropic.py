@@ -4,7 +4,7 @@ import base64
 from typing import Any
 
 from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
-from dronecats.agent.models.http_model import HttpModel, Utterance, count, finish_of, list_of, text_of
+from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, text_of
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import reply_schema
@@ -69,11 +69,11 @@ class AnthropicModel(HttpModel):
             **({"output_config": output} if output else {}),
         }
 
-    def read(self, data: Any) -> Utterance:
+    def read(self, data: Any) -> ReadAnswer:
         """Return what an answer holds. Of a refusal the text is what there is, mostly nothing."""
         if data["type"] != "message":
             raise ValueError
         usage = data.get("usage") or {}
         text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
         finish = finish_of(data.get("stop_reason"), _FINISH)
-        return Utterance(text, count(usage.get("input_tokens")), count(usage.get("output_tokens")), finish)
+        return ReadAnswer(text, count(usage.get("input_tokens")), count(usage.get("output_tokens")), finish)

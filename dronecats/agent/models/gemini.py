@@ -5,7 +5,7 @@ from typing import Any
 from urllib.parse import quote
 
 from dronecats.agent.models.endpoint import KeyHeader
-from dronecats.agent.models.http_model import HttpModel, Utterance, count, finish_of, list_of, text_of
+from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, text_of
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import reply_schema
 
@@ -44,12 +44,12 @@ class GeminiModel(HttpModel):
             "generationConfig": config,
         }
 
-    def read(self, data: Any) -> Utterance:
+    def read(self, data: Any) -> ReadAnswer:
         """Return what an answer holds. Thoughts count as tokens and are no text."""
         usage = data.get("usageMetadata") or {}
         tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
         text, finish = _text(data)
-        return Utterance(text, count(usage.get("promptTokenCount")), tokens_out, finish)
+        return ReadAnswer(text, count(usage.get("promptTokenCount")), tokens_out, finish)
 
 
 def _text(data: dict[str, Any]) -> tuple[str, str | None]:

@@ -22,7 +22,7 @@ MAX_FINISH_CHARS = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Utterance:
+class ReadAnswer:
     """What an answer holds."""
 
     text: str
@@ -85,7 +85,7 @@ class HttpModel(ABC):
         """Return the request as the endpoint gets it."""
 
     @abstractmethod
-    def read(self, data: Any) -> Utterance:
+    def read(self, data: Any) -> ReadAnswer:
         """Return what an answer holds; the text is empty where the model says nothing.
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for what is no answer of this format.

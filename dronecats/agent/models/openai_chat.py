@@ -6,7 +6,7 @@ Paper, "API Request Format", first listing.
 import base64
 from typing import Any
 
-from dronecats.agent.models.http_model import HttpModel, Utterance, count, finish_of, text_of
+from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, text_of
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import response_format
 
@@ -36,7 +36,7 @@ class ChatModel(HttpModel):
             **({"response_format": response_format(root)} if root else {}),
         }
 
-    def read(self, data: Any) -> Utterance:
+    def read(self, data: Any) -> ReadAnswer:
         """Return what an answer holds. Of a refusal the text is the model's words for it."""
         choice = data["choices"][0]
         message = choice["message"]
@@ -46,6 +46,6 @@ class ChatModel(HttpModel):
         if text is None:  # everything went into reasoning, or it refuses: the model's, not a fault of the wire
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
-        return Utterance(
+        return ReadAnswer(
             text_of(text), count(usage.get("prompt_tokens")), count(usage.get("completion_tokens")), finish
         )

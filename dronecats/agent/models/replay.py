@@ -23,7 +23,7 @@ class RecordedStep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedReplies:
+class RecordedFlight:
     """All that was said on a flight: a value, so that it can be flown again where its folder is not."""
 
     flight: str  # the episode folder it was read from, its name
@@ -35,7 +35,7 @@ class RecordedReplies:
 class ReplayModel:
     """Answers from a recording, the questions of one role."""
 
-    def __init__(self, recording: RecordedReplies, role: Literal["pilot", "commander"] = "pilot") -> None:
+    def __init__(self, recording: RecordedFlight, role: Literal["pilot", "commander"] = "pilot") -> None:
         self.name = recording.commander or recording.flight if role == "commander" else recording.flight
         self._recording = recording
         self._steps = {(each.step, each.drone): each for each in recording.steps if each.role == role}

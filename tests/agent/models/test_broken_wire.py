@@ -3,6 +3,8 @@
 import json
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dronecats.agent.models.body_fault import delay_in, fault_in
 from dronecats.agent.models.endpoint import RetryPolicy
@@ -139,3 +141,22 @@ def test_an_answer_that_complains_of_nothing_has_no_fault():
     fault = fault_in(b'{"error": {"code": 200}}')
     assert fault is not None
     assert fault.status == 400
+
+
+WORDS = ["error", "choices", "code", "status", "type", "details", "retryDelay"]
+TEXTS = st.one_of(st.text(max_size=9), st.sampled_from(["429", "5s"]))
+JSON = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), TEXTS),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3),
+        st.dictionaries(st.sampled_from(WORDS), inner),
+        st.builds(lambda value: {"error": value}, inner),
+    ),
+)
+
+
+@given(st.one_of(JSON.map(lambda value: json.dumps(value).encode()), st.binary(max_size=30)))
+def test_whatever_a_body_holds_its_fault_is_a_status_that_is_one(body):
+    fault, delay_s = fault_in(body), delay_in(body)
+    assert fault is None or 400 <= fault.status <= 599
+    assert delay_s is None or 0.0 <= delay_s < 1e7
