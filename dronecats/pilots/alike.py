@@ -1,6 +1,7 @@
 """The things in several pictures that look alike, one of which bears an inscription that a command names."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,28 +27,43 @@ class LookAlike:
     right: int
     bottom: int
     spot: Spotted
+    score: float = 1.0  # 0 … 1: how well it looks like one
+
+    @property
+    def size_px(self) -> float:
+        """px, the side of a square as large as its rectangle."""
+        return math.sqrt((self.right - self.left) * (self.bottom - self.top))
 
 
-def sightings(pictures: Sequence[Picture], wanted: Inscription, kind: Referent) -> list[list[LookAlike]]:
+Own = Callable[[int, Sequence[LookAlike]], LookAlike | None]  # the thing that a drone was sent to, of those it sees
+
+
+def sightings(
+    pictures: Sequence[Picture], wanted: Inscription, kind: Referent, own: Own | None = None
+) -> list[list[LookAlike]]:
     """Return for each picture the things that may carry the inscription, left to right: those of one looks.
 
-    `kind` is the vehicle that is spoken of, by its size; what bears no plate is a board.
+    `kind` is the vehicle that is spoken of, by its size; what bears no plate is a board. Once the drones are under way,
+    `own` tells the paint: it is the one of which each still sees its own.
     """
-    return _vehicles(pictures, kind) if wanted.on_plate else _boards(pictures)
+    return _vehicles(pictures, kind, own) if wanted.on_plate else _boards(pictures)
 
 
-def _vehicles(pictures: Sequence[Picture], kind: Referent) -> list[list[LookAlike]]:
-    """Return the vehicles of the paint of which the pictures show most."""
+def _vehicles(pictures: Sequence[Picture], kind: Referent, own: Own | None) -> list[list[LookAlike]]:
+    """Return the vehicles of the paint of which the pictures show most, or most of the drones their own."""
     best: list[list[LookAlike]] = [[] for _ in pictures]
-    most = 0.0
+    most = (0.0, 0.0)
     for color in (*VIVID, *DULL):
-        if color in DULL and most >= len(pictures) * _ENOUGH:
+        if color in DULL and most[1] >= len(pictures) * _ENOUGH:
             continue
-        seen = [sighting.every(picture, replace(kind, color=color)) for picture in pictures]
-        score = sum(sum(sorted((s.score for s in view), reverse=True)[: len(pictures)]) for view in seen)
-        if score > most:
-            most = score
-            best = [[_vehicle(s, p) for s in view] for view, p in zip(seen, pictures, strict=True)]
+        views = [[_vehicle(s, p) for s in sighting.every(p, replace(kind, color=color))] for p in pictures]
+        mine = [own(k, view) for k, view in enumerate(views)] if own else []
+        worth = (
+            sum(one.score * one.size_px for one in mine if one),  # near, a vehicle is larger than any brick of its hue
+            sum(sum(sorted((one.score for one in view), reverse=True)[: len(pictures)]) for view in views),
+        )
+        if worth > most:
+            most, best = worth, views
     return best
 
 
@@ -56,7 +72,7 @@ def _vehicle(seen: sighting.Sighting, picture: Picture) -> LookAlike:
     left, right = (round((x + 0.5) * width) for x in (seen.box.left, seen.box.right))
     top, bottom = (round(y * width + 0.5 * height) for y in (seen.box.top, seen.box.bottom))
     aside = (seen.box.left + seen.box.right) * seen.range.depth_m  # half their sum over a focal length of a half
-    return LookAlike(left, top, right, bottom, Spotted(aside, seen.range.depth_m))
+    return LookAlike(left, top, right, bottom, Spotted(aside, seen.range.depth_m), seen.score)
 
 
 def _boards(pictures: Sequence[Picture]) -> list[list[LookAlike]]:

@@ -25,6 +25,11 @@ _ROUND = 3.0  # times as much aside where the way leads round a vehicle
 _OWN = 3.0  # of these, within which a thing is a drone's own
 _NEAR_THING_M = 16.0  # from here on the way may lead past it
 _BACK_DEG = 50.0  # a turn of this size looks for what was lost
+_RESTS = 2  # after which one that has read a plate goes on: some vehicles are hidden from where all begin
+_OTHER_M = 7.0  # what is nearer than this is the thing that was read
+_LOST_M = 16.0  # what was near and is lost is no farther
+_SHORT_OF_M = 6.0  # a thing is no farther when a short stride to it has ended, but for what its distance is wrong by
+_WANDER_M = 8.0  # of a stride to somewhere else
 _ON_DEG = 60.0  # a turn of this size says: that one was read, now another
 
 
@@ -32,8 +37,9 @@ def answer(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
     """Return the next action of every drone, in picture order. Raises UsageError when nothing can be read here."""
     reading.ready()
     kind = referent.read(command.replace(" drone ", " "))
-    views = alike.sightings(pictures, wanted, kind)
-    if not any(past):
+    under_way = any(past)
+    views = alike.sightings(pictures, wanted, kind, (lambda k, view: own(view, past[k])) if under_way else None)
+    if not under_way:
         return [_depart(spot) for spot in division.divide([[thing.spot for thing in view] for view in views])]
     all_done = all(settled(done) for done in past)
     return [
@@ -42,10 +48,15 @@ def answer(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
     ]
 
 
-def settled(past: Past) -> bool:
-    """Return whether a drone has read its thing and waited for the others since, or has turned in vain all round."""
-    kinds = {action.kind for action in past}
-    return len(past) >= HISTORY_LENGTH and kinds in ({THINK}, {ROTATE})
+def settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
+    """Return whether a drone has read its thing and waited so long since, or has turned in vain all round."""
+    kinds = {action.kind for action in past[-rests:]}
+    return len(past) >= rests and kinds in ({THINK}, {ROTATE})
+
+
+def going_on(past: Past) -> bool:
+    """Return whether a drone looks for another thing than the one that it has read."""
+    return bool(past) and past[-1].kind == ROTATE and abs(past[-1].angle_deg - _ON_DEG) < 0.5
 
 
 def _depart(spot: Spotted | None) -> str:
@@ -56,8 +67,11 @@ def _depart(spot: Spotted | None) -> str:
 
 def _decide(picture: Picture, view: Sequence[LookAlike], wanted: Inscription, past: Past, size: Size) -> str:
     if past and past[-1].kind == THINK:
-        return reply.think()
+        return reply.rotate(_ON_DEG) if wanted.on_plate and settled(past, _RESTS) else reply.think()
     mine = own(view, past)
+    if mine is None and going_on(past):
+        in_vain = len(past) >= HISTORY_LENGTH and all(going_on((action,)) for action in past)
+        return reply.go(500.0, 500.0, _WANDER_M) if in_vain else reply.rotate(_ON_DEG)
     if mine is None:
         if past and past[-1].kind == GO and past[-1].depth_m >= NEAR_M + STRIDE_MAX_M and past[-1].y_px == LEVEL_PX:
             return reply.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # it is hidden, or too far to be told
@@ -72,17 +86,20 @@ def own(view: Sequence[LookAlike], past: Past) -> LookAlike | None:
     if not view:
         return None
     if not past or past[-1].kind != GO:
-        on = bool(past) and past[-1].kind == ROTATE and abs(abs(past[-1].angle_deg) - _ON_DEG) < 0.5
-        others = [thing for thing in view if not on or thing.spot.distance_m > NEAR_M]
+        least, most = (_OTHER_M, math.inf) if going_on(past) else (0.0, _LOST_M)
+        if settled(past):
+            most = math.inf
+        others = [thing for thing in view if least < thing.spot.distance_m < most]
         return min(others, key=lambda thing: thing.spot.distance_m) if others else None
     near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _ROUND * _NEAR_ASIDE_RAD
-    left = max(past[-1].depth_m - STRIDE_MAX_M, 0.8 * NEAR_M)
+    left = past[-1].depth_m - STRIDE_MAX_M
+    short = left <= NEAR_M  # depths are chosen for the stride there
 
     def strangeness(thing: LookAlike) -> float:
         aside = abs(thing.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
+        if short:
+            return math.hypot(aside, max(0.0, math.log(max(thing.spot.ahead_m, 0.1) / _SHORT_OF_M)) / _OFF)
         off = math.log(max(thing.spot.ahead_m, 0.1) / left) / _OFF
-        if left <= NEAR_M:  # depths are chosen for the stride there
-            off = max(0.0, off)
         return math.hypot(aside, off)
 
     best = min(view, key=strangeness)

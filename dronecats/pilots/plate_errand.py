@@ -13,11 +13,13 @@ from dronecats.pilots.briefing import LEVEL_PX, PastAction
 from dronecats.pilots.inscription import Inscription
 from dronecats.pilots.paint import Picture
 from dronecats.pilots.plates import Plate
+from dronecats.pilots.ranging import CAMERA_AHEAD_M
 from dronecats.pilots.referent import Size
 from foundation.protocol import BRAKE_M, FINISHED, GO, NEAR_M, NEAR_SCALE, STRIDE_MAX_M, STRIDE_MIN_M
 
 _LOOKS_M = 16.0  # within this, the way leads to before an end; farther off, to the vehicle
-_DECLARES_M = 1.9  # from the camera to the plate: then the middle of the longest car is within 5 m of the body
+_ARRIVED_M = 4.5  # from the body to the vehicle's middle, in the plane; the verifier's radius is 5 m
+_TOO_FAR_M = 0.15  # beyond that, and a stride more is flown
 _READS_M = 2.4  # no nearer to a plate that has not been read
 _SURE_DEPTH_M = 3.05
 _THERE_M = 1.4  # from a vantage point: there
@@ -42,7 +44,7 @@ def decide(picture: Picture, car: LookAlike, wanted: Inscription, past: tuple[Pa
     if known is False:
         return reply.think()
     if plate is not None and known:
-        return _arrive(plate, focal)
+        return _arrive(plate, size, focal)
     if was_sure(past):
         return reply.finished()
     return _closer(car, plate, past, size, focal)
@@ -79,11 +81,11 @@ def _again(car: LookAlike, past: tuple[PastAction, ...]) -> str:
     return _go(car.spot.bearing_rad, STRIDE_MIN_M, 0.0, 0)
 
 
-def _arrive(plate: Plate, focal: float) -> str:
+def _arrive(plate: Plate, size: Size, focal: float) -> str:
     """Fly up to a plate that is the named one, and declare before it."""
     depth = focal * plates.HEIGHT_M / (plate.bottom - plate.top)
-    travel = depth - _DECLARES_M
-    if travel <= 0.25 * STRIDE_MIN_M:
+    travel = depth + CAMERA_AHEAD_M + 0.5 * size.length_m - _ARRIVED_M
+    if travel <= _TOO_FAR_M:
         return reply.finished()
     bearing = math.atan((plate.middle - focal) / focal)
     if travel <= NEAR_SCALE * STRIDE_MAX_M:
