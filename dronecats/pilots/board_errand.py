@@ -5,7 +5,7 @@ import math
 from dronecats.pilots import boards, inscription, reading, reply
 from dronecats.pilots.alike import LookAlike
 from dronecats.pilots.division import Spotted
-from dronecats.pilots.inscription import Inscription, Reading
+from dronecats.pilots.inscription import Inscription, ReadText
 from dronecats.pilots.paint import Picture
 from dronecats.pilots.ranging import CAMERA_AHEAD_M
 from foundation.protocol import NEAR_M, NEAR_SCALE, STRIDE_MAX_M, STRIDE_MIN_M
@@ -38,7 +38,7 @@ def towards(spot: Spotted) -> str:
     return reply.go(u, 500.0, min(max(stride, STRIDE_MIN_M), longest) / NEAR_SCALE + 0.01)
 
 
-def read(picture: Picture, board: LookAlike) -> list[Reading]:
+def read(picture: Picture, board: LookAlike) -> list[ReadText]:
     """Return what stands on a board: the line across its middle, or whatever is found on it."""
     w, h = board.right - board.left, board.bottom - board.top
     stretch = min(max(boards.WIDTH_M / boards.HEIGHT_M * h / w, 1.0), _STRETCH_MAX)

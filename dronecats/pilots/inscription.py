@@ -16,7 +16,7 @@ SURE = 0.90  # confidence of a reading that is believed; in benchmarks/reading.p
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadText:
     """One text that was read."""
 
     text: str
@@ -58,7 +58,7 @@ def plain(text: str) -> str:
     return "".join(letter for letter in text.upper() if letter.isascii() and letter.isalnum())
 
 
-def agrees(wanted: Inscription, readings: list[Reading]) -> bool | None:
+def agrees(wanted: Inscription, readings: list[ReadText]) -> bool | None:
     """Return whether the thing is the named one: True or False when that was read surely, None when it is not known.
 
     A text that differs in one letter of four or more is not taken for another one unless it was read very surely: a

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from dronecats.pilots import reading
-from dronecats.pilots.inscription import Reading, plain
+from dronecats.pilots.inscription import ReadText, plain
 from dronecats.pilots.paint import Mask, Picture
 
 HEIGHT_M = 0.16  # of a plate; its digits are 0.10 m high
@@ -29,7 +29,7 @@ class Plate:
     top: int
     right: int
     bottom: int
-    reading: Reading | None  # None when nothing could be read on it
+    reading: ReadText | None  # None when nothing could be read on it
 
     @property
     def middle(self) -> float:
@@ -87,7 +87,7 @@ def _rectangles(mask: Mask, height_px: float) -> list[tuple[int, int, int, int]]
     return [(int(x[k]), int(y[k]), int(x[k] + w[k]), int(y[k] + h[k])) for k in np.flatnonzero(fits)]
 
 
-def _read(picture: Picture, box: tuple[int, int, int, int]) -> Reading | None:
+def _read(picture: Picture, box: tuple[int, int, int, int]) -> ReadText | None:
     left, top, right, bottom = box
     h, w = bottom - top, right - left
     if h < _READABLE_PX:

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dronecats.pilots.inscription import Reading
+from dronecats.pilots.inscription import ReadText
 from dronecats.pilots.paint import Picture
 from foundation.errors import UsageError
 
@@ -36,7 +36,7 @@ def ready() -> None:
     _engine()
 
 
-def line(part: Picture, stretch: float = 1.0) -> list[Reading]:
+def line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
     """Return the one line of text that fills `part` (H, W, 3) BGR, widened by `stretch` where it is seen aslant."""
     if min(part.shape[:2]) < _LEAST_PX:
         return []
@@ -44,14 +44,14 @@ def line(part: Picture, stretch: float = 1.0) -> list[Reading]:
     return _readings(found)
 
 
-def lines(part: Picture, stretch: float = 1.0) -> list[Reading]:
+def lines(part: Picture, stretch: float = 1.0) -> list[ReadText]:
     """Return the lines of text somewhere in `part` (H, W, 3) BGR, top to bottom, and all of them as one."""
     if min(part.shape[:2]) < 2 * _LEAST_PX:
         return []
     found = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)
     readings = _readings(found)
     if len(readings) > 1:
-        readings.append(Reading(" ".join(r.text for r in readings), min(r.confidence for r in readings)))
+        readings.append(ReadText(" ".join(r.text for r in readings), min(r.confidence for r in readings)))
     return readings
 
 
@@ -62,7 +62,7 @@ def _enlarged(part: Picture, stretch: float) -> Picture:
     return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def _readings(found: Any) -> list[Reading]:
+def _readings(found: Any) -> list[ReadText]:
     if not found.txts:
         return []
-    return [Reading(str(t), float(s)) for t, s in zip(found.txts, found.scores, strict=True) if t]
+    return [ReadText(str(t), float(s)) for t, s in zip(found.txts, found.scores, strict=True) if t]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.pilots.inscription import SURE, Inscription, Reading, agrees, named, place
+from dronecats.pilots.inscription import SURE, Inscription, ReadText, agrees, named, place
 from episodes import catalogue
 
 
@@ -51,4 +51,4 @@ def test_a_place_in_words(command, which):
     ],
 )
 def test_a_text_is_believed_when_it_is_sure_and_whole(wanted, read, confidence, known):
-    assert agrees(wanted, [Reading(read, confidence)]) is known
+    assert agrees(wanted, [ReadText(read, confidence)]) is known
