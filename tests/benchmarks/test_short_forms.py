@@ -92,3 +92,11 @@ def test_bad_wire():
         assert {"astray_m", "end_m", "heading_off_deg"} <= flown.keys()
     assert "lost" not in perfect["up"]
     assert "lost" in lossy["up"]
+
+
+def test_commanding():
+    found = {flight["command"]: flight for flight in printed("commanding")}
+    assert found.keys() == {"flat", "solo", "hierarchical"}
+    for flight in found.values():
+        assert_figures(flight, {"steps", "seconds", "asked"})
+    assert_figures(found["hierarchical"], {"commanded", "commanded_tokens"})

@@ -13,7 +13,7 @@ class Request:
     thinking: bool  # extended reasoning for this call only
     labels: tuple[str, ...] = ()  # the line of text before each image; empty: none has one
     # whose question it is, which no format sends: a recorded flight is replayed by it
-    step: int = 0
+    step: int = 0  # questions for these drones, or of the commander, before it; under one context the step
     drone: int = 0  # the first of those that are asked for
     role: Literal["pilot", "commander"] = "pilot"
 
