@@ -2,8 +2,9 @@
 
 Assumed knowledge beyond the picture: a level pinhole camera, 90° across (paper, appendix "Execution"), usual sizes of
 things, and the rules by which a `go` is flown. No truth, no map, no memory: what it did before it reads in the prompt's
-history, so equal requests get equal answers. It tells things apart by colour and size; of several drones it makes a
-fleet that reads signs and plates (`fleet.py`). Else a command without a colour word leaves it searching.
+history, so equal requests get equal answers. It tells things apart by colour and size; where a command names an
+inscription, it reads signs and plates, with one drone or several (`fleet.py`). Any other command without a colour word
+leaves it searching.
 """
 
 import math
@@ -46,7 +47,7 @@ def answer(prompt: str, images: list[bytes]) -> str:
         raise UsageError("The vision pilot needs a picture.")
     told = briefing.read(prompt)
     written = inscription.named(told.command)
-    if written is not None and len(images) > 1:
+    if written is not None:
         pictures = [decode(jpeg) for jpeg in images]
         return reply.fleet(fleet.answer(pictures, written, told.command, [told.past(k) for k in range(len(images))]))
     named = referent.read(told.command)

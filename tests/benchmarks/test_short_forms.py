@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 PARTS = {"machine", "flight_peers", "render_peers", "render_export"}  # which the others are made of: no command
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
@@ -75,3 +77,11 @@ def test_bad_wire():
         assert {"astray_m", "end_m", "heading_off_deg"} <= flown.keys()
     assert "lost" not in perfect["up"]
     assert "lost" in lossy["up"]
+
+
+def test_reading():
+    pytest.importorskip("rapidocr")
+    (found,) = printed("reading")
+    assert {row["kind"] for row in found["rows"]} == {"sign", "plate"}
+    assert all(row["package"] == row["pictures"] == 1 for row in found["rows"])
+    assert found["cpu_ms_per_line"] > 0.0
