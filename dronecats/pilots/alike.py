@@ -15,6 +15,7 @@ from dronecats.pilots.referent import Referent
 _ALIKE = 26.0  # boards.difference of one paint in sun and shade
 DULL = ("brown",)  # a paint that bricks and tree trunks wear, too: looked for when there is no other
 VIVID = tuple(color for color, band in paint.BANDS.items() if band.vivid and color not in DULL)
+_LOOK_ALIKES = 4  # as many as there usually are; more of one looks in a picture count no more
 _ENOUGH = 0.75  # of a vehicle's score a picture, from which a paint is worn
 
 
@@ -60,7 +61,7 @@ def _vehicles(pictures: Sequence[Picture], kind: Referent, own: Own | None) -> l
         mine = [own(k, view) for k, view in enumerate(views)] if own else []
         worth = (
             sum(one.score * one.size_px for one in mine if one),  # near, a vehicle is larger than any brick of its hue
-            sum(sum(sorted((one.score for one in view), reverse=True)[: len(pictures)]) for view in views),
+            sum(sum(sorted((one.score for one in view), reverse=True)[:_LOOK_ALIKES]) for view in views),
         )
         if worth > most:
             most, best = worth, views
@@ -84,7 +85,7 @@ def _boards(pictures: Sequence[Picture]) -> list[list[LookAlike]]:
     colors = np.array([b.color for b in every], np.float32)
     view_of = np.repeat(np.arange(len(found)), [len(view) for view in found])
     alike = [boards.difference(colors, b.color) < _ALIKE for b in every]
-    counts = [np.minimum(np.bincount(view_of[near], minlength=len(found)), len(found)).sum() for near in alike]
+    counts = [np.minimum(np.bincount(view_of[near], minlength=len(found)), _LOOK_ALIKES).sum() for near in alike]
     commonest = alike[int(np.argmax(counts))]
     color = np.median(colors[commonest], axis=0)
     like = (float(color[0]), float(color[1]), float(color[2]))

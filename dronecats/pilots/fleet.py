@@ -1,4 +1,4 @@
-"""Several drones from one request, sent to as many things that look alike, to read which of them is meant.
+"""Drones from one request, sent to as many things that look alike, to read which of them is meant.
 
 Each drone flies to a thing of its own, reads it, and declares when it is the named one; when it is another, it stays
 where it is and thinks. Nothing is remembered: which thing is a drone's own is read from its last action, which turned
@@ -8,7 +8,7 @@ its nose to it and whose depth says how far off it was.
 import math
 from collections.abc import Sequence
 
-from dronecats.pilots import alike, board_errand, division, plate_errand, reading, referent, reply
+from dronecats.pilots import alike, board_errand, division, inscription, plate_errand, reading, referent, reply
 from dronecats.pilots.alike import LookAlike
 from dronecats.pilots.briefing import LEVEL_PX, PastAction
 from dronecats.pilots.division import Spotted
@@ -39,6 +39,8 @@ def answer(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
     kind = referent.read(command.replace(" drone ", " "))
     under_way = any(past)
     views = alike.sightings(pictures, wanted, kind, (lambda k, view: own(view, past[k])) if under_way else None)
+    if not under_way and len(pictures) == 1:
+        return [_depart(chosen(views[0], inscription.place(command)))]
     if not under_way:
         return [_depart(spot) for spot in division.divide([[thing.spot for thing in view] for view in views])]
     all_done = all(settled(done) for done in past)
@@ -46,6 +48,15 @@ def answer(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
         reply.rotate(_ON_DEG) if all_done else _decide(picture, view, wanted, done, kind.size)
         for picture, view, done in zip(pictures, views, past, strict=True)
     ]
+
+
+def chosen(view: Sequence[LookAlike], which: int | None) -> Spotted | None:
+    """Return where a drone that flies alone goes first: to the thing in a place from the left, else to the nearest."""
+    if not view:
+        return None
+    if which is not None and -len(view) <= which < len(view):
+        return view[which].spot
+    return min((thing.spot for thing in view), key=lambda spot: spot.distance_m)
 
 
 def settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:

@@ -52,7 +52,7 @@ def answer(prompt: str, images: list[bytes]) -> str:
         raise UsageError("The vision pilot needs a picture.")
     told = briefing.read(prompt)
     written = inscription.named(told.command)
-    if written is not None and len(images) > 1:
+    if written is not None:
         pictures = [decode(jpeg) for jpeg in images]
         return reply.fleet(fleet.answer(pictures, written, told.command, [told.past(k) for k in range(len(images))]))
     named = referent.read(told.command)

@@ -7,14 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
-PARTS = {
-    "machine",
-    "stand_in",
-    "flight_peers",
-    "render_peers",
-    "render_export",
-}  # which the others are made of: no command
+# which the others are made of: no command
+PARTS = {"machine", "stand_in", "flight_peers", "render_peers", "render_export"}
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "fleet4_640x360")}
 
@@ -100,3 +97,11 @@ def test_commanding():
     for flight in found.values():
         assert_figures(flight, {"steps", "seconds", "asked"})
     assert_figures(found["hierarchical"], {"commanded", "commanded_tokens"})
+
+
+def test_reading():
+    pytest.importorskip("rapidocr")
+    (found,) = printed("reading")
+    assert {row["kind"] for row in found["rows"]} == {"sign", "plate"}
+    assert all(row["package"] == row["pictures"] == 1 for row in found["rows"])
+    assert found["cpu_ms_per_line"] > 0.0
