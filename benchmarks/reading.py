@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots import inscription, reading, vision
-from dronecats.pilots.inscription import SURE, Reading
+from dronecats.pilots.inscription import SURE, ReadText
 from episodes import assets
 from episodes.pictures import probe
 from episodes.pictures.studio import alone
@@ -107,10 +107,10 @@ def template(character: str) -> NDArray[np.float32]:
     ).ravel()
 
 
-def by_package(part: NDArray[np.uint8], angle_deg: float) -> Reading:
+def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
     """Return what the pilot's reader makes of a line, widened as it is when it is seen aslant."""
     found = reading.line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
-    return found[0] if found else Reading("", 0.0)
+    return found[0] if found else ReadText("", 0.0)
 
 
 def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) -> tuple[list[LegibilityRow], float]:

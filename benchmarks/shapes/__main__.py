@@ -27,8 +27,8 @@ from dronecats.pilots.paint import Picture
 from episodes.render.renderer import Renderer
 
 LEARNT, UNSEEN = 200, 900  # the first seed of the campuses to learn from, and of those to check with
-CAMPUSES, PICTURES, ROUNDS = 40, 28, 24
-FIRST_CAMPUSES, FIRST_ROUNDS = 10, 20
+CAMPUSES, PICTURES, ROUNDS = 32, 28, 60
+FIRST_CAMPUSES, FIRST_ROUNDS = 8, 14
 CHECKED = (4, 24)  # campuses, and pictures of each
 NOTHING, MISTAKEN = 50, 45  # windows of a picture that hold nothing: any, and those that the first network mistakes
 SHADOW_CELLS = 2048  # a side of the shadow map: the half of what flights are drawn with
@@ -36,7 +36,7 @@ QUALITY = 88  # of the JPEG that a picture is kept as, as a pilot gets it
 USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
 CHECKED_M = (3.2, 20.0, 40.0)
 PLAINLY = 0.5  # of a thing's pixels are to be seen of what is counted as there
-ODDS = (0.0, 1.0, 2.5)  # logarithms, from which a thing counts as found
+ODDS = (-0.9, 0.3, 1.5)  # logarithms, from which a thing counts as found
 
 Kept = tuple[bytes, tuple[Shown, ...]]
 

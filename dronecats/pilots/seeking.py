@@ -6,6 +6,7 @@ the kind may be the one: then one after the other is visited and claimed.
 """
 
 import math
+import zlib
 from collections.abc import Iterable
 
 from dronecats.pilots import expression, ranging, relation, reply, search, shapes, standing
@@ -20,11 +21,12 @@ _CLAIM_M = 4.6  # from the body, in plan; the verifier's radius is 5 m in space
 _STOP_M = 4.1  # where strides are meant to end
 _CLOSER_M = 3.4  # farther off than this a second claim is made from nearer, past the thing's own half width
 _CAREFUL_M = 9.0  # within this, only short strides
-_SURE, _LIKELY = 1.0, -0.4  # logarithm of the odds from which a thing is gone for, and is still the one gone for
+_SURE, _LIKELY = 0.3, -0.9  # logarithm of the odds from which a thing is gone for, and is still the one gone for
 _FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # off the nose, within which what was gone for is looked for
 _RATIO = 0.45  # logarithm, of distances, likewise
+_MARK_BONUS = 0.7  # a landmark need not be as sure as what is gone for
 _WEIGHT = 7.0  # of a relation that holds, as logarithm of odds
-_VISITED_M = 6.5  # what stands nearer than this after a claim is what was claimed
+_VISITED_M = 6.5  # what stands nearer than this is not gone for anew
 _LEAVE_DEG = 75.0  # turned away from what was claimed
 _ASIDE_DEG = 44.0  # off the way to what stands behind an obstacle
 _BLOCKED_AFTER = 3  # strides that bring nothing nearer
@@ -39,7 +41,7 @@ def decide(picture: Picture, told: ToldByPlace, past: tuple[PastAction, ...]) ->
     things = standing.find(picture, sorted({*kinds, *marks}), shapes.network())
     wanted = [t for t in things if t.kind in kinds]
     if past and past[-1].kind == FINISHED:
-        return _after_claim(wanted, past)
+        return _after_claim(picture, wanted, past)
     if past and past[-1].kind == GO and not search.wanders(past):
         return _follow(picture, wanted, past, told, things)
     return _choose(picture, wanted, past, told, things)
@@ -54,7 +56,7 @@ def _away_m(thing: PlacedThing) -> float:
     return math.hypot(thing.depth_m + ranging.CAMERA_AHEAD_M, thing.right_m)
 
 
-def _after_claim(wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str:
+def _after_claim(picture: Picture, wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str:
     """Come closer once and claim again; after that, turn away."""
     again = len(past) > 1 and past[-2].kind == GO and past[-2].depth_m <= _SHORTEST_M + 0.1
     here = [t for t in wanted if _away_m(t) < _VISITED_M and abs(t.right_m) < _FOLLOWS_M]
@@ -62,7 +64,12 @@ def _after_claim(wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str
         nearest = min(here, key=_away_m)
         if _away_m(nearest) - standing.half_width_m(nearest.kind) > _CLOSER_M - 0.6:
             return _go(nearest, _SHORTEST_M)
-    return reply.rotate(_LEAVE_DEG)
+    return reply.rotate(math.copysign(_LEAVE_DEG, _lot(picture) % 2 - 0.5))
+
+
+def _lot(picture: Picture) -> int:
+    """Return a number that is another one for another picture: a tour by lot does not go round in a circle."""
+    return zlib.crc32(picture[::4, ::4].tobytes())
 
 
 def _follow(
@@ -120,8 +127,8 @@ def _choose(
     things: list[PlacedThing],
 ) -> str:
     """Go for the thing that is most likely meant; look on where none is."""
-    visited = any(p.kind == FINISHED for p in past)
-    open_to = [t for t in wanted if not (visited and _away_m(t) < _VISITED_M)]
+    # no episode begins so near to its target: what is here now was come to, and claimed or passed by
+    open_to = [t for t in wanted if not (past and _away_m(t) < _VISITED_M)]
     turns = search.trailing(past, ROTATE)
     ranked = sorted(((_worth(t, told, things), t) for t in open_to), key=lambda pair: -pair[0])
     # what is to be looked for is not in the first picture; it is told by its landmark, so without that the first circle
@@ -129,7 +136,9 @@ def _choose(
     first_circle = told.sought and turns == len(past) and turns < _CIRCLE
     least = _SURE + 0.3 * _WEIGHT if first_circle and all(one.kind for one in told.landmarks) else _SURE
     if ranked and ranked[0][0] >= least and not (told.sought and not past):
-        best = ranked[0][1]
+        alike = [t for worth, t in ranked if worth >= least]
+        toured = told.sought and not all(one.kind for one in told.landmarks)
+        best = alike[_lot(picture) % len(alike)] if toured else ranked[0][1]
         return _approach(best, _away_m(best))
     marks = [t for t in things if t.kind in {k for one in told.landmarks if one.kind for k in _kinds(one.kind)}]
     far = [t for t in marks if t.odds >= _SURE and _away_m(t) > 2.0 * _VISITED_M]
@@ -154,7 +163,7 @@ def _worth(one: PlacedThing, told: ToldByPlace, things: Iterable[PlacedThing]) -
         else [(a,) for a in marks[0]]
     )
     for pair in pairs:
-        sure = min(1.0 / (1.0 + math.exp(-t.odds)) for t in pair)
+        sure = min(1.0 / (1.0 + math.exp(-t.odds - _MARK_BONUS)) for t in pair)
         best = max(best, sure * relation.fit(told.relation, _place(one), [_place(t) for t in pair], others))
     return min(one.odds, 6.0) + _WEIGHT * best
 

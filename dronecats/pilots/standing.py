@@ -9,7 +9,7 @@ import numpy as np
 from dronecats.pilots import shapes
 from dronecats.pilots.paint import Picture
 
-LEAST = -0.5  # logarithm of the odds from which a thing is taken to be there
+LEAST = -1.3  # logarithm of the odds from which a thing is taken to be there
 _APART = 0.40  # logarithm of the ratio of two distances from which two sightings in one direction are two things
 _SAME_RAD = 0.02  # so near in direction, two sightings of one kind are one thing whatever its width
 _HALF_WIDTH_M = {
@@ -97,7 +97,7 @@ def _level(seen: list[PlacedThing]) -> float:
     """Return how far (m) under the camera things stand: the height for which most speaks."""
     if not seen:
         return 1.6
-    for_each = {h: sum(max(s.odds, 0.0) for s in seen if s.below_m == h) for h in shapes.HEIGHTS_M}
+    for_each = {h: sum(s.odds - LEAST for s in seen if s.below_m == h) for h in shapes.HEIGHTS_M}
     total = sum(v * v for v in for_each.values()) or 1.0
     return sum(h * v * v for h, v in for_each.items()) / total
 
