@@ -4,8 +4,8 @@
 
 renders boards and cars alone, with inscriptions that no episode uses, through the picture that a pilot gets (640×360,
 JPEG), and reads the line, cut out where it is known to be. Printed per kind, distance and angle off square: how many
-were read whole, and how many gave another text of the right length with the confidence that the pilot believes; then the
-CPU milliseconds a line takes. `--short` only shows, in seconds, that every figure can be had.
+were read whole, and how many gave another text of the right length with the confidence that the pilot believes; then
+the CPU milliseconds a line takes. `--short` only shows, in seconds, that every figure can be had.
 """
 
 import argparse
