@@ -135,6 +135,8 @@ def _choose(
     # is closed before another thing of its kind will do
     first_circle = told.sought and turns == len(past) and turns < _CIRCLE
     least = _SURE + 0.3 * _WEIGHT if first_circle and all(one.kind for one in told.landmarks) else _SURE
+    if not past and not told.sought:  # what is only to be gone to is in the first picture, however unsure
+        least = standing.LEAST
     if ranked and ranked[0][0] >= least and not (told.sought and not past):
         alike = [t for worth, t in ranked if worth >= least]
         toured = told.sought and not all(one.kind for one in told.landmarks)

@@ -119,6 +119,14 @@ def test_what_is_to_be_looked_for_is_not_in_the_first_picture(court):
     assert decide(picture, "find the planter nearest Euler Hall and go to it", turned)["action"] == "go"
 
 
+def test_what_is_only_to_be_gone_to_is_gone_for_in_the_first_picture_however_unsure(court, monkeypatch):
+    picture = court(("planter", 12.0, -3.0))
+    monkeypatch.setattr(seeking, "_SURE", 1e6)
+    assert decide(picture, "go to the planter nearest Euler Hall")["action"] == "go"
+    turned = (PastAction("rotate", angle_deg=60.0),)
+    assert decide(picture, "go to the planter nearest Euler Hall", turned)["action"] == "rotate"
+
+
 def test_where_strides_bring_nothing_nearer_it_goes_round(court):
     picture = court(("planter", 15.0, 0.0))
     held_up, on_the_way = (go(15.5), go(15.6), go(15.4)), (go(24.0), go(21.0), go(18.0))
