@@ -1,0 +1,44 @@
+"""Our requests under the schema that a vendor publishes, where somebody has its file: 3 MB that are the vendor's.
+
+DRONECATS_OPENAI_SCHEMA names openapi.json of github.com/openai/openai-openapi.
+"""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.rows import model_of, rows
+
+FILE = os.environ.get("DRONECATS_OPENAI_SCHEMA")
+MODELS = [name for name, row in rows().items() if row.spec.provider == "openai"] + ["openai/gpt-4o"]
+
+pytestmark = pytest.mark.skipif(not FILE, reason="DRONECATS_OPENAI_SCHEMA names no openapi.json of OpenAI's")
+
+
+@pytest.fixture(scope="module")
+def published():
+    components = json.loads(Path(str(FILE)).read_text(encoding="utf-8"))["components"]
+    return Draft202012Validator({"$ref": "#/components/schemas/CreateChatCompletionRequest", "components": components})
+
+
+@pytest.mark.parametrize("thinking", [False, True], ids=["quick", "thinking"])
+@pytest.mark.parametrize("drones", [1, 4])
+@pytest.mark.parametrize("schema", [None, "object", "array"])
+@pytest.mark.parametrize("name", MODELS)
+def test_every_request_is_as_openai_publishes_it(name, schema, drones, thinking, published, monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-SECRET")
+    labels = tuple(f"Drone {n}:" for n in range(1, 5)) if drones > 1 else ()
+    model = open_model(replace(model_of(name), schema=schema))
+    body = model.body(Request("a prompt", (b"\xff\xd8",) * drones, thinking, labels))
+    model.close()
+    assert [error.message for error in published.iter_errors(body)] == []
+    (message,) = body["messages"]
+    image = {"type": "image_url", "image_url": "data:"}  # what it was in no version of theirs
+    broken = {**body, "messages": [{**message, "content": [image]}]}
+    assert list(published.iter_errors(broken))
