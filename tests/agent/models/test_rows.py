@@ -230,6 +230,9 @@ GOOD = '[m]\nprovider = "vllm"\nidentifier = "x"\n'
         (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", "[m] reasoning_off wants a table"),
         ("[gpt-5]\nprovider = 'gemini'\ntokens_field = 'max_tokens'", "tokens_field is of the OpenAI chat format"),
         ("#" * 1_000_001, "is longer than 1000000 bytes"),
+        (f"{GOOD}top_k = {'1' * 5000}", "is not TOML"),
+        (f"{GOOD}top_k = 0x{'f' * 5000}", "[m] top_k wants a whole number"),
+        (f"{GOOD}reasoning_off = {{ a = 0x{'f' * 5000} }}", "[m] reasoning_off wants a table"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_one_sentence_with_file_row_and_key(own, text, said):
