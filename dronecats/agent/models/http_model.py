@@ -44,6 +44,8 @@ class HttpModel(ABC):
         Raises UsageError for an unknown provider, and where an address or a key is missing.
         """
         provider = provider_of(spec.provider)
+        if not spec.name.isprintable():
+            raise UsageError(f"the model's name {ascii(spec.name)[:80]} holds a character that is none of a name")
         url = spec.base_url or provider.base_url
         if url is None:
             raise UsageError(f"--model {spec.title} needs --base-url http://HOST:PORT/v1")
