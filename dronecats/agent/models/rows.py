@@ -184,6 +184,8 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
     """Return the user's tables by their rows' names, each with the file's name. Raises UsageError."""
     path = own_file()
     if path is None:
+        if given := os.environ.get(OWN_FILE):
+            raise UsageError(f"{OWN_FILE} names {given[:80]}, whose home nobody knows")
         return {}
     try:
         with path.open("rb") as file:

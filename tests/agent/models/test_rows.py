@@ -272,3 +272,9 @@ def test_whatever_a_row_states_is_a_row_or_one_sentence(tmp_path_factory, stated
         assert "\n" not in str(found)
     else:
         assert found in PROVIDERS
+
+
+def test_a_file_in_a_home_that_nobody_has_is_not_passed_over(monkeypatch):
+    monkeypatch.setenv(model_rows.OWN_FILE, "~nobody-has-this-name/models.toml")
+    with pytest.raises(UsageError, match="names ~nobody-has-this-name"):
+        rows()
