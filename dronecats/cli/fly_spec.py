@@ -26,7 +26,8 @@ BESIDE_SPEC = (
 )  # fmt: skip
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
-            "full", "prompt")  # fmt: skip
+            "full", "prompt", "parser")  # fmt: skip
+RECORDED = ("axis", "schema", "temperature", "command", "commander", "drones")  # what no replay can have otherwise
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
@@ -99,6 +100,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
     if args.base_url:
         raise UsageError("a replay asks nobody: leave --base-url out")
+    if stray := next((name for name in RECORDED if getattr(args, name) is not None), None):
+        raise UsageError(f"--{stray} is as it was on the flight that --model replay:RUN flies again: leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):
@@ -111,7 +114,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     changes: dict[str, Any] = {"simulated": vehicle, "accounts": _accounts(args), "full": args.full or spec.full}
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
-    changes |= {name: value for name in ("seed", "latency") if (value := getattr(args, name)) is not None}
+    changes |= {name: value for name in ("seed", "latency", "parser") if (value := getattr(args, name)) is not None}
     if args.prompt:
         changes |= {"prompt": _template(args.prompt)}
     if args.no_envelope or args.envelope:

@@ -9,6 +9,7 @@ from typing import Any
 from dronecats.agent.latency import Latency, latency
 from dronecats.agent.models.budget import Budget
 from dronecats.agent.models.cache import ReplyCache
+from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.open import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.flight.free_flight import free_flight
@@ -130,12 +131,16 @@ def _check_accounts(spec: FlightSpec) -> None:
         raise UsageError(f"--cost-limit wants more than 0 $, got {accounts.cost_limit_usd:g}")
     if accounts.token_limit is not None and accounts.token_limit < 1:
         raise UsageError(f"--token-limit wants at least 1, got {accounts.token_limit}")
-    if spec.model is None or spec.replay:
+    asked = [model for model in (spec.model, spec.commander) if model]
+    if not asked or spec.replay:
         given = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
         if stray := next((name for field, name in given.items() if getattr(accounts, field) is not None), None):
             raise UsageError(f"--{stray} goes with --model PROVIDER/NAME: nobody else is paid; leave it out")
         return
-    Budget(accounts.cost_limit_usd).check_prices(spec.model)
+    for model in asked:
+        Budget(accounts.cost_limit_usd).check_prices(model)
+    if accounts.ledger is not None:
+        Ledger(Path(accounts.ledger)).close()
     if accounts.cache is not None:
         ReplyCache(Path(accounts.cache)).close()
 

@@ -63,6 +63,17 @@ def test_what_is_said_otherwise_takes_the_place_of_what_was_flown(tmp_path):
     assert (flight.episode, flight.record) == ("residential-searching-01", None)
     said = said_of_replay(parse(["fly", *words]), EASY)
     assert said.endswith("but for --episode, --seed, --latency, --speed, --airframe, --no-envelope, --full")
+    assert spec(*words, "--parser", "lenient").parser == "lenient"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--axis", "yx"), ("--schema", "none"), ("--temperature", "1"), ("--command", "solo"), ("--drones", "1"),
+     ("--command", "hierarchical", "--commander", "scripted:divide")],
+)  # fmt: skip
+def test_what_a_replay_cannot_have_otherwise_is_refused_and_not_passed_over(tmp_path, words):
+    with pytest.raises(UsageError, match=f"{words[0]} is as it was on the flight"):
+        spec("--sitl", "--model", f"replay:{folder(tmp_path)}", *words)
 
 
 @pytest.mark.parametrize(

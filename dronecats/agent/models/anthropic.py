@@ -15,6 +15,7 @@ VERSION = "2026-10-21"  # of the API; it refuses every sampling
 WITH_SAMPLING = "2023-06-01"
 _UNKNOWN = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")  # of output_config, by the vendor's SDK
 _REASONS = ("enabled", "adaptive")  # the types of `thinking` beside which the vendor refuses a sampling
+_TABLES = ("thinking", "output_config")  # of the fields of reasoning
 _FINISH = {
     "end_turn": None,
     "stop_sequence": None,
@@ -35,7 +36,13 @@ class AnthropicModel(HttpModel):
         super().__init__(spec, patience, limiters)
         if spec.schema == "array":
             raise UsageError(f"{spec.title} cannot be held to an array of actions: Anthropic wants an object")
+        for lifted in (False, True):
+            for name, value in self.reasoning(lifted).items():
+                if name in _TABLES and not isinstance(value, dict):
+                    raise UsageError(f"{spec.title} wants a table as the {name} of its reasoning, not {value!r:.40}")
         budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
+        if not isinstance(budget, int):
+            raise UsageError(f"{spec.title} wants a whole number of budget_tokens to think with, not {budget!r:.40}")
         if budget >= spec.max_tokens:
             said = f"{spec.title} may think for {budget} tokens and reply with {spec.max_tokens}, thinking included"
             raise UsageError(f"{said}; give it more max_tokens")

@@ -97,6 +97,9 @@ class Endpoint:
             self._http = httpx.Client(headers={**headers, **signed})
         except (httpx.InvalidURL, ValueError):
             raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
+        if self._base.scheme not in ("http", "https") or not self._base.host:
+            self._http.close()
+            raise UsageError(f"--base-url '{self.shown}' must start with http:// or https://, and name a host")
 
     def close(self) -> None:
         self._http.close()
@@ -124,8 +127,6 @@ class Endpoint:
 
         try:
             self._within(CONNECT_S, look)
-        except httpx.UnsupportedProtocol:
-            raise UsageError(f"--base-url '{self.shown}' must start with http:// or https://") from None
         except ModelError:
             raise UsageError(f"the model endpoint {self.shown} has not answered for {CONNECT_S:g} s") from None
         except (httpx.HTTPError, httpx.InvalidURL) as error:
@@ -165,7 +166,6 @@ class Endpoint:
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 said, again = f"broke off: {self._reason(error)}", isinstance(error, httpx.TransportError)
-                again &= not isinstance(error, httpx.UnsupportedProtocol)
             else:
                 if came.status == 200:
                     return Answer(came.body, round(time.monotonic() - began, 6), round(began - asked, 6))

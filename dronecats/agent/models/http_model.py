@@ -19,6 +19,7 @@ from foundation.redaction import keyless, redacted_url
 CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
 IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
 MAX_FINISH_CHARS = 40
+TOKENS_MAX = 1_000_000_000  # of one question: an endpoint that tells more, or less than none, has not counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,8 @@ class HttpModel(ABC):
         Raises UsageError for an unknown provider, and where an address or a key is missing.
         """
         provider = provider_of(spec.provider)
+        if not spec.name.isprintable():
+            raise UsageError(f"the model's name {ascii(spec.name)[:80]} holds a character that is none of a name")
         url = spec.base_url or provider.base_url
         if url is None:
             raise UsageError(f"--model {spec.title} needs --base-url http://HOST:PORT/v1")
@@ -163,6 +166,6 @@ def list_of(value: Any) -> list[Any]:
 
 
 def count(*values: Any) -> int | None:
-    """Return the sum of those that are numbers of tokens; None where none is."""
-    counts = [value for value in values if isinstance(value, int) and not isinstance(value, bool)]
+    """Return the sum of those that are numbers of tokens, 0 … TOKENS_MAX; None where none is."""
+    counts = [value for value in values if type(value) is int and 0 <= value <= TOKENS_MAX]
     return sum(counts) if counts else None

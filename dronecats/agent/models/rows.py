@@ -21,6 +21,7 @@ BYTES_MAX = 1_000_000  # of a file: a hundred times what ships
 TEMPERATURE_MAX = 2.0
 PRICE_MAX = 100_000.0  # $ per million tokens
 COUNT_MAX = 100_000_000  # of tokens
+INTEGER_MAX = 2**63 - 1  # that JSON's readers have in common
 NONE = "none"  # how a row says that nothing is sent
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
@@ -88,7 +89,17 @@ def _is_json(value: Any) -> bool:
         return all(_is_json(inner) for inner in value.values())
     if isinstance(value, list):
         return all(_is_json(inner) for inner in value)
-    return isinstance(value, str | int) or (isinstance(value, float) and math.isfinite(value))
+    if isinstance(value, int):
+        return abs(value) <= INTEGER_MAX
+    return isinstance(value, str) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _shown(value: Any) -> str:
+    """Return the beginning of a value, as a sentence has it."""
+    try:
+        return str(value)[:40]
+    except ValueError:  # Python writes no number of thousands of digits
+        return "too long a number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +184,8 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
     """Return the user's tables by their rows' names, each with the file's name. Raises UsageError."""
     path = own_file()
     if path is None:
+        if given := os.environ.get(OWN_FILE):
+            raise UsageError(f"{OWN_FILE} names {given[:80]}, whose home nobody knows")
         return {}
     try:
         with path.open("rb") as file:
@@ -192,7 +205,7 @@ def _tables(data: bytes, where: str) -> dict[str, dict[str, Any]]:
         raise UsageError(f"{where} is longer than {BYTES_MAX} bytes, so it is no file of models")
     try:
         tables = tomllib.loads(data.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or a number of thousands of digits
         reason = str(error).splitlines()[0] if str(error) else "it is nested too deeply"
         raise UsageError(f"{where} is not TOML: {reason}") from None
     for name, table in tables.items():
@@ -216,7 +229,7 @@ def _check(key: str, value: Any, where: str, table: Mapping[str, Any]) -> None:
     try:
         (KEYS[key].read if key in KEYS else _text)(value)
     except _UnfitError as wants:
-        raise UsageError(f"{where} {key} wants {wants}; it is {str(value)[:40]!r}") from None
+        raise UsageError(f"{where} {key} wants {wants}; it is {_shown(value)!r}") from None
     if key == "provider" and value not in PROVIDERS:
         raise UsageError(f"{where} provider: there is no '{value[:40]}'{_near(value, list(PROVIDERS))}")
 

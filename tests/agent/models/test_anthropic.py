@@ -122,6 +122,21 @@ def test_a_key_that_is_echoed_is_not_said(monkeypatch):
     assert reply.text == "it is ***"
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("thinking", {"thinking": "on"}, "a table as the thinking"),
+        ("quick", {"thinking": 3}, "a table as the thinking"),
+        ("quick", {"output_config": 5}, "a table as the output_config"),
+        ("thinking", {"thinking": {"type": "enabled", "budget_tokens": "x"}}, "a whole number of budget_tokens"),
+    ],
+)
+def test_reasoning_in_another_shape_than_the_vendors_is_refused_when_it_is_opened(field, value, said):
+    declared = ModelSpec(provider="anthropic", name="x", base_url="http://127.0.0.1:9/v1", **{field: value})
+    with pytest.raises(UsageError, match=said):
+        open_model(declared)
+
+
 def test_without_a_key_nothing_is_opened(monkeypatch):
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     with pytest.raises(UsageError, match="anthropic needs an API key in the environment variable ANTHROPIC_API_KEY"):

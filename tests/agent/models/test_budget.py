@@ -10,6 +10,7 @@ from dronecats.flight.flight import look_up
 from dronecats.flight.spec import Accounts, FlightSpec, Simulated
 from foundation.errors import BudgetError, UsageError
 
+UNPRICED = ModelSpec(provider="local", name="c", base_url="http://h/v1")
 PRICED = ModelSpec(provider="openai", name="m", base_url="http://127.0.0.1:1/v1", input_usd=2.0, output_usd=8.0)
 REQUEST = Request("t" * 400, (b"jpeg",), thinking=False)
 
@@ -77,6 +78,11 @@ def test_what_is_spent_in_a_few_words():
         (Accounts(token_limit=5), {"pilot": "vision"}, "--token-limit goes with --model"),
         (Accounts(cache="replies"), {"pilot": "vision"}, "--cache goes with --model"),
         (Accounts(cache="/proc/version"), {"model": PRICED}, "no cache|cannot be opened"),
+        (Accounts(ledger="/proc/version"), {"model": PRICED}, "no ledger|cannot be opened"),
+        (Accounts(cost_limit_usd=1.0), {"model": PRICED, "command": "hierarchical", "commander": UNPRICED},
+         "--cost-limit cannot hold local/c, whose prices are not known"),
+        (Accounts(cost_limit_usd=1.0), {"pilot": "oracle", "command": "hierarchical", "commander": UNPRICED},
+         "--cost-limit cannot hold local/c, whose prices are not known"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_held_is_refused_before_anything_flies(accounts, fields, said):

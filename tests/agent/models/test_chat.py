@@ -100,9 +100,10 @@ def test_what_is_no_completion_is_a_fault_of_the_infrastructure(endpoint, body):
         model(url, "local").ask(REQUEST)
 
 
-def test_counts_that_are_no_numbers_are_left_out(endpoint):
+@pytest.mark.parametrize("count", ["many", True, 1.5, -1_000_000, 10**30])
+def test_counts_that_are_no_numbers_of_tokens_are_left_out(endpoint, count):
     url, answers, _ = endpoint
-    answers.append((200, completion("x", usage={"prompt_tokens": "many", "completion_tokens": True}), {}))
+    answers.append((200, completion("x", usage={"prompt_tokens": count, "completion_tokens": count}), {}))
     reply = model(url, "local").ask(REQUEST)
     assert (reply.tokens_in, reply.tokens_out) == (None, None)
 

@@ -257,3 +257,15 @@ def test_a_key_that_cannot_be_sent_is_not_said(monkeypatch):
     with pytest.raises(UsageError, match="holds a character that cannot be sent") as refused:
         open_model(ModelSpec(provider="openai", name="m"))
     assert "Schl" not in str(refused.value)
+
+
+@pytest.mark.parametrize("url", ["host/v1", "ftp://127.0.0.1/v1", "http:///v1", "http://"])
+def test_an_address_that_nothing_can_be_sent_to_is_refused_when_it_is_opened(url):
+    with pytest.raises(UsageError, match="http://"):
+        open_model(ModelSpec(provider="local", name="m", base_url=url))
+
+
+@pytest.mark.parametrize("name", ["m\udcff", "m\n", "m\x1b[2J"])
+def test_a_name_that_no_file_can_hold_is_refused_when_it_is_opened(name):
+    with pytest.raises(UsageError, match="holds a character that is none of a name"):
+        open_model(ModelSpec(provider="local", name=name, base_url="http://127.0.0.1:1/v1"))

@@ -230,6 +230,9 @@ GOOD = '[m]\nprovider = "vllm"\nidentifier = "x"\n'
         (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", "[m] reasoning_off wants a table"),
         ("[gpt-5]\nprovider = 'gemini'\ntokens_field = 'max_tokens'", "tokens_field is of the OpenAI chat format"),
         ("#" * 1_000_001, "is longer than 1000000 bytes"),
+        (f"{GOOD}top_k = {'1' * 5000}", "is not TOML"),
+        (f"{GOOD}top_k = 0x{'f' * 5000}", "[m] top_k wants a whole number"),
+        (f"{GOOD}reasoning_off = {{ a = 0x{'f' * 5000} }}", "[m] reasoning_off wants a table"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_one_sentence_with_file_row_and_key(own, text, said):
@@ -269,3 +272,9 @@ def test_whatever_a_row_states_is_a_row_or_one_sentence(tmp_path_factory, stated
         assert "\n" not in str(found)
     else:
         assert found in PROVIDERS
+
+
+def test_a_file_in_a_home_that_nobody_has_is_not_passed_over(monkeypatch):
+    monkeypatch.setenv(model_rows.OWN_FILE, "~nobody-has-this-name/models.toml")
+    with pytest.raises(UsageError, match="names ~nobody-has-this-name"):
+        rows()
