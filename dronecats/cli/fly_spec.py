@@ -224,14 +224,18 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
 
 def _of_command(args: argparse.Namespace) -> dict[str, Any]:
     """Return how a fleet is commanded, and by whom."""
+    from dronecats.agent.models.providers import provider_of
     from dronecats.agent.models.rows import model_of as row_or_name
     from dronecats.pilots import roster
+    from foundation.errors import UsageError
 
     told: dict[str, Any] = {"command": args.command} if args.command else {}
     if args.commander and args.commander.startswith(SCRIPTED):
         return {**told, "scripted": roster.check_commander(args.commander)}
     if args.commander:
-        told["commander"] = row_or_name(args.commander, args.commander_url)
+        told["commander"] = commander = row_or_name(args.commander, args.commander_url)
+        if commander.base_url is None and provider_of(commander.provider).base_url is None:
+            raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
     return told
 
 

@@ -89,8 +89,8 @@ def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
     [
         (("--commander", "local/m"), "--commander goes with --command hierarchical"),
         (("--command", "hierarchical", "--commander", "scripted:x"), "there is no commander 'scripted:x'"),
-        (("--command", "hierarchical", "--commander", "m"), "--commander wants PROVIDER/NAME, got 'm'"),
-        (("--command", "hierarchical", "--commander", "local/m"), "--model local/m needs --base-url"),
+        (("--command", "hierarchical", "--commander", "m"), "there is no model 'm' in models.toml"),
+        (("--command", "hierarchical", "--commander", "local/m"), "--commander local/m needs --commander-url"),
         (("--command", "hierarchical", "--commander-url", "http://h/v1"), "--commander-url goes with --commander"),
         (("--command", "solo", "--pilot", "blind:straight"), "--command solo asks for each drone alone"),
     ],

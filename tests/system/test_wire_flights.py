@@ -78,12 +78,13 @@ def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recordi
     wire = serve()
     spec = asking(wire, latency="measured", seconds=12.0, accounts=Accounts(cache=str(tmp_path / "replies.sqlite")))
     result, first = flown(spec, tmp_path / "first")
-    assert result["reason"] == "cap"  # and so one reply came too late to be in the log
-    assert wire.served == result["steps"] + 1
+    assert result["reason"] == "cap"
+    asked = wire.served
+    assert asked - result["steps"] in (0, 1)  # a reply that was under way at the cap is in no log
     assert len({row["latency_s"] for row in rows(first / "decisions.jsonl")}) > 1
     wire.close()
     _, again = flown(spec, tmp_path / "again")
-    assert wire.served == result["steps"] + 1
+    assert wire.served == asked
     assert logs(again) == logs(first)
     assert not list((tmp_path / "again").glob("*.sqlite-wal"))
     _, third = replayed(capsys, first, tmp_path / "third")
