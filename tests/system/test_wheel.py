@@ -132,7 +132,7 @@ def test_the_wheel_describes_itself(wheel):
         top = archive.read(f"dronecats-{__version__}.dist-info/top_level.txt").decode().split()
     assert (said["Name"], said["Version"], said["License-Expression"]) == ("dronecats", __version__, "Apache-2.0")
     assert said["Description-Content-Type"] == "text/markdown"
-    assert {"sim", "serial", "ulog", "edit", "dev"} == set(said.get_all("Provides-Extra") or ())
+    assert {"sim", "serial", "ulog", "edit", "vision", "dev"} == set(said.get_all("Provides-Extra") or ())
     assert set(top) == ROOMS
 
 
