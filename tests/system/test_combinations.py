@@ -1,0 +1,201 @@
+"""What two features come to together, flown: a commander and a schema, a fleet and fences, a server and its death."""
+
+import json
+import sqlite3
+import subprocess
+import time
+from functools import partial
+
+import jsonschema
+import pytest
+
+from dronecats.agent.models.endpoint import RetryPolicy
+from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.cli.main import main
+from dronecats.flight.file import as_kept
+from dronecats.flight.spec import Accounts, FlightSpec, Simulated
+from dronecats.pilots import roster
+from dronecats.pilots.commander import divide
+from dronecats.pilots.server import completion, read_request
+from dronecats.run import accounts
+from dronecats.run.fly import fly
+from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
+from tests.support.command_line import DRONECATS, last_object
+from tests.support.json_lines import rows
+
+COMMANDED, EASY = "blocks-commanding-01", "residential-approaching-01"
+LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
+LOCKSTEP = Simulated(speed=None)
+
+
+@pytest.fixture
+def serve(monkeypatch):
+    monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    opened = []
+
+    def start(reply, *faults):
+        opened.append(Wire(behind(reply, *faults)))
+        return opened[-1]
+
+    yield start
+    for wire in opened:
+        wire.close()
+
+
+def flown(out, wire, *, schema=None, said=lambda line: None, **changes):
+    """Fly the model that a wire serves; return (result, folder)."""
+    model = ModelSpec(provider="vllm", name="m", base_url=wire.url, schema=schema)
+    spec = FlightSpec(
+        **{"model": model, "simulated": LOCKSTEP, "episode": COMMANDED, "latency": "fixed:0.5", **changes}
+    )
+    result = fly(spec, out, said)
+    return result, out / result["episode"]
+
+
+def held(body):
+    """Answer as a server that holds its model to the schema that came with the question, whatever it was asked."""
+    prompt, images = read_request(body)
+    schema = json.loads(body)["response_format"]["json_schema"]["schema"]
+    reply = divide(prompt, images) if "orders" in schema.get("properties", {}) else '[{"action": "finished"}]'
+    jsonschema.validate(json.loads(reply), schema)
+    return completion("m", body, prompt, images, reply)
+
+
+@pytest.mark.parametrize("drones", [1, 2])
+def test_a_commander_whose_model_is_held_to_a_schema_commands(tmp_path, serve, drones):
+    wire = serve(held, *AGAIN.values())
+    result, folder = flown(
+        tmp_path / "run", wire, schema="array", command="hierarchical", drones=drones, seconds=6.0, full=True
+    )  # fmt: skip
+    assert (result["reason"], result["error"]) == ("cap", None)
+    first, *others = rows(folder / "commander.jsonl")
+    assert (first["error"], len(first["orders"])) == (None, drones)
+    assert {drone for one in others for drone in one["confirms"]} == set(range(drones))
+    decisions = rows(folder / "decisions.jsonl")
+    assert {row["drone"] for row in decisions if "confirmed_by" in row} == set(range(drones))
+
+
+def vision(body):
+    """Answer as the built-in pilot's endpoint does."""
+    prompt, images = read_request(body)
+    return completion("m", body, prompt, images, roster.answer("vision")(prompt, images))
+
+
+def logs(folder):
+    return [(folder / name).read_bytes() for name in LOGS]
+
+
+def test_a_fleet_whose_model_fences_its_replies_flies_where_they_are_read_leniently(tmp_path, serve):
+    actions = [{"action": "rotate", "angle_deg": 20 * (k + 1)} for k in range(4)]
+
+    def fenced(body):
+        prompt, images = read_request(body)
+        text = f"Here is what they do:\n```json\n{json.dumps(actions, indent=2)}\n```\nFly safely!"
+        return completion("m", body, prompt, images, text)
+
+    result, folder = flown(tmp_path / "run", serve(fenced), parser="lenient", seconds=5.0)
+    assert (result["reason"], result["error"]) == ("cap", None)
+    decisions = rows(folder / "decisions.jsonl")
+    assert [row["action"] for row in decisions[:4]] == actions
+    assert {tuple(row["mended"]) for row in decisions} == {("prose", "fence")}
+    yaws = {row["drone"]: row["yaw_deg"] for row in rows(folder / "truth.jsonl", "pose") if row["t"] > 2.0}
+    before = {row["drone"]: row["yaw_deg"] for row in reversed(rows(folder / "truth.jsonl", "pose")) if row["t"] < 0.6}
+    turned = [(yaws[k] - before[k]) % 360.0 for k in range(4)]
+    assert turned == sorted(turned)
+
+
+def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flies_it_again(tmp_path, serve, capsys):
+    dead = serve(vision)
+    (whole,) = dead.script
+    dead.script = [whole, whole, reset]
+    spec = tmp_path / "spec.json"
+    model = ModelSpec(provider="local", name="m", base_url=dead.url)
+    spec.write_text(json.dumps(as_kept(FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seed=3))))
+    command = ["fly", "--spec", str(spec), "--out", str(tmp_path / "run"), "--json"]
+    folder = tmp_path / "run" / EASY
+    assert main(command) == 3
+    result = last_object(capsys.readouterr().out)
+    assert (result["outcome"], result["steps"]) == ("error", 2)
+    assert "the model endpoint http://127.0.0.1" in result["error"]
+    names = ("episode.json", "flight.tlog", *LOGS)
+    assert all((folder / name).stat().st_size for name in names)
+    assert (tmp_path / "run" / "run.json").exists()
+    assert rows(folder / "truth.jsonl", "end")[0]["reason"] == "error"
+    kept = logs(folder)
+    dead.script = [whole]  # somebody has started it again
+    assert main(command) == 0
+    assert last_object(capsys.readouterr().out)["outcome"] == "success"
+    assert logs(tmp_path / "run" / "unfinished" / f"{EASY}-1") == kept
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] == EASY
+    assert main(command) == 2  # what is scored is not flown over
+    assert "already holds a flight" in capsys.readouterr().err
+
+
+def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):
+    def slow(body):
+        time.sleep(0.7)
+        return vision(body)
+
+    busy = say(answer(503, b"busy"))  # tells of its close: else the next question may meet it on a wire that is going
+    result, folder = flown(tmp_path / "run", serve(slow, busy), episode=EASY, latency="measured", seconds=9.0)
+    assert (result["reason"], result["error"]) == ("cap", None)
+    decisions = rows(folder / "decisions.jsonl")
+    assert len(decisions) >= 2
+    for row in decisions:
+        assert row["latency_s"] >= 0.7
+        assert row["t_decided"] - row["t_frame"] == pytest.approx(row["latency_s"], abs=0.15)  # the clock's ticks
+
+
+@pytest.mark.slow
+def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
+    """Processes of their own, which ask the same: no reply is lost, none is booked twice, and both fly alike."""
+    wire = serve(vision)
+    model = ModelSpec(provider="local", name="m", base_url=wire.url, input_usd=1.0, output_usd=1.0)
+    shared = Accounts(ledger=str(tmp_path / "ledger.sqlite"), cache=str(tmp_path / "cache.sqlite"), cost_limit_usd=9.0)
+    spec = FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seconds=10.0, seed=3, accounts=shared)
+    (tmp_path / "spec.json").write_text(json.dumps(as_kept(spec)))
+    command = [*DRONECATS, "fly", "--spec", str(tmp_path / "spec.json"), "--json", "--out"]
+    outs = [tmp_path / "one", tmp_path / "other"]
+    together = [subprocess.Popen([*command, str(out)], stdout=subprocess.PIPE, text=True) for out in outs]
+    told = [last_object(process.communicate(timeout=600)[0]) for process in together]
+    assert [(each["outcome"], each["error"]) for each in told] == [("failure", None)] * 2
+    assert logs(outs[0] / EASY) == logs(outs[1] / EASY)
+    ledger = Ledger(tmp_path / "ledger.sqlite")
+    spent = ledger.spent()
+    ledger.close()
+    replies = len(set(wire.bodies))
+    assert spent.questions == wire.served == len(wire.bodies)
+    assert told[0]["steps"] <= replies <= wire.served <= 2 * replies
+    db = sqlite3.connect(tmp_path / "cache.sqlite")
+    assert db.execute("SELECT COUNT(*) FROM replies").fetchone() == (replies,)
+    db.close()
+
+
+def test_a_run_of_several_episodes_names_none_and_each_is_flown_again(tmp_path, serve, capsys):
+    wire, other = serve(vision), "residential-approaching-02"
+    for episode in (EASY, other):
+        result, _ = flown(tmp_path / "run", wire, episode=episode, seconds=4.0)
+        assert result["error"] is None
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] is None
+    replay = ["fly", "--sitl", "--json", "--model"]
+    assert main([*replay, f"replay:{tmp_path / 'run'}"]) == 2
+    assert "holds 2 episodes; name one of them" in capsys.readouterr().err
+    asked = wire.served
+    assert main([*replay, f"replay:{tmp_path / 'run' / other}", "--out", str(tmp_path / "again")]) == 0
+    assert last_object(capsys.readouterr().out)["episode"] == other
+    assert logs(tmp_path / "again" / other) == logs(tmp_path / "run" / other)
+    assert wire.served == asked
+
+
+def test_a_flight_that_its_budget_ended_is_flown_again_to_where_it_ended(tmp_path, serve, capsys):
+    limited = Accounts(token_limit=1500)
+    result, folder = flown(tmp_path / "run", serve(vision), episode=EASY, accounts=limited)
+    assert result["reason"] == "budget"
+    words = ["fly", "--sitl", "--json", "--model", f"replay:{folder}", "--out", str(tmp_path / "again")]
+    assert main(words) == 3
+    again = last_object(capsys.readouterr().out)
+    assert (again["outcome"], again["steps"]) == ("error", result["steps"])
+    assert f"has no reply for step {result['steps']} of drone 0: it was ended by its budget" in again["error"]
+    assert rows(tmp_path / "again" / EASY / "decisions.jsonl") == rows(folder / "decisions.jsonl")
