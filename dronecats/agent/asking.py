@@ -1,27 +1,46 @@
 """A question on its way to the model, and when its reply is due on the vehicle's clock."""
 
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, wait
 
-from dronecats.agent.latency import Latency, Question
+from dronecats.agent.executors import DaemonExecutor
+from dronecats.agent.latency import Circumstance, Latency, Question
 from dronecats.agent.models.model import Model, Reply, Request
+from foundation.turn import COMPUTING
 
 SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
 
 
 class Asking:
-    """One question. Its latency is charged once, when the reply has come."""
+    """One question. Its latency is charged once: when the reply has come, or before where it is foreseen."""
 
     def __init__(
-        self, model: Model, request: Request, executor: Executor, policy: Latency, question: Question, now_s: float
+        self,
+        model: Model,
+        request: Request,
+        executor: Executor,
+        policy: Latency,
+        question: Question,
+        now_s: float,
+        beside: bool = False,
+        last_s: float | None = None,
     ) -> None:
-        """`now_s`: vehicle seconds, at which it is asked."""
-        self._future: Future[Reply] = executor.submit(model.ask, request)
+        """`now_s`: vehicle seconds, at which it is asked; `last_s`: at which the same were answered last, if ever.
+
+        `beside`: a clock that waits may go on meanwhile, up to where a foreseen reply is due, and there it waits.
+        """
+        self._beside = beside and policy.foreseen
+        self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)
         self._policy, self._question = policy, question
-        self._asked_s = now_s
+        self._asked_s, self._last_s = now_s, last_s
         self._charged_s: float | None = None
 
     def due(self, now_s: float) -> bool:
         """Return whether the reply is there and its latency has passed on the vehicle's clock."""
+        if self._beside:  # it matters when it is due, and never when it came: else no flight would be flown twice
+            foreseen_s = self._charge() or 0.0
+            if now_s < self._asked_s + foreseen_s - 1e-9:
+                return False
+            self._wait()
         if not self._future.done():
             return False
         if self._future.exception() is not None:
@@ -34,7 +53,13 @@ class Asking:
     @property
     def answered(self) -> bool:
         """Return whether the call has come back, with a reply or with an error."""
+        if self._beside:
+            self._wait()
         return self._future.done()
+
+    def _wait(self) -> None:
+        with COMPUTING.lent():
+            wait([self._future])
 
     def reply(self) -> Reply:
         """Return the reply. Raises what the model raised."""
@@ -55,5 +80,7 @@ class Asking:
     def _charge(self) -> float | None:
         """Return what the reply costs in vehicle seconds; None where it costs what it takes."""
         if self._policy.charge is not None and self._charged_s is None:
-            self._charged_s = self._policy.charge(self._question, self.reply().latency_s)
+            reply = None if self._policy.foreseen else self.reply()
+            since_s = None if self._last_s is None else self._asked_s - self._last_s
+            self._charged_s = self._policy.charge(self._question, Circumstance(reply, since_s))
         return self._charged_s

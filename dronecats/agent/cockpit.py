@@ -8,6 +8,8 @@ from typing import Protocol
 
 from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.host_pace import HostPace
+from dronecats.agent.pictures import PicturePath
 from foundation.camera import Camera, CameraModel
 from foundation.protocol import CAP_S
 
@@ -31,6 +33,8 @@ class Cockpit:
     seed: tuple[int, ...] = (0,)  # of all that an agent draws
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
     on_tick: Callable[[], None] = _nothing  # called at every tick; what it raises ends the flight
+    pictures: PicturePath | None = None  # what is done to pictures on purpose; None: each is had when it is taken
+    host: HostPace | None = None  # what the vehicle's clock is held to; None: nothing, and no host can be late
 
 
 class Agent(Protocol):

@@ -7,6 +7,8 @@ declaration of the episode when the commander confirms it, on the picture that t
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
+from msgspec import UNSET, UnsetType
+
 from dronecats.agent.action import Finished
 from dronecats.agent.asking import Asking
 from dronecats.agent.cockpit import Cockpit
@@ -65,6 +67,8 @@ class FleetCommander:
         self._now_s, self._tally, self._keep = now_s, tally, keep
         self._asked = 0
         self._asked_s = 0.0  # when it was asked last
+        self._answered_s: float | None = None  # when it answered last
+        self._served: str | None = None  # what answered last, in the vendor's words
         self._told: set[int] = set()  # drones whose open report it has been asked about
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
@@ -100,7 +104,12 @@ class FleetCommander:
 
     def _exchange(self, causes: tuple[Cause, ...], cap_s: float) -> Generator[None, None, list[Decision]]:
         command = self._command
-        frames = yield from newest_frames(self._cockpit, range(len(self._posts)), self._now_s, command.patience_s)
+        question = Question(self._cockpit.seed, self._asked, COMMANDER)
+        frames = yield from newest_frames(
+            self._cockpit, question, range(len(self._posts)), self._now_s, cap_s, command.patience_s
+        )
+        if frames is None:
+            return []
         shown = self._show(causes, tuple(frames))
         asking = self._ask(shown)
         due = yield from await_reply(asking, self._now_s, shown.asked_s, cap_s, command.patience_s, command.last_reply)
@@ -110,6 +119,7 @@ class FleetCommander:
             self._keep(self._row(shown, None, FleetOrders(), "the episode was over before the reply"))
             return []
         reply, now_s = asking.reply(), self._now_s()
+        self._answered_s = now_s
         error: str | None = None
         try:
             orders, refused = self._granted(parse_orders(reply.text, len(self._posts)), shown)
@@ -146,7 +156,8 @@ class FleetCommander:
             role="commander",
         )
         question = Question(self._cockpit.seed, shown.number, COMMANDER)
-        return Asking(command.model, request, self._cockpit.executor, command.latency, question, shown.asked_s)
+        executor, last_s = self._cockpit.executor, self._answered_s
+        return Asking(command.model, request, executor, command.latency, question, shown.asked_s, last_s=last_s)
 
     def _granted(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
         """Return what of the orders can be carried out, and why the rest cannot: it acts on what it was shown."""
@@ -186,6 +197,9 @@ class FleetCommander:
     def _row(self, shown: _Shown, asking: Asking | None, orders: FleetOrders, error: str | None) -> Exchange:
         """Return what is logged of an exchange; no `asking` where the reply came too late."""
         reply, now_s = asking.reply() if asking else None, self._now_s()
+        served: str | UnsetType = UNSET
+        if reply and reply.served != self._served:
+            served, self._served = reply.served or self._command.model.name, reply.served
         return Exchange(
             number=shown.number,
             t_asked=round(shown.asked_s, 6),
@@ -201,4 +215,5 @@ class FleetCommander:
             tokens_in=reply.tokens_in if reply else None,
             tokens_out=reply.tokens_out if reply else None,
             model=self._command.model.name,
+            served=served,
         )

@@ -49,7 +49,7 @@ def plan(action: Action | None, camera: CameraModel) -> tuple[Segment, ...]:
         case Go():
             return _go(action, camera)
         case Rotate(angle_deg):
-            return (_turn(math.radians(angle_deg)),) if angle_deg else (Segment(Hold(), STEP_S),)
+            return (turn(math.radians(angle_deg)),) if angle_deg else (Segment(Hold(), STEP_S),)
         case Think() | Finished() | None:
             return (Segment(Hold(), STEP_S),)
 
@@ -60,10 +60,11 @@ def _go(go: Go, camera: CameraModel) -> tuple[Segment, ...]:
     move = _move(math.hypot(right, forward), up, go.depth_m, bearing)
     if abs(bearing) <= math.radians(BEARING_DEADBAND_DEG):
         return (move,)  # the nose comes round on the way
-    return (_turn(bearing, onto_line=isinstance(move.setpoint, Velocity)), move)
+    return (turn(bearing, onto_line=isinstance(move.setpoint, Velocity)), move)
 
 
-def _turn(angle: float, *, onto_line: bool = False) -> Segment:
+def turn(angle: float, *, onto_line: bool = False) -> Segment:
+    """Return the turn by an angle (rad, + right) from the heading of the sight."""
     return Segment(Turn(math.copysign(YAW_RATE, angle), angle, onto_line), abs(angle) / YAW_RATE, SETTLE_S)
 
 

@@ -6,6 +6,7 @@ asking for its own drones when those have flown what they were told.
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from msgspec import UNSET, UnsetType
 
@@ -24,6 +25,9 @@ from foundation.camera import Frame
 from foundation.errors import CameraError, ModelError
 from foundation.picture import encode
 from foundation.protocol import HISTORY_LENGTH
+from foundation.turn import COMPUTING
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,7 @@ class Questions:
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
+    beside: bool = False  # the model knows nothing but the question, so that a clock that waits may go on meanwhile
     last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
 
 
@@ -69,6 +74,8 @@ class Decider:
         self._tally = tally or Tally()
         self._asked = 0  # questions; of the only decider of an episode each is the step of its number
         self._decided_s: float | None = None
+        self._served: str | None = None  # what answered last, in the vendor's words
+        self._host = cockpit.host.watch() if cockpit.host else None
         self.steps = 0
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
@@ -77,22 +84,36 @@ class Decider:
         Returns whether it was told to stop. Raises ModelError, CameraError, LinkError.
         """
         while self._now_s() < cap_s:
-            frames = yield from self._see()
+            frames = yield from self._see(cap_s)
+            if frames is None:
+                break
             decisions = yield from self._step(frames, cap_s)
             if any(stop(decision) for decision in decisions):
                 return True
         return False
 
-    def _see(self) -> Generator[None, None, list[Frame]]:
-        """Return every drone's newest frame, from which the angles of its next action count."""
+    def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
+        """Return every drone's newest frame, from which the angles of its next action count; None: it came too late."""
         indices = [drone.index for drone in self._drones]
-        frames = yield from newest_frames(self._cockpit, indices, self._now_s, self._questions.patience_s)
+        asked_s = self._host.now_s if self._host else 0.0
+        question = Question(self._cockpit.seed, self._asked, indices[0])
+        frames = yield from newest_frames(
+            self._cockpit, question, indices, self._now_s, cap_s, self._questions.patience_s
+        )
+        if frames is None:
+            if not self._tally.taken:
+                raise CameraError("no picture came before the episode was over")
+            return None
+        if self._host:
+            on_purpose_s = self._cockpit.pictures.held_s if self._cockpit.pictures else 0.0
+            self._host.waited(max(0.0, self._host.now_s - asked_s - on_purpose_s) / len(indices))
         for drone, frame in zip(self._drones, frames, strict=True):
             drone.see(frame.time_us)
         return frames
 
     def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
         """Ask, await the reply, and have every drone begin what it says; return when all have flown it."""
+        COMPUTING.step()
         # a frame may be newer than what its drone has told since; no reply is older than its picture
         asked_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
         thinking = any(drone.thinks_next for drone in self._drones)  # one call answers for all of them
@@ -104,11 +125,15 @@ class Decider:
                 raise ModelError("the model did not answer once before the episode was over")
             return []  # the episode is over before the reply: whatever it says came too late to be an action
         decisions = self._decide(frames, asking, thinking)
+        yield from self._act(cap_s)
+        return decisions
+
+    def _act(self, cap_s: float) -> Generator[None, None, None]:
+        """Yield until what was decided has been flown as far as it has to be before the next picture."""
         while any(drone.busy for drone in self._drones) and self._now_s() < cap_s:
             yield
             for drone in self._drones:
                 drone.advance(self._now_s())
-        return decisions
 
     def _ask(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
         asked, cockpit = self._questions, self._cockpit
@@ -117,9 +142,13 @@ class Decider:
             self._instruction(), self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
         )
         first = self._drones[0].index
-        request = Request(text, pictures, thinking, labels(len(self._drones)), step=number, drone=first)
+        taken_us = tuple(frame.time_us for frame in frames) if cockpit.pictures else ()
+        request = Request(
+            text, pictures, thinking, labels(len(self._drones)), step=number, drone=first, taken_us=taken_us
+        )
         question = Question(cockpit.seed, number, first)
-        return Asking(asked.model, request, cockpit.executor, asked.latency, question, now_s)
+        executor, last_s = cockpit.executor, self._decided_s
+        return Asking(asked.model, request, executor, asked.latency, question, now_s, asked.beside, last_s)
 
     def _instruction(self) -> str:
         """Return what the drones are told to do."""
@@ -139,6 +168,9 @@ class Decider:
         reply, now_s, step = asking.reply(), self._now_s(), self._tally.take()
         rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
         self._decided_s = now_s
+        served = UNSET if reply.served == self._served else reply.served or self._questions.model.name
+        self._served = reply.served
+        lag_s, waited_s = self._host.take() if self._host else (None, None)
         decisions = []
         read = reading(reply.text, len(self._drones), self._questions.axis_order, self._questions.parser)
         for drone, frame, said in zip(self._drones, frames, read, strict=True):
@@ -160,6 +192,9 @@ class Decider:
                 rate_hz=None if rate_hz is None else round(rate_hz, 6),
                 finish=reply.finish or UNSET,
                 report=self._report(action),
+                served=served,
+                host_lag_s=UNSET if lag_s is None else round(lag_s, 3),
+                frame_wait_s=UNSET if waited_s is None else round(waited_s, 3),
             )
             self._cockpit.log.write(decision)
             drone.thinks_next = isinstance(action, actions.Think)
@@ -178,16 +213,38 @@ class Decider:
 
 
 def newest_frames(
-    cockpit: Cockpit, drones: Sequence[int], now_s: Callable[[], float], patience_s: float | None
-) -> Generator[None, None, list[Frame]]:
-    """Return the newest frame of each drone; yield while they come, a fleet's take a while. Raises CameraError."""
-    coming = cockpit.executor.submit(lambda: [cockpit.camera.newest(drone) for drone in drones])
-    asked_s = now_s()
-    while not coming.done():
+    cockpit: Cockpit,
+    question: Question,
+    drones: Sequence[int],
+    now_s: Callable[[], float],
+    cap_s: float,
+    patience_s: float | None,
+) -> Generator[None, None, list[Frame] | None]:
+    """Return the newest frame of each drone, on which a question is asked; yield while they come, which takes a while.
+
+    None where the episode is over (`cap_s`) before those come that are held back on purpose. Raises CameraError.
+    """
+
+    def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
+        coming = cockpit.executor.submit(call)
+        asked_s = now_s()
+        while not coming.done():
+            yield
+            if patience_s is not None and now_s() > asked_s + patience_s:
+                raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
+        return coming.result()
+
+    if cockpit.pictures is None:
+        return (yield from fetched(lambda: [cockpit.camera.newest(drone) for drone in drones]))
+    coming = cockpit.pictures.frames(cockpit.camera, question, drones, now_s, cockpit.t0_us, fetched)
+    while True:
+        try:
+            next(coming)
+        except StopIteration as came:
+            return list(came.value)
+        if now_s() >= cap_s:
+            return None
         yield
-        if patience_s is not None and now_s() > asked_s + patience_s:
-            raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
-    return coming.result()
 
 
 def keep_pictures(cockpit: Cockpit, frames: Sequence[Frame]) -> tuple[bytes, ...]:

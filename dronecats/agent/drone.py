@@ -18,6 +18,8 @@ class Drone:
         self._segments: list[Segment] = []  # what is still to be flown of the current action
         self._segment_ends_s = 0.0
         self._seen: Sight | None = None  # where it was when the picture was taken on which it acts
+        self._counts_from: Sight | None = None  # the angles of what it flies, where not from there
+        self._seen_us = 0  # µs, its clock, when that was taken
 
     @property
     def busy(self) -> bool:
@@ -27,11 +29,12 @@ class Drone:
     def see(self, time_us: int) -> None:
         """Remember where it was when its picture was taken: the angles of the next action count from there."""
         self.aircraft.listen()  # a frame takes its time to come, which is not the model's
-        self._seen = self.aircraft.sight(time_us)
+        if self._seen is None or time_us != self._seen_us:  # the same again may be older than what is remembered
+            self._seen, self._seen_us = self.aircraft.sight(time_us), time_us
 
     def plan(self, action: Action | None) -> None:
         """Take an action, None for an unreadable reply; `begin` flies it."""
-        self._segments = list(plan(action, self.history.camera))
+        self._segments, self._counts_from = list(plan(action, self.history.camera)), None
 
     def begin(self, now_s: float) -> None:
         """Fly what was planned from now on."""
@@ -53,6 +56,6 @@ class Drone:
             segment = self._segments[0]
             self._segment_ends_s = starts_s + segment.duration_s
             seconds = self._segment_ends_s + segment.settle_s - now_s
-            self.aircraft.fly(segment.setpoint, seconds, self._seen)
+            self.aircraft.fly(segment.setpoint, seconds, self._counts_from or self._seen)
         else:
             self.aircraft.fly(Hold())

@@ -1,27 +1,41 @@
 """The loop of the paper: see, decide, act, log. It knows a frame, an instruction, its history, and MAVLink."""
 
 from collections.abc import Callable, Generator, Sequence
+from typing import Generic, TypeVar
 
+from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decider import Decider, Questions, Tally
 from dronecats.agent.decisions import Decision
 from dronecats.agent.drone import Drone
+from foundation.camera import CameraModel
 from foundation.protocol import CAP_S
 
+D = TypeVar("D", bound=Drone)
+DroneMaker = Callable[[int, Aircraft, CameraModel], D]  # of its index, what it flies and its camera
+DeciderMaker = Callable[[Questions, Sequence[D], Cockpit, Callable[[], float], Tally], Decider]
 
-class PaperAgent:
-    """Flies one episode, every drone under one decider; of a fleet that is the paper's joint command.
+
+class GroupedAgent(Generic[D]):
+    """Flies one episode, each group of drones under a decider of its own; which drones and deciders, its kinds say.
 
     Everything it touches comes in through the constructor.
     """
 
-    def __init__(self, questions: Questions, cockpit: Cockpit, groups: Sequence[Sequence[int]] | None = None) -> None:
+    def __init__(
+        self,
+        questions: Questions,
+        cockpit: Cockpit,
+        groups: Sequence[Sequence[int]] | None,
+        drone: DroneMaker[D],
+        decider: DeciderMaker[D],
+    ) -> None:
         """`groups` of drones that are decided for together, each on its own clock; None: all of them at once."""
         self._cockpit = cockpit
-        self._drones = [Drone(i, each, cockpit.camera_model) for i, each in enumerate(cockpit.aircraft)]
+        self._drones = [drone(i, each, cockpit.camera_model) for i, each in enumerate(cockpit.aircraft)]
         tally = Tally()
         self._deciders = [
-            Decider(questions, [self._drones[i] for i in group], cockpit, lambda: self.now_s, tally)
+            decider(questions, [self._drones[i] for i in group], cockpit, lambda: self.now_s, tally)
             for group in groups or [range(len(self._drones))]
         ]
 
@@ -42,7 +56,18 @@ class PaperAgent:
     def _tick(self) -> None:
         for drone in self._drones:
             drone.aircraft.tick()
+        self._fly_on()
         self._cockpit.on_tick()
+
+    def _fly_on(self) -> None:
+        """Do what has to be done on every tick, whoever is asked meanwhile."""
+
+
+class PaperAgent(GroupedAgent[Drone]):
+    """The paper's: each drone flies one action to its end before the next picture; of a fleet its joint command."""
+
+    def __init__(self, questions: Questions, cockpit: Cockpit, groups: Sequence[Sequence[int]] | None = None) -> None:
+        super().__init__(questions, cockpit, groups, Drone, Decider)
 
 
 def side_by_side(flights: Sequence[Generator[None, None, bool]], tick: Callable[[], None]) -> None:

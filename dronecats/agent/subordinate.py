@@ -31,7 +31,9 @@ class Subordinate(Decider):
                 yield
                 continue
             self._take_up()
-            frames = yield from self._see()
+            frames = yield from self._see(cap_s)
+            if frames is None:
+                break
             self._take_up()  # one that came while the picture did
             decisions = yield from self._step(frames, cap_s)
             if any(stop(decision) for decision in decisions):

@@ -1,5 +1,6 @@
 """Who decides is apart from what is flown: a drone is asked for alone or with others, each on its own clock."""
 
+import dataclasses
 import itertools
 import json
 
@@ -10,6 +11,7 @@ from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import Latency, Question, latency
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Reply
+from dronecats.agent.pictures import PicturePath
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.reading import ReplyParser
 from tests.agent.flown_wire import CAMERA, Clock, Views
@@ -36,13 +38,13 @@ class Noting:
         pass
 
 
-def fly(folder, groups, policy, seconds=30.0):
+def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
     """Fly three drones under deciders of these groups; return (decisions, how many were asked for at a time)."""
     folder.mkdir()
-    model, log = Noting(), DecisionLog(folder / "decisions.jsonl")
+    model, log = model or Noting(), DecisionLog(folder / "decisions.jsonl")
     cockpit = Cockpit(
         aircraft=[Clock() for _ in range(3)], camera=Views(), camera_model=CAMERA, log=log,
-        frames_dir=folder, executor=InlineExecutor(), t0_us=0,
+        frames_dir=folder, executor=InlineExecutor(), t0_us=0, pictures=pictures,
     )  # fmt: skip
     PaperAgent(Questions(model, Prompt.load(None), "go", policy), cockpit, groups).fly(seconds)
     log.close()
@@ -70,6 +72,35 @@ def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
         own = [d for d in decisions if d["drone"] == drone]
         for before, after in itertools.pairwise(own):  # it has turned by 30° at 60°/s before it is asked again
             assert after["t_decided"] - before["t_decided"] > 0.5 + charge(Question((0,), 0, drone), 0.1) - 0.06
+
+
+def test_a_cap_holds_every_decider_to_its_rate(tmp_path):
+    """One decision in 4 s, though a turn and its reply are over in one: not before, and not much later."""
+    for name, groups in (("together", None), ("apart", [[0], [1, 2]])):
+        decisions, _ = fly(tmp_path / name, groups, latency("fixed:0.3+cap:0.25"))
+        for drone in range(3):
+            decided = [d["t_decided"] for d in decisions if d["drone"] == drone]
+            assert decided[0] < 1.0  # before the first there is nothing to hold it to
+            for before, after in itertools.pairwise(decided):
+                assert 4.0 - 1e-6 <= after - before < 4.2
+            assert len(decided) == 8
+
+
+def test_what_is_drawn_of_a_drone_is_its_own(tmp_path):
+    """Drones that are asked for apart wait for replies and lose pictures each by its own draws."""
+    replies, _ = fly(tmp_path / "replies", [[0], [1], [2]], latency("lognormal:1,0.7"))
+    drawn = [tuple(d["latency_s"] for d in replies if d["drone"] == drone)[:4] for drone in range(3)]
+    assert len(set(drawn)) == 3
+
+    asked = []
+
+    class Noted(PicturePath):
+        def drawn(self, question, drone):
+            asked.append((question.drone, drone))
+            return super().drawn(question, drone)
+
+    fly(tmp_path / "pictures", [[0], [1, 2]], latency("fixed:0.5"), pictures=Noted(dropped=0.2))
+    assert set(asked) == {(0, 0), (1, 1), (1, 2)}
 
 
 def test_one_alone_beside_two_together(tmp_path):
@@ -108,3 +139,22 @@ def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_pa
         assert second["action"] is None
         assert "mended" not in second or second["mended"] == ["single_quotes", "short"]
         assert second["error"]
+
+
+class Updated(Noting):
+    """A model whose vendor puts another version in its place while it is asked."""
+
+    said = (None, "noting fp_1", "noting fp_1", "noting fp_2", None)
+
+    def ask(self, request):
+        reply = super().ask(request)
+        return dataclasses.replace(reply, served=self.said[min(len(self.asked), len(self.said)) - 1])
+
+
+def test_what_answers_is_told_when_it_changes_and_at_no_other_step(tmp_path):
+    decisions, _ = fly(tmp_path / "run", None, latency("fixed:0.5"), model=Updated())
+    told = [d.get("served") for d in decisions if d["drone"] == 0]
+    assert told[:6] == [None, "noting fp_1", None, "noting fp_2", "noting", None]
+    assert [d.get("served") for d in decisions if d["drone"] == 2] == told
+    plain, _ = fly(tmp_path / "plain", None, latency("fixed:0.5"))
+    assert not [d for d in plain if "served" in d]

@@ -9,7 +9,7 @@ import pytest
 from dronecats.agent.action import Action, action_from
 from dronecats.agent.controller import plan
 from dronecats.agent.history import History, compact
-from dronecats.agent.models.reply_schema import action_schema
+from dronecats.agent.models.reply_schema import action_schema, flat_action_schema
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import briefing
 from foundation.camera import CameraModel
@@ -25,6 +25,8 @@ def test_every_place_knows_the_action(action):
     assert action_from(declared) == action
     assert f'{{"action":"{declared["action"]}"' in Prompt.load().template
     jsonschema.validate(declared, action_schema())
+    flat = flat_action_schema()
+    jsonschema.validate({**dict.fromkeys(flat["properties"]), **declared}, flat)
     words = {word for word in (*declared, declared["action"]) if len(word) >= MIN_CHARS}
     assert words <= SPOKEN, "a key that is spelt so would garble the pilot's own words"
     assert plan(action, CAMERA)

@@ -2,10 +2,12 @@
 
 import json
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import pytest
+from msgspec import UNSET
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
@@ -164,6 +166,23 @@ def test_a_report_waits_for_its_answer_and_an_order_is_a_refusal_with_a_fresh_hi
     assert [command_of(request) for request in requests[:2]] == ["goal 1", "the next"]
     assert briefing.read(requests[1].text).past(0) == ()  # a new goal is a new context
     assert [past.kind for past in briefing.read(requests[2].text).past(0)] == ["go"]
+
+
+class Updated(Said):
+    """A commander whose vendor puts another version in its place while it is asked."""
+
+    said = (None, "said fp_1", "said fp_1", "said fp_2", None)
+
+    def ask(self, request):
+        reply = super().ask(request)
+        return replace(reply, served=self.said[min(len(self.asked), len(self.said)) - 1])
+
+
+def test_what_answers_as_the_commander_is_told_when_it_changes(tmp_path):
+    commander = Updated(lambda request: {"orders": EVERYBODY[:1]})
+    _, told, _ = fly(tmp_path, Said(lambda request: DONE), commander, seconds=60.0)
+    served = [None if exchange.served is UNSET else exchange.served for exchange in told]
+    assert served[:6] == [None, "said fp_1", None, "said fp_2", "said", None]
 
 
 def test_a_commander_that_cannot_be_read_changes_nothing_and_is_kept(tmp_path):

@@ -1,12 +1,14 @@
 import math
 import statistics
+import threading
 from concurrent.futures import Executor, Future
 
 import pytest
 
 from dronecats.agent.asking import Asking
 from dronecats.agent.executors import InlineExecutor
-from dronecats.agent.latency import LONGEST_S, Latency, Question, latency
+from dronecats.agent.latency import Latency, Question, latency
+from dronecats.agent.latency_draws import LONGEST_S
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError, UsageError
 
@@ -118,6 +120,57 @@ def test_a_latency_is_drawn_once_however_often_the_clock_ticks():
     assert due == [0.05 * tick >= 1.1 - 1e-9 for tick in range(40)]
     assert asking.latency_s(1.1) == 1.1
     assert drawn == [FIRST]
+
+
+class Thinking(Answering):
+    """Answers when it is told to."""
+
+    def __init__(self):
+        super().__init__(latency_s=7.0)
+        self.asked, self.may_answer = threading.Event(), threading.Event()
+
+    def ask(self, request):
+        self.asked.set()
+        assert self.may_answer.wait(30.0)
+        return super().ask(request)
+
+
+def test_a_clock_that_waits_goes_on_beside_a_question_until_its_reply_is_due():
+    model = Thinking()
+    asking = Asking(model, REQUEST, InlineExecutor(), latency("fixed:0.5"), FIRST, 0.0, beside=True)
+    assert model.asked.wait(30.0)
+    assert not asking.due(0.0)
+    assert not asking.due(0.45)
+    assert not asking._future.done()
+    model.may_answer.set()
+    assert asking.due(0.5)
+    assert asking.reply().text == "{}"
+    assert asking.latency_s(0.5) == 0.5
+
+
+def test_a_reply_that_is_there_is_not_looked_at_before_it_is_due():
+    """Nor is a fault: when it came is the machine's affair, and a flight is the same twice."""
+    asking = Asking(
+        Answering(error=ModelError("gone")), REQUEST, InlineExecutor(), latency("fixed:1"), FIRST, 0.0, beside=True
+    )
+    assert asking.answered
+    assert not asking.due(0.95)
+    assert asking.due(1.0)
+    with pytest.raises(ModelError, match="gone"):
+        asking.reply()
+
+
+@pytest.mark.parametrize("policy", ["measured", "real"])
+def test_what_is_not_foreseen_is_not_asked_beside(policy):
+    asked_by = []
+
+    class Here(Answering):
+        def ask(self, request):
+            asked_by.append(threading.current_thread())
+            return super().ask(request)
+
+    Asking(Here(), REQUEST, InlineExecutor(), latency(policy), FIRST, 0.0, beside=True)
+    assert asked_by == [threading.current_thread()]
 
 
 def test_drawn_latencies_have_the_median_and_the_spread_that_were_asked_for():

@@ -7,13 +7,11 @@ from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
 from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, text_of
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.reply_schema import reply_schema
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import UsageError
 
 VERSION = "2026-10-21"  # of the API; it refuses every sampling
 WITH_SAMPLING = "2023-06-01"
-_UNKNOWN = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")  # of output_config, by the vendor's SDK
 _REASONS = ("enabled", "adaptive")  # the types of `thinking` beside which the vendor refuses a sampling
 _TABLES = ("thinking", "output_config")  # of the fields of reasoning
 _FINISH = {
@@ -30,6 +28,13 @@ class AnthropicModel(HttpModel):
     answer = "Anthropic message"
     path = "messages"
     key_header = KeyHeader("x-api-key")
+    unknown = (
+        "minimum",
+        "maximum",
+        "exclusiveMinimum",
+        "minItems",
+        "maxItems",
+    )  # of output_config, by the vendor's SDK
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
         """Raises UsageError as every model, for a root that the vendor refuses, and for a budget that fills a reply."""
@@ -65,8 +70,8 @@ class AnthropicModel(HttpModel):
         reasoning = self.reasoning(request.thinking)
         reasons = reasoning.get("thinking", {}).get("type") in _REASONS
         output = dict(reasoning.get("output_config", {}))
-        if self.root(request):
-            output["format"] = {"type": "json_schema", "schema": reply_schema("object", _UNKNOWN)}
+        if schema := self.schema(request):
+            output["format"] = {"type": "json_schema", "schema": schema}
         return {
             "model": self.name,
             "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
@@ -83,4 +88,5 @@ class AnthropicModel(HttpModel):
         usage = data.get("usage") or {}
         text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
         finish = finish_of(data.get("stop_reason"), _FINISH)
-        return ReadAnswer(text, count(usage.get("input_tokens")), count(usage.get("output_tokens")), finish)
+        tokens = count(usage.get("input_tokens")), count(usage.get("output_tokens"))
+        return ReadAnswer(text, *tokens, finish, (data.get("model"),))

@@ -1,9 +1,10 @@
 """A model that may cost so much and no more: looked at before each question, booked after each reply."""
 
+import math
 from dataclasses import dataclass
 
 from dronecats.agent.models.http_model import tokens_of
-from dronecats.agent.models.ledger import Ledger, Spent
+from dronecats.agent.models.ledger import Books, Spent
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import BudgetError, UsageError
@@ -34,6 +35,33 @@ class Budget:
             raise UsageError(f"{said}: declare input_usd and output_usd for it, or give a --token-limit")
 
 
+def cost_limit(said: str | float) -> float:
+    """Return the $ that a limit says. Raises UsageError for what is none."""
+    try:
+        usd = float(said)
+    except ValueError:
+        usd = math.nan
+    if not 0.0 < usd < math.inf:
+        raise UsageError(f"--cost-limit wants a number of $ above 0, got {_short(said)}; without a limit, leave it out")
+    return usd
+
+
+def token_limit(said: str | int) -> int:
+    """Return the tokens that a limit says. Raises UsageError for what is none."""
+    try:
+        tokens = int(said)
+    except ValueError:
+        tokens = 0
+    if tokens < 1:
+        asked = "a whole number of tokens, 1 or more"
+        raise UsageError(f"--token-limit wants {asked}, got {_short(said)}; without a limit, leave it out")
+    return tokens
+
+
+def _short(said: object) -> str:
+    return f"'{str(said)[:40]}'"
+
+
 def told(spent: Spent) -> str:
     """Return what has been spent in a few words."""
     return f"{spent.tokens:,} tokens" + (f", ${spent.usd:.4f}" if spent.usd else "")
@@ -47,7 +75,7 @@ def cost(spec: ModelSpec, tokens_in: int, tokens_out: int) -> float:
 class BudgetedModel:
     """Asks a model while there is something left. Questions under way together may overshoot by one each."""
 
-    def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: Ledger) -> None:
+    def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: Books) -> None:
         self.name = model.name
         self._model, self._spec, self._budget, self._ledger = model, spec, budget, ledger
 

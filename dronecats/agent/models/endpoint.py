@@ -1,5 +1,7 @@
 """An HTTP endpoint that may be slow, busy, broken or hostile: an answer or a ModelError, and within a stated time."""
 
+import functools
+import ssl
 import time
 import zlib
 from collections.abc import Callable, Mapping
@@ -17,7 +19,9 @@ from dronecats.agent.models.body_fault import BUSY, delay_in, fault_in
 from dronecats.agent.models.limiter import Limiter, Unlimited
 from dronecats.agent.models.rate_headers import allowances
 from foundation.errors import ModelError, UsageError
+from foundation.printable import printable
 from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
+from foundation.turn import COMPUTING
 
 GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses: an episode is no longer than that
 CONNECT_S = 10.0  # … of which to be connected, each time
@@ -71,6 +75,12 @@ class Exchanged:
     told: str = "answered {}"  # what is said of the status
 
 
+@functools.cache
+def _trusted() -> ssl.SSLContext:
+    """Return whom all endpoints of this process believe: to read it takes 20 ms, and every flight has an endpoint."""
+    return httpx.create_ssl_context()
+
+
 class Endpoint:
     """A base URL with its key. What it says of itself, and what it lets through of what came back, holds no secret."""
 
@@ -94,7 +104,7 @@ class Endpoint:
         signed = {key_header.name: key_header.before + key} if key else {}
         try:
             self._base = httpx.URL(base_url)
-            self._http = httpx.Client(headers={**headers, **signed})
+            self._http = httpx.Client(headers={**headers, **signed}, verify=_trusted())
         except (httpx.InvalidURL, ValueError):
             raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
         if self._base.scheme not in ("http", "https") or not self._base.host:
@@ -116,7 +126,8 @@ class Endpoint:
     def brief(self, text: str | bytes) -> str:
         """Return the beginning of what came back, on one line, as it may be shown."""
         said = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
-        return redacted(" ".join(said[:MAX_SAID_CHARS].split()), *self._secrets)[:200] or "(empty)"
+        line = redacted(" ".join(said[:MAX_SAID_CHARS].split()), *self._secrets)
+        return printable(line)[:200] or "(empty)"
 
     def check(self) -> None:
         """Raise UsageError when nothing answers there; what it answers does not matter here."""
@@ -147,7 +158,8 @@ class Endpoint:
         """
         coming: Future[T] = DaemonExecutor().submit(call, time.monotonic() + seconds)
         try:
-            return coming.result(seconds)
+            with COMPUTING.lent():
+                return coming.result(seconds)
         except NotInTimeError:
             raise self._silent(seconds) from None
 

@@ -7,9 +7,7 @@ from urllib.parse import quote
 from dronecats.agent.models.endpoint import KeyHeader
 from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, text_of
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.reply_schema import reply_schema
 
-_UNKNOWN = ("exclusiveMinimum",)  # of responseJsonSchema, by the vendor's list of what it knows
 _WITHHELD = ("SAFETY", "RECITATION", "BLOCKLIST", "PROHIBITED_CONTENT", "SPII", "IMAGE_SAFETY")
 _FINISH = {"STOP": None, "MAX_TOKENS": "length", **dict.fromkeys(_WITHHELD, "filtered")}
 
@@ -19,6 +17,7 @@ class GeminiModel(HttpModel):
 
     answer = "Gemini content"
     key_header = KeyHeader("x-goog-api-key")
+    unknown = ("exclusiveMinimum",)  # of responseJsonSchema, by the vendor's list of what it knows
 
     @property
     def path(self) -> str:
@@ -36,9 +35,9 @@ class GeminiModel(HttpModel):
             "maxOutputTokens": self._spec.max_tokens,
             **self.reasoning(request.thinking),
         }
-        if root := self.root(request):
+        if schema := self.schema(request):
             config["responseMimeType"] = "application/json"
-            config["responseJsonSchema"] = reply_schema(root, _UNKNOWN)
+            config["responseJsonSchema"] = schema
         return {
             "contents": [{"parts": [{"text": request.text}, *images], "role": "user"}],
             "generationConfig": config,
@@ -49,7 +48,7 @@ class GeminiModel(HttpModel):
         usage = data.get("usageMetadata") or {}
         tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
         text, finish = _text(data)
-        return ReadAnswer(text, count(usage.get("promptTokenCount")), tokens_out, finish)
+        return ReadAnswer(text, count(usage.get("promptTokenCount")), tokens_out, finish, (data.get("modelVersion"),))
 
 
 def _text(data: dict[str, Any]) -> tuple[str, str | None]:

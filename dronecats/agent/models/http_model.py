@@ -4,14 +4,15 @@ import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, Endpoint, KeyHeader, RetryPolicy
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS, provider_of
+from dronecats.agent.models.reply_schema import known_part, orders_schema, reply_schema
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 from foundation.redaction import keyless, redacted_url
@@ -19,6 +20,7 @@ from foundation.redaction import keyless, redacted_url
 CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
 IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
 MAX_FINISH_CHARS = 40
+MAX_SERVED_CHARS = 100  # of each word by which a vendor names what answers
 TOKENS_MAX = 1_000_000_000  # of one question: an endpoint that tells more, or less than none, has not counted
 
 
@@ -30,6 +32,7 @@ class ReadAnswer:
     tokens_in: int | None = None
     tokens_out: int | None = None
     finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
+    served: tuple[Any, ...] = ()  # the model's name, and the version of what serves it, as far as they are told
 
 
 class HttpModel(ABC):
@@ -37,6 +40,7 @@ class HttpModel(ABC):
 
     answer: ClassVar[str]  # what a proper answer is called
     key_header: ClassVar[KeyHeader] = BEARER
+    unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not know
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
         """`limiters` are those of all that share an address.
@@ -111,7 +115,14 @@ class HttpModel(ABC):
             what = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
         text, finish = self._endpoint.hide(said.text), said.finish and self._endpoint.hide(said.finish)
-        return Reply(text, answer.latency_s, said.tokens_in, said.tokens_out, answer.waited_s, finish)
+        served = self._served(said.served)
+        return Reply(text, answer.latency_s, said.tokens_in, said.tokens_out, answer.waited_s, finish, served)
+
+    def _served(self, told: tuple[Any, ...]) -> str | None:
+        """Return what answered, in one line; None where it told nothing but the name that was asked for."""
+        named = (self._endpoint.hide(each) for each in told if isinstance(each, str) and each.isprintable())
+        words = " ".join(each[:MAX_SERVED_CHARS] for each in named).strip()
+        return None if words in ("", self.name) else words
 
     def reasoning(self, lifted: bool) -> Mapping[str, Any]:
         """Return the fields of the request that switch extended reasoning on or off."""
@@ -120,13 +131,17 @@ class HttpModel(ABC):
         )
         return of_provider if own is None else own
 
-    def root(self, request: Request) -> Literal["object", "array"] | None:
-        """Return the root of the schema that the reply is held to; None where the question wants no reply of its form.
+    def schema(self, request: Request) -> dict[str, Any] | None:
+        """Return the schema that the reply is held to; None where none is sent, or none describes it.
 
-        A single object cannot answer for a fleet, and a commander answers no action.
+        A commander has a schema of its own, and a single action cannot answer for a fleet.
         """
-        fits = request.role == "pilot" and (self._spec.schema == "array" or len(request.images_jpeg) == 1)
-        return self._spec.schema if fits else None
+        root, drones = self._spec.schema, len(request.images_jpeg)
+        if root is None or (request.role == "pilot" and root == "object" and drones != 1):
+            return None
+        orders = request.role == "commander"
+        schema = orders_schema(drones) if orders else reply_schema(root, self._provider.root_choice)
+        return known_part(schema, self.unknown)
 
     def sampling(self, temperature: str, top_p: str, top_k: str) -> dict[str, float]:
         """Return the sampling that is declared, under the names that the format has for it."""

@@ -5,9 +5,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 
+from dronecats.agent.models.limiter import Limiter
 from dronecats.agent.models.rate_headers import Allowance
 from dronecats.agent.models.turns import Turns
 from foundation.sqlite_file import FileKind, SqliteFile
@@ -37,6 +39,18 @@ class Spent:
     def tokens(self) -> int:
         """Tokens of questions and replies together."""
         return self.tokens_in + self.tokens_out
+
+
+class Books(Protocol):
+    """A ledger, wherever it is kept: the file itself, or what speaks for it on another machine."""
+
+    def spend(self, model: str, spent: Spent) -> None: ...
+
+    def spent(self) -> Spent: ...
+
+    def limiter(self, address: str, model: str) -> Limiter: ...
+
+    def close(self) -> None: ...
 
 
 class Ledger:

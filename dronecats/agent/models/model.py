@@ -16,6 +16,7 @@ class Request:
     step: int = 0  # questions for these drones, or of the commander, before it; under one context the step
     drone: int = 0  # the first of those that are asked for
     role: Literal["pilot", "commander"] = "pilot"
+    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture; empty: now. For pilots that are told the truth
 
     @property
     def pictures(self) -> list[tuple[str | None, bytes]]:
@@ -34,6 +35,7 @@ class Reply:
     tokens_out: int | None = None
     waited_s: float = 0.0  # wall seconds before that request: its turn, earlier ones that failed, and the pauses
     finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
+    served: str | None = None  # what answered, in the vendor's words; None: it told nothing but the name asked for
 
     @property
     def share(self) -> float:

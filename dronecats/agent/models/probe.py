@@ -10,6 +10,7 @@ import numpy as np
 
 from dronecats.agent.action import ActionError, AxisOrder, Go, action_from
 from dronecats.agent.models.model import Model, Reply, Request
+from dronecats.agent.models.reply_schema import flat_action_schema
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.reply.strict import parse
 from foundation.errors import ModelError
@@ -136,10 +137,19 @@ def holds(reply: str, root: Literal["object", "array"]) -> bool:
         if not isinstance(actions, list):
             return False
         for action in actions:
-            action_from(action)
+            if not _flat(action):
+                action_from(action)
     except (ValueError, RecursionError):  # an ActionError is one
         return False
     return True
+
+
+def _flat(value: object) -> bool:
+    """Return whether a value is of the schema without a choice, in which any field may be null."""
+    if not isinstance(value, dict):
+        return False
+    own = flat_action_schema()["properties"]
+    return value.keys() == own.keys() and value["action"] in own["action"]["enum"]
 
 
 def _point(model: Model, order: AxisOrder) -> Asked:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.spec import PAPERS_TEMPERATURE, ModelSpec
 from foundation.errors import UsageError
 
 Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
@@ -18,8 +18,10 @@ _TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template
 class Provider:
     """One endpoint family.
 
-    `thinking` and `quick` are merged into the request body, with Gemini into its generationConfig. Where both are empty
-    the server has no switch for all its models, and one without a row in models.toml reasons as it likes.
+    What stands here is sent to a model of which no row in models.toml says otherwise, so it is what all of its models
+    take, of whatever generation. `thinking` and `quick` are merged into the request body, with Gemini into its
+    generationConfig. Where both are empty there is no switch that all know, and a model without a row reasons as it
+    likes.
     """
 
     name: str
@@ -27,7 +29,9 @@ class Provider:
     key_variable: str | None  # environment variable that holds the key
     thinking: Mapping[str, Any] = field(default_factory=dict)
     quick: Mapping[str, Any] = field(default_factory=dict)
+    temperature: float | None = PAPERS_TEMPERATURE  # None: none is sent, since some refuse any
     tokens_field: str = "max_tokens"  # in the OpenAI chat format
+    root_choice: bool = True  # whether a schema may be a choice (anyOf) at its root
     wire: Wire = "openai"
     top_p: float | None = None  # None: none is sent
     top_k: int | None = None
@@ -40,7 +44,9 @@ PROVIDERS = {
             "openai",
             "https://api.openai.com/v1",
             "OPENAI_API_KEY",
+            temperature=None,  # which those that reason refuse
             tokens_field="max_completion_tokens",
+            root_choice=False,
         ),
         Provider(
             "openrouter",
@@ -48,14 +54,13 @@ PROVIDERS = {
             "OPENROUTER_API_KEY",
             thinking={"reasoning": {"enabled": True}},
             quick={"reasoning": {"enabled": False}},
+            root_choice=False,  # like OpenAI's, which are among its models
         ),
         Provider(
             "gemini",
             "https://generativelanguage.googleapis.com/v1",
             "GEMINI_API_KEY",
-            thinking={"thinkingConfig": {"thinkingBudget": -1}},  # as much as the model likes
-            quick={"thinkingConfig": {"thinkingBudget": 0}},
-            wire="gemini",
+            wire="gemini",  # whose models know a thinkingBudget up to 2.5, and a thinkingLevel from 3 on
             top_p=0.95,
             top_k=40,
         ),
@@ -63,7 +68,7 @@ PROVIDERS = {
             "anthropic",
             "https://api.anthropic.com/v1",
             "ANTHROPIC_API_KEY",
-            thinking={"thinking": {"type": "enabled", "budget_tokens": 4096}},  # half of a reply's 8192
+            temperature=None,  # which is refused from Claude Opus 4.7 on, as is a budget of thinking
             wire="anthropic",
         ),
         Provider("vllm", "http://127.0.0.1:8000/v1", "VLLM_API_KEY", *_TEMPLATE),
@@ -71,7 +76,7 @@ PROVIDERS = {
         Provider("llamacpp", "http://127.0.0.1:8080/v1", "LLAMA_API_KEY", *_TEMPLATE),
         Provider("ollama", "http://127.0.0.1:11434/v1", "OLLAMA_API_KEY", *_EFFORT),
         Provider("lmstudio", "http://127.0.0.1:1234/v1", "LMSTUDIO_API_KEY"),
-        Provider("litellm", "http://127.0.0.1:4000/v1", "LITELLM_API_KEY", *_EFFORT),
+        Provider("litellm", "http://127.0.0.1:4000/v1", "LITELLM_API_KEY", *_EFFORT, root_choice=False),
         Provider("local", None, None),
     )
 }
@@ -91,4 +96,5 @@ def spec_of(model: str, base_url: str | None = None, option: str = "--model") ->
     head, slash, name = model.partition("/")
     if not (slash and name):
         raise UsageError(f"{option} wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
-    return ModelSpec(provider=provider_of(head).name, name=name, base_url=base_url)
+    provider = provider_of(head)
+    return ModelSpec(provider=provider.name, name=name, base_url=base_url, temperature=provider.temperature)

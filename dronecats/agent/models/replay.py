@@ -3,9 +3,16 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from dronecats.agent.latency import LONGEST_S
+from dronecats.agent.latency_draws import LONGEST_S
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError
+
+_BROKEN_OFF = {  # by the reason of a flight's end
+    "budget": "it was ended by its budget",
+    "error": "it broke down",
+    "interrupted": "it was interrupted",
+    "takeover": "somebody took over",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,6 +26,7 @@ class RecordedStep:
     tokens_in: int | None = None
     tokens_out: int | None = None
     finish: str | None = None
+    served: str | None = None  # what answered, in the vendor's words
     role: Literal["pilot", "commander"] = "pilot"  # whose it is; the steps of a commander are its exchanges
 
 
@@ -29,6 +37,7 @@ class RecordedFlight:
     flight: str  # the episode folder it was read from, its name
     steps: tuple[RecordedStep, ...]
     to_the_cap: bool  # it flew to its end: a question without a reply was answered too late
+    ended: str | None = None  # the reason in its log's end; None: it has none
     commander: str | None = None  # the name of who commanded; None: nobody did
 
 
@@ -45,15 +54,15 @@ class ReplayModel:
         """Return the recorded reply. Raises ModelError for a question that the flight did not have."""
         said = self._steps.get((request.step, request.drone))
         if said is not None:
-            return Reply(said.reply, said.latency_s, said.tokens_in, said.tokens_out, finish=said.finish)
+            return Reply(
+                said.reply, said.latency_s, said.tokens_in, said.tokens_out, finish=said.finish, served=said.served
+            )
         if not self._recording.to_the_cap or request.drone in self._late:
             asked = f"question {request.step} to the commander"
             if request.role == "pilot":
                 asked = f"step {request.step} of drone {request.drone}"
-            raise ModelError(
-                f"the recording of {self._recording.flight} has no reply for {asked}:"
-                " this flight asks what that one did not"
-            )
+            why = _BROKEN_OFF.get(self._recording.ended or "", "this flight asks what that one did not")
+            raise ModelError(f"the recording of {self._recording.flight} has no reply for {asked}: {why}")
         self._late.add(request.drone)
         return Reply("", LONGEST_S)
 

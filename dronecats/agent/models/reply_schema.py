@@ -1,8 +1,11 @@
-"""The JSON Schema of a reply, for servers that hold a model to one. The rules are those of `agent.action`."""
+"""The JSON Schema of a reply, for servers that hold a model to one: a pilot's actions, a commander's orders."""
 
 from collections.abc import Collection
 from typing import Any, Literal, cast
 
+from dronecats.agent.orders import CONFIRM, ORDERS
+
+# by the rules of `agent.action`
 _ACTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
     (
         "go",
@@ -24,21 +27,46 @@ _ACTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
 
 def action_schema() -> dict[str, Any]:
     """Return the schema of one action: one of the four, with its own fields and no other."""
-    return {"anyOf": [_one(name, fields) for name, fields in _ACTIONS]}
+    return {"anyOf": [_object(action=_named(name), **fields) for name, fields in _ACTIONS]}
 
 
-def reply_schema(root: Literal["object", "array"], unknown: Collection[str] = ()) -> dict[str, Any]:
-    """Return the schema of a reply: a single action, or an array of one per drone.
+def flat_action_schema() -> dict[str, Any]:
+    """Return the schema of one action without a choice: the fields of all four, null where the action has none such.
 
-    Without the keywords that a server does not know, which leaves it wider: the parser holds a reply to all of them.
+    It is wider than the choice, a `go` without a point is in it, and the parser refuses that as ever.
     """
-    schema = action_schema() if root == "object" else {"type": "array", "items": action_schema()}
+    fields = {name: {**own, "type": [own["type"], "null"]} for _, all_own in _ACTIONS for name, own in all_own.items()}
+    return _object(action=_named(*(name for name, _ in _ACTIONS)), **fields)
+
+
+def reply_schema(root: Literal["object", "array"], choice: bool = True) -> dict[str, Any]:
+    """Return the schema of a pilot's reply: a single action, or an array of one per drone.
+
+    `choice`: whether the server takes a choice of schemas at the root.
+    """
+    if root == "array":
+        return {"type": "array", "items": action_schema()}
+    return action_schema() if choice else flat_action_schema()
+
+
+def orders_schema(drones: int) -> dict[str, Any]:
+    """Return the schema of a commander's reply to a fleet, `agent.orders`."""
+    drone = {"type": "integer", "minimum": 1, "maximum": drones}
+    order = _object(drone=drone, goal={"type": "string"})
+    return _object(**{ORDERS: {"type": "array", "items": order}, CONFIRM: {"type": "array", "items": drone}})
+
+
+def known_part(schema: dict[str, Any], unknown: Collection[str]) -> dict[str, Any]:
+    """Return a schema without the keywords that a server does not know.
+
+    That leaves it wider: the parser holds a reply to all of them.
+    """
     return cast(dict[str, Any], _without(schema, unknown))
 
 
-def response_format(root: Literal["object", "array"]) -> dict[str, Any]:
+def response_format(schema: dict[str, Any]) -> dict[str, Any]:
     """Return `response_format` of an OpenAI chat request."""
-    return {"type": "json_schema", "json_schema": {"name": "reply", "strict": True, "schema": reply_schema(root)}}
+    return {"type": "json_schema", "json_schema": {"name": "reply", "strict": True, "schema": schema}}
 
 
 def _without(schema: Any, unknown: Collection[str]) -> Any:
@@ -47,10 +75,9 @@ def _without(schema: Any, unknown: Collection[str]) -> Any:
     return [_without(value, unknown) for value in schema] if isinstance(schema, list) else schema
 
 
-def _one(name: str, fields: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "properties": {"action": {"type": "string", "enum": [name]}, **fields},
-        "required": ["action", *fields],
-        "additionalProperties": False,
-    }
+def _named(*names: str) -> dict[str, Any]:
+    return {"type": "string", "enum": list(names)}
+
+
+def _object(**fields: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": fields, "required": list(fields), "additionalProperties": False}

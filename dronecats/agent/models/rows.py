@@ -242,7 +242,8 @@ def _row(name: str, table: Mapping[str, Any], where: str) -> ModelRow:
         raise UsageError(
             f"{where}: [{name}] tokens_field is of the OpenAI chat format, which {table['provider']} is not"
         )
-    stated = {KEYS[key].field: KEYS[key].read(value) for key, value in table.items() if key in KEYS}
+    stated: dict[str, Any] = {"temperature": provider_of(table["provider"]).temperature}
+    stated |= {KEYS[key].field: KEYS[key].read(value) for key, value in table.items() if key in KEYS}
     said = {key: table.get(key) for key in SAID}
     return ModelRow(name=name, spec=ModelSpec(**stated), file=where, **said)
 

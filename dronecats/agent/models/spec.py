@@ -5,6 +5,8 @@ from typing import Any, Literal
 
 from dronecats.agent.action import AxisOrder
 
+PAPERS_TEMPERATURE = 0.4
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelSpec:
@@ -14,7 +16,7 @@ class ModelSpec:
     name: str  # as the provider calls it
     base_url: str | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
-    temperature: float | None = 0.4  # None: none is sent, for models that refuse one
+    temperature: float | None = PAPERS_TEMPERATURE  # None: none is sent, for models that refuse one
     top_p: float | None = None  # None: the provider's, if it has one
     top_k: int | None = None  # … likewise
     max_tokens: int = 8192  # of a reply

@@ -72,9 +72,9 @@ def test_what_is_spent_in_a_few_words():
     [
         (Accounts(cost_limit_usd=1.0), {"model": ModelSpec(provider="local", name="m", base_url="http://h/v1")},
          "--cost-limit cannot hold local/m, whose prices are not known"),
-        (Accounts(cost_limit_usd=0.0), {"model": PRICED}, "--cost-limit wants more than 0"),
-        (Accounts(cost_limit_usd=float("nan")), {"model": PRICED}, "--cost-limit wants more than 0"),
-        (Accounts(token_limit=0), {"model": PRICED}, "--token-limit wants at least 1"),
+        (Accounts(cost_limit_usd=0.0), {"model": PRICED}, "--cost-limit wants a number of \\$ above 0, got '0.0'"),
+        (Accounts(cost_limit_usd=float("nan")), {"model": PRICED}, "--cost-limit wants a number"),
+        (Accounts(token_limit=0), {"model": PRICED}, "--token-limit wants a whole number"),
         (Accounts(token_limit=5), {"pilot": "vision"}, "--token-limit goes with --model"),
         (Accounts(cache="replies"), {"pilot": "vision"}, "--cache goes with --model"),
         (Accounts(cache="/proc/version"), {"model": PRICED}, "no cache|cannot be opened"),

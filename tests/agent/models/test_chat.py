@@ -143,7 +143,7 @@ def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
     [
         (REQUEST, True),
         (Request("text", REQUEST.images_jpeg * 2, False), False),  # one object cannot answer for two
-        (Request("text", REQUEST.images_jpeg, False, role="commander"), False),  # who answers no action
+        (Request("text", REQUEST.images_jpeg * 2, False, role="commander"), True),  # whose own is an object
     ],
 )
 def test_a_schema_goes_with_the_questions_that_it_describes(provider, asked, held):

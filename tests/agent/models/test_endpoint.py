@@ -269,3 +269,10 @@ def test_an_address_that_nothing_can_be_sent_to_is_refused_when_it_is_opened(url
 def test_a_name_that_no_file_can_hold_is_refused_when_it_is_opened(name):
     with pytest.raises(UsageError, match="holds a character that is none of a name"):
         open_model(ModelSpec(provider="local", name=name, base_url="http://127.0.0.1:1/v1"))
+
+
+def test_what_a_server_says_is_quoted_as_one_line_of_text(serve):
+    wire = serve(say(b"HTTP/1.1 400 X\r\nContent-Length: 17\r\n\r\n\x1b[2J\xc2\x9b1\r\n\xe2\x80\xaeno\x00\x07."))
+    with pytest.raises(ModelError) as refused:
+        model(wire).ask(REQUEST)
+    assert str(refused.value).endswith(r"answered 400: \u001b[2J\u009b1 \u202eno\u0000\u0007.")

@@ -44,7 +44,6 @@ def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
         "topP": 0.95,
         "topK": 40,
         "maxOutputTokens": 8192,
-        "thinkingConfig": {"thinkingBudget": 0},
     }
 
 

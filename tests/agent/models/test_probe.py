@@ -121,6 +121,14 @@ def test_all_pairs_of_orders():
         ('[{"action":"think"}]', "array", True),
         ('[{"action":"think"}]', "object", False),
         ('{"action":"think"}', "array", False),
+        ('{"action":"think","point":null,"depth_m":null,"angle_deg":null}', "object", True),
+        (
+            '{"action":"go","point":null,"depth_m":null,"angle_deg":null}',
+            "object",
+            True,
+        ),  # no action, and in the schema
+        ('{"action":"dance","point":null,"depth_m":null,"angle_deg":null}', "object", False),
+        ('{"action":"go"}', "object", False),
         ('{"dance": 3}', "object", False),
         ('[{"dance": 3}]', "array", False),
         ('Yes! {"action":"think"}', "object", False),

@@ -32,6 +32,8 @@ def published():
 @pytest.mark.parametrize("schema", [None, "object", "array"])
 @pytest.mark.parametrize("name", MODELS)
 def test_every_request_is_as_openai_publishes_it(name, schema, drones, thinking, published, monkeypatch):
+    if schema == "array":
+        pytest.skip("OpenAI takes none, and we send it none")
     monkeypatch.setenv("OPENAI_API_KEY", "sk-SECRET")
     labels = tuple(f"Drone {n}:" for n in range(1, 5)) if drones > 1 else ()
     model = open_model(replace(model_of(name), schema=schema))

@@ -3,8 +3,11 @@
 import os
 import pwd
 import re
+import textwrap
 import tomllib
+from dataclasses import replace
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -80,7 +83,7 @@ def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
     assert {key: asked[key] for key in switch} == switch
     other = table.get("reasoning_off" if lifted else "reasoning_lifted", {})
     assert all(asked.get(key) == switch.get(key) for key in other)  # and of the other switch nothing
-    assert asked.get("temperature") == (None if table.get("temperature") == "none" else 0.4)
+    assert asked.get("temperature") == (None if table.get("temperature") == "none" else provider.temperature)
     schema = (
         asked.get("response_format") or asked.get("responseJsonSchema") or asked.get("output_config", {}).get("format")
     )
@@ -89,6 +92,47 @@ def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
         assert schema["json_schema"]["schema"]["type"] == "array" == table["schema"]
     assert KEY not in str(sent.body) + sent.path
     assert any(KEY in value for value in sent.headers.values()) == bool(provider.key_variable)
+
+
+@pytest.mark.parametrize("lifted", [False, True], ids=["off", "lifted"])
+@pytest.mark.parametrize("provider", ["openai", "gemini", "anthropic"])
+def test_a_model_without_a_row_is_sent_what_each_row_of_its_provider_is(monkeypatch, provider, lifted):
+    """A field that some generation refuses is in no row of it, so it would be found here."""
+    monkeypatch.setenv(str(PROVIDERS[provider].key_variable), KEY)
+    request = Request("text", (b"\xff\xd8jpeg",), lifted)
+
+    def sent(spec):
+        model = open_model(replace(spec, name="any", schema=None))
+        model.close()
+        body = model.body(request)
+        return {**body.pop("generationConfig", {}), **body, "headers": model.headers()}
+
+    bare = sent(model_of(f"{provider}/quite-new"))
+    known = [row.spec for row in rows().values() if row.spec.provider == provider]
+    assert len(known) >= 3
+    for spec in known:
+        assert bare.items() <= sent(spec).items()
+    assert bare["headers"] == sent(known[0])["headers"]
+
+
+@pytest.mark.parametrize(("provider", "temperature"), [("openai", None), ("anthropic", None), ("gemini", 0.4)])
+def test_a_row_that_says_no_temperature_has_its_providers(own, provider, temperature):
+    own(f'[mine]\nprovider = "{provider}"\nidentifier = "m"\n')
+    assert model_of("mine").temperature == model_of(f"{provider}/other").temperature == temperature
+    own(f'[mine]\nprovider = "{provider}"\nidentifier = "m"\ntemperature = 0.3\n')
+    assert model_of("mine").temperature == 0.3
+
+
+def test_the_rows_of_the_page_are_rows(own):
+    page = (Path(__file__).parents[3] / "docs" / "models.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"(?:^    [\[a-z].*\n|^\n)+", page, re.MULTILINE)
+    (text,) = [block for block in blocks if "[my-gemini]" in block]
+    own(textwrap.dedent(text))
+    known = rows()
+    for name, provider in (("my-gemini", "gemini"), ("my-claude", "anthropic")):
+        spec = replace(known[name].spec, base_url="http://127.0.0.1:9/v1")
+        assert spec.provider == provider
+        open_model(spec).close()
 
 
 def test_the_papers_nine_are_the_papers():

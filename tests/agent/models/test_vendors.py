@@ -3,7 +3,7 @@
 import base64
 import re
 import typing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import anthropic
@@ -17,7 +17,7 @@ from openai.types.shared.reasoning_effort import ReasoningEffort
 
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
-from dronecats.agent.models.reply_schema import action_schema, response_format
+from dronecats.agent.models.reply_schema import action_schema, flat_action_schema, orders_schema, response_format
 from dronecats.agent.models.rows import rows
 from dronecats.agent.models.spec import ModelSpec
 from tests.agent.models.recording import Recording, Sent
@@ -77,17 +77,20 @@ SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 @pytest.mark.parametrize("provider", SWITCHES)
 @pytest.mark.parametrize("pictures", PICTURES)
 @pytest.mark.parametrize("thinking", LIFTED)
-@pytest.mark.parametrize("schema", [None, "array"])
+@pytest.mark.parametrize("schema", [None, "array", "object"])
 def test_openai(monkeypatch, provider, pictures, thinking, schema):
     asked = request(pictures, thinking)
+    roots = {"array": {"type": "array", "items": action_schema()}}
+    if pictures == 1:  # a single object is no fleet's reply
+        roots["object"] = flat_action_schema() if provider in ("openai", "openrouter") else action_schema()
     images: list[Any] = [
         {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
         for jpeg in asked.images_jpeg
     ]
     options: dict[str, Any] = dict(SWITCHES[provider][thinking])
     options["max_completion_tokens" if provider == "openai" else "max_tokens"] = 8192
-    if schema:
-        options["response_format"] = response_format(schema)
+    if schema in roots:
+        options["response_format"] = response_format(roots[schema])
     with Recording(CHAT) as server, openai.OpenAI(api_key=KEY, base_url=server.url + "/v1") as client:
         client.chat.completions.create(
             model="maker/m",
@@ -121,7 +124,9 @@ def camel(value: Any) -> Any:
 @pytest.mark.parametrize("pictures", PICTURES)
 @pytest.mark.parametrize("thinking", LIFTED)
 @pytest.mark.parametrize("schema", [None, {"type": "array", "items": action_schema()}], ids=["free", "schema"])
-def test_gemini(monkeypatch, pictures, thinking, schema):
+@pytest.mark.parametrize("row", [False, True], ids=["no row", "row"])
+def test_gemini(monkeypatch, pictures, thinking, schema, row):
+    """Without a row nothing is said of reasoning; the row is as one of the models up to 2.5 would have it."""
     asked = request(pictures, thinking)
     parts: list[Any] = [
         types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in asked.images_jpeg
@@ -131,8 +136,10 @@ def test_gemini(monkeypatch, pictures, thinking, schema):
         top_p=0.95,
         top_k=40,
         max_output_tokens=8192,
-        thinking_config=types.ThinkingConfig(thinking_budget=-1 if thinking else 0),
     )
+    budget: Any = {"thinkingConfig": {"thinkingBudget": -1 if thinking else 0}}
+    if row:
+        config.thinking_config = types.ThinkingConfig(thinking_budget=-1 if thinking else 0)
     if schema:
         config.response_mime_type = "application/json"
         config.response_json_schema = schema
@@ -141,7 +148,8 @@ def test_gemini(monkeypatch, pictures, thinking, schema):
         client.models.generate_content(model="gemini-x", contents=[TEXT, *between([*LABELS], parts)], config=config)
     (theirs,) = server.sent
     root = "array" if schema else None
-    sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root)
+    switch = {"thinking" if thinking else "quick": budget} if row else {}
+    sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root, **switch)
     expected = camel(theirs.body)
     if schema:  # theirs goes as it is given; what the API does not know we leave out
         go = expected["generationConfig"]["responseJsonSchema"]["items"]["anyOf"][0]
@@ -159,7 +167,10 @@ MESSAGE = b'{"id":"1","type":"message","role":"assistant","model":"m","content":
 @pytest.mark.parametrize("schema", [None, "object"])
 @pytest.mark.parametrize("temperature", [0.4, None])
 def test_anthropic(monkeypatch, pictures, thinking, schema, temperature):
-    """The vendor's client knows no temperature any more, so that the paper's is put in there by hand."""
+    """The vendor's client knows no temperature any more, so that the paper's is put in there by hand.
+
+    Lifted as a row of the older models would have it, who know a temperature and a budget.
+    """
     asked = request(pictures, thinking)
     images: list[Any] = [
         {
@@ -168,7 +179,8 @@ def test_anthropic(monkeypatch, pictures, thinking, schema, temperature):
         }
         for jpeg in asked.images_jpeg
     ]
-    options: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}} if thinking else {}
+    lifted: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}}
+    options: dict[str, Any] = {**lifted} if thinking else {}
     if schema and pictures == 1:  # a single object is no fleet's reply
         options["output_config"] = {"format": {"type": "json_schema", "schema": transform_schema(action_schema())}}
     if temperature is not None and not thinking:
@@ -183,7 +195,7 @@ def test_anthropic(monkeypatch, pictures, thinking, schema, temperature):
     (theirs,) = server.sent
     sent = ours(
         monkeypatch, asked, "/v1", MESSAGE, provider="anthropic", name="claude-x", schema=schema,
-        temperature=temperature,
+        temperature=temperature, thinking=lifted,
     )  # fmt: skip
     assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path)
     assert (
@@ -269,6 +281,28 @@ def test_the_rows_of_anthropic(monkeypatch, name, thinking):
     sent = sent_for(monkeypatch, name, Request(TEXT, (JPEG,), thinking), "/v1", MESSAGE)
     assert sent.body == server.sent[0].body
     assert sent.headers["anthropic-version"] == server.sent[0].headers["anthropic-version"]
+
+
+@pytest.mark.parametrize("provider", ["openai", "vllm", "gemini", "anthropic"])
+def test_a_commander_is_held_to_its_own_reply(monkeypatch, provider):
+    """Whichever root the pilots are held to; in the place where each vendor's client has its schema, as above."""
+    asked = replace(request(4, False), role="commander")
+    answers = {"gemini": CONTENT, "anthropic": MESSAGE}
+    root = "object" if provider == "anthropic" else "array"
+    sent = ours(
+        monkeypatch, asked, "/v1", answers.get(provider, CHAT), provider=provider, name="m", schema=root,
+    )  # fmt: skip
+    schema = orders_schema(4)
+    if provider == "gemini":
+        assert sent.body["generationConfig"]["responseMimeType"] == "application/json"
+        assert sent.body["generationConfig"]["responseJsonSchema"] == schema
+    elif provider == "anthropic":
+        held = sent.body["output_config"]["format"]
+        assert bare(held) == bare({"type": "json_schema", "schema": transform_schema(schema)})
+    else:
+        assert sent.body["response_format"] == response_format(schema)
+    free = ours(monkeypatch, asked, "/v1", answers.get(provider, CHAT), provider=provider, name="m")
+    assert "additionalProperties" not in str(free.body)
 
 
 def bare(body: Any) -> Any:

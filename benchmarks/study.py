@@ -1,0 +1,193 @@
+"""How many episodes an hour a study flies, drawn and not, what a second job brings, and where the time goes.
+
+    python -m benchmarks.study [--json] [--suite NAME] [--drawn NAME] [--short]
+
+`undrawn` is `dronecats bench --pilot noisy --flights 2` of the eighty episodes of one drone, as one job and as two,
+`fleets` the same of the twenty of four, `drawn` the twelve of `quick` with vision, which looks at every frame, as two;
+all as typed, from the start of the command to its end. `episodes_per_core_hour` counts the processor's time, all
+processes and their start included, and says something on a busy machine, too; `episodes_per_hour`, `minutes_for_2000`
+(of one drone), `minutes_for_2000_of_all` (four in five of them) and `two_jobs_over_one` count the wall's and want an
+idle one.
+`parts` and `phases` are shares of the processor's time of undrawn episodes that one process flies one after another,
+its own start left out: of the innermost of our functions that runs, and of what is being flown, looked at every
+2 ms of processor time.
+"""
+
+import argparse
+import json
+import signal
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from benchmarks.bench import flown
+from benchmarks.machine import Machine
+from dronecats.campaign import worker
+from dronecats.flight.file import as_json
+from dronecats.flight.spec import FlightSpec, Simulated
+from episodes import suites
+from episodes.once import expect_more
+
+ROOT = Path(__file__).parent.parent
+LOOK_S = 0.002  # s of processor time
+PROFILED = 12  # episodes of the suite, evenly over it
+PARTS = {  # folder or file → what is done there; the first that fits
+    "dronecats/sitl/fused.py": "plant, estimator and inner loops (compiled)",
+    "foundation/wire.py": "MAVLink packed and parsed",
+    "foundation/mavlink.py": "MAVLink packed and parsed",
+    "foundation/truth.py": "truth bus",
+    "dronecats/sitl": "simulation around the kernel",
+    "vehicles": "simulation around the kernel",
+    "autopilot": "commander and telemetry",
+    "hil": "link",
+    "episodes": "world and visibility",
+    "dronecats/logger": "logs",
+    "dronecats/rundir": "logs",
+    "dronecats/agent": "agent and pilot",
+    "dronecats/pilots": "agent and pilot",
+    "dronecats/judge": "verdict",
+}
+PHASES = {  # function of dronecats/run → what is flown then
+    "ascend": "ascent to the start pose",
+    "finish": "landing",
+    "fly_and_judge": "making ready, verdict",
+}
+GOALS = {
+    "minutes_for_2000": "≤ 25 (two idle cores)",
+    "drawn.episodes_per_hour": "≥ 250 (two idle cores)",
+    "two_jobs_over_one": "≥ 1.85",
+}
+
+
+class Sampler:
+    """Counts what runs whenever so much processor time has passed."""
+
+    def __init__(self) -> None:
+        self.parts: Counter[str] = Counter()
+        self.phases: Counter[str] = Counter()
+
+    def look(self, number: int, frame: FrameType | None) -> None:
+        """Count the part of the innermost of our functions, and the phase."""
+        part = phase = None
+        while frame is not None:
+            place = _place(frame.f_code.co_filename)
+            part = part or (part_of(place) if place else None)
+            if place.startswith("dronecats/agent/loop.py"):
+                phase = phase or "episode"
+            elif place.startswith("dronecats/run/"):
+                phase = phase or PHASES.get(frame.f_code.co_name)
+            frame = frame.f_back
+        self.parts[part or "else"] += 1
+        self.phases[phase or PHASES["fly_and_judge"]] += 1
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """Look every LOOK_S of this process's time."""
+        before = signal.signal(signal.SIGPROF, self.look)
+        signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            signal.signal(signal.SIGPROF, before)
+
+
+def part_of(place: str) -> str:
+    """Return what is done in a file of ours, by its path in the repository."""
+    return next((what for where, what in PARTS.items() if place.startswith(where)), "else")
+
+
+def _place(file: str) -> str:
+    """Return a file's path in the repository; empty when it is none of ours."""
+    path = Path(file)
+    return path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) and "site-packages" not in file else ""
+
+
+def profiled(episodes: Sequence[str], folder: Path) -> Sampler:
+    """Fly each episode once for the caches, and once looked at."""
+    expect_more()
+    worker.compile_all()
+    sampler = Sampler()
+    for turn in ("first", "looked at"):
+        for episode in episodes:
+            spec = FlightSpec(episode=episode, pilot="noisy", simulated=Simulated(speed=None, rendered=False))
+            into = folder / turn / episode
+            (into / "frames").mkdir(parents=True)
+            if turn == "first":
+                worker.flown(as_json(spec), into)
+                continue
+            with sampler.looking():
+                worker.flown(as_json(spec), into)
+    return sampler
+
+
+def shares(counted: Counter[str]) -> dict[str, float]:
+    """Return each one's share of all, the largest first."""
+    total = counted.total() or 1
+    return {what: round(count / total, 3) for what, count in counted.most_common()}
+
+
+def benched(words: list[str], jobs: int) -> dict[str, Any]:
+    """Return the figures of a benchmark as it is typed."""
+    with tempfile.TemporaryDirectory() as folder:
+        told, wall_s, cpu_s = flown(Path(folder) / "bench", [*words, "--jobs", str(jobs)])
+    done = told["done"]
+    return {
+        "jobs": jobs,
+        "episodes": done,
+        "solved": sum(row["solved"] for row in told["rows"] if row["group"] == "all"),
+        "wall_s": round(wall_s, 1),
+        "cpu_s_per_episode": round(cpu_s / done, 2),
+        "episodes_per_core_hour": round(3600.0 * done / cpu_s),
+        "episodes_per_hour": round(3600.0 * done / wall_s),
+    }
+
+
+def minutes(episodes: int, measured: dict[str, Any]) -> float:
+    """Return the wall minutes of so many episodes at the pace that was measured."""
+    return float(episodes * measured["wall_s"] / measured["episodes"] / 60.0)
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--suite", default="one-drone", metavar="NAME", help="whose episodes are flown undrawn")
+    parser.add_argument("--drawn", default="quick", metavar="NAME", help="whose episodes vision flies (quick)")
+    parser.add_argument("--short", action="store_true", help="only show that every figure can be had")
+    args = parser.parse_args()
+    machine, few = Machine(), ["--limit", "2"] if args.short else []
+    undrawn = ["--pilot", "noisy", *(few or ["--flights", "2"])]
+    one, two = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
+    fleets = benched(["--suite", "commanding", *undrawn], 2)
+    drawn = benched(["--suite", args.drawn, "--pilot", "vision", *few], 2)
+    names = suites.ids(args.suite)
+    chosen = names[:1] if args.short else names[:: max(1, len(names) // PROFILED)]
+    with tempfile.TemporaryDirectory() as folder:
+        sampler = profiled(chosen, Path(folder))
+    machine.look()
+    found = {
+        "undrawn": {"one": one, "two": two},
+        "fleets": fleets,
+        "minutes_for_2000": round(minutes(2000, two), 1),
+        "minutes_for_2000_of_all": round(minutes(1600, two) + minutes(400, fleets), 1),
+        "two_jobs_over_one": round(one["wall_s"] / two["wall_s"], 2),
+        "drawn": drawn,
+        "parts": shares(sampler.parts),
+        "phases": shares(sampler.phases),
+        "goals": GOALS,
+        "machine": machine.figures(),
+    }
+    if args.json:
+        print(json.dumps(found))
+        return
+    for name, value in found.items():
+        print(f"{name:20} {value}")
+
+
+if __name__ == "__main__":
+    main()

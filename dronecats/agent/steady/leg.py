@@ -1,0 +1,93 @@
+"""The way to a place that may move, flown without standing still, and over when it is no longer valid. Pure."""
+
+import math
+from dataclasses import dataclass
+
+from foundation.frames import Vec3
+from foundation.protocol import SPEED_MAX, STEP_S
+from foundation.setpoints import Sight, Velocity
+
+REACHED_M = 0.3  # m, level, from the goal
+LEFT_M = 1.0  # m from a goal that has gone on, beyond which it is flown after
+SLOWS_S = 0.8  # s of the way to the goal in which it is slowed down for
+KEEPS_M = 1.5  # m from the goal within which the course stays: a goal that is passed turns no nose
+CAREFUL_S = 1.5  # s that a short stride takes at least
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One go: to a goal that may move, at full pace until `due_s`, and fading from there to none at `ends_s`."""
+
+    goal_ned: Vec3  # m, local frame, when the leg begins
+    velocity_ned: Vec3  # m/s of the goal
+    level: bool  # the height is held
+    begins_s: float  # s of the episode
+    due_s: float  # s, when the next decision is awaited
+    ends_s: float  # s, when the leg is valid no longer
+    pace: float  # m/s
+
+    def goal(self, now_s: float) -> Vec3:
+        """Return where the goal is at a time (m, local frame)."""
+        north, east, down = self.goal_ned
+        seconds = now_s - self.begins_s
+        return (north + self.velocity_ned[0] * seconds, east + self.velocity_ned[1] * seconds, down)
+
+    def fade(self, now_s: float) -> float:
+        """Return the share of the pace that is flown at a time, 1 … 0."""
+        if now_s <= self.due_s:
+            return 1.0
+        return max(0.0, (self.ends_s - now_s) / (self.ends_s - self.due_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Steered:
+    """What is flown of a leg at one tick."""
+
+    setpoint: Velocity
+    seen: Sight  # from which the setpoint's line goes out
+    valid_s: float  # s for which it may be flown
+
+
+def leg(
+    goal_ned: Vec3,
+    velocity_ned: Vec3,
+    position_ned: Vec3,
+    now_s: float,
+    period_s: float,
+    *,
+    level: bool,
+    careful: bool = False,
+) -> Leg:
+    """Return the leg to a goal from a position, where a decision comes about every `period_s`.
+
+    It is flown at the paper's 1.2 m/s, or slower where that would be there before a step (2.5 s) is over; a careful
+    one, which is looked at again at its end, a little faster. Without a next decision it goes on for one period more.
+    """
+    lasts_s = STEP_S if careful else max(STEP_S, period_s)
+    pace = min(SPEED_MAX, math.dist(goal_ned, position_ned) / (CAREFUL_S if careful else STEP_S))
+    return Leg(goal_ned, velocity_ned, level, now_s, now_s + lasts_s, now_s + 2.0 * lasts_s, pace)
+
+
+def steered(
+    one: Leg, position_ned: Vec3, now_s: float, course: float | None = None, *, resting: bool = False
+) -> Steered | None:
+    """Return what flies a leg from a position on, None for a hold: it has been reached, or is valid no longer.
+
+    course: rad, the one that was flown before, which is kept close to the goal; None: none was. resting: it had been
+    reached, and is gone on with when the goal has left.
+    """
+    goal = one.goal(now_s)
+    north, east, down = (g - p for g, p in zip(goal, position_ned, strict=True))
+    ahead = math.hypot(north, east)
+    if now_s >= one.ends_s or ahead <= (LEFT_M if resting else REACHED_M):
+        return None
+    bearing = math.atan2(east, north)
+    if course is not None and not resting and ahead < KEEPS_M:
+        if math.cos(bearing - course) <= 0.0:  # it has been passed
+            return None
+        bearing = course
+    speed = min(one.pace, ahead / SLOWS_S) * one.fade(now_s)
+    up = 0.0 if one.level else -down
+    whole = math.hypot(ahead, up)
+    climb = speed * up / whole if up else None
+    return Steered(Velocity(speed * ahead / whole, climb, 0.0), Sight(position_ned, bearing), one.ends_s - now_s)

@@ -1,0 +1,147 @@
+"""Where what is pointed at is and goes, from the places that replies have named: a constant-velocity Kalman filter.
+
+State: place and velocity in the local frame. Between sightings x' = F x with white acceleration; a sighting measures
+the place, well across the line of sight and badly along it, since a depth is judged and a pixel is pointed at.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.common import Q_discrete_white_noise
+from filterpy.kalman import KalmanFilter
+from numpy.typing import NDArray
+
+from foundation.frames import Vec3
+
+ACROSS_M, ACROSS = 0.3, 0.02  # m, and m per m of distance: 1 σ across the line of sight
+ALONG_M, ALONG = 0.3, 0.2  # likewise along it
+SPEED_STD = 0.4  # m/s, 1 σ an axis of what has been seen once
+ACCELERATION = 0.02  # m/s², 1 σ: what walks and drives keeps its course for a while
+GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: farther off is another thing, or the same after a jump
+FORGET_S = 60.0  # s without a sighting after which nothing of it is believed
+LEAST = 3  # sightings by which a velocity is told
+SPEED_MAX = 1.5  # m/s: faster is a fault of the depths
+
+
+@dataclass(frozen=True, slots=True)
+class _Belief:
+    """What was believed before a sighting."""
+
+    state: NDArray[np.float64]  # (6, 1): place and velocity, m, m/s
+    covariance: NDArray[np.float64]  # (6, 6)
+    time_s: float
+    sightings: int
+
+
+@dataclass(frozen=True, slots=True)
+class Pursued:
+    """What is believed of it at a time."""
+
+    place_ned: Vec3  # m, local frame
+    velocity_ned: Vec3  # m/s, level; the less of it the less sure it is
+
+
+class Pursuit:
+    """The track of one thing. A sighting that does not belong to it begins another.
+
+    A second one of the same time replaces the first: it is another word on one picture, and nothing new was seen.
+    """
+
+    def __init__(self) -> None:
+        self._filter: KalmanFilter | None = None
+        self._time_s = 0.0
+        self._before: _Belief | None = None  # without the last sighting; None: nothing was believed
+        self.sightings = 0  # of this track
+
+    def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
+        """Take a place (m, local frame) seen at a time from a lens; return whether it belongs to the track."""
+        noise = sighting_noise(lens_ned, place_ned)
+        if self._filter is not None and time_s == self._time_s:
+            self._believe(self._before)
+        self._before = self._belief()
+        if self._filter is not None and 0.0 <= time_s - self._time_s <= FORGET_S:
+            predicted, covariance = self._predicted(time_s)
+            off = np.array(place_ned) - predicted[:3]
+            if float(off @ np.linalg.solve(covariance[:3, :3] + noise, off)) <= GATE:
+                self._filter.x, self._filter.P = predicted.reshape(6, 1), covariance
+                self._filter.update(np.array(place_ned).reshape(3, 1), R=noise)
+                self._time_s, self.sightings = time_s, self.sightings + 1
+                return True
+        self._filter = _begun(place_ned, noise)
+        self._time_s, self.sightings = time_s, 1
+        return False
+
+    def forget(self) -> None:
+        """Believe nothing of it any more."""
+        self._believe(None)
+
+    def _belief(self) -> _Belief | None:
+        if self._filter is None:
+            return None
+        return _Belief(self._filter.x, self._filter.P, self._time_s, self.sightings)
+
+    def _believe(self, one: _Belief | None) -> None:
+        if one is None:
+            self._filter, self.sightings = None, 0
+            return
+        assert self._filter is not None
+        self._filter.x, self._filter.P = one.state, one.covariance
+        self._time_s, self.sightings = one.time_s, one.sightings
+
+    def at(self, time_s: float) -> Pursued | None:
+        """Return what is believed at a time not before the last sighting; None where nothing is."""
+        if self._filter is None or time_s - self._time_s > FORGET_S:
+            return None
+        velocity = self._velocity()
+        age = max(0.0, time_s - self._time_s)
+        seen = self._filter.x[:3, 0]
+        return Pursued((seen[0] + velocity[0] * age, seen[1] + velocity[1] * age, float(seen[2])), velocity)
+
+    def _velocity(self) -> Vec3:
+        assert self._filter is not None
+        velocity = self._filter.x[3:5, 0]
+        speed = float(np.hypot(*velocity))
+        if speed == 0.0 or self.sightings < LEAST:
+            return (0.0, 0.0, 0.0)
+        along = velocity / speed
+        doubt = float(along @ self._filter.P[3:5, 3:5] @ along) / speed**2
+        held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # of what stands still nothing is left
+        return (float(velocity[0]) * held, float(velocity[1]) * held, 0.0)
+
+    def _predicted(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        assert self._filter is not None
+        step = transition(time_s - self._time_s)
+        noise = process_noise(time_s - self._time_s)
+        return (step @ self._filter.x)[:, 0], step @ self._filter.P @ step.T + noise
+
+
+def transition(seconds: float) -> NDArray[np.float64]:
+    """Return F over some seconds, (6, 6), of place and velocity."""
+    step = np.eye(6)
+    step[:3, 3:] = seconds * np.eye(3)
+    return step
+
+
+def process_noise(seconds: float) -> NDArray[np.float64]:
+    """Return Q over some seconds, (6, 6): an acceleration that is white from sighting to sighting."""
+    made = Q_discrete_white_noise(2, seconds, ACCELERATION**2, block_size=3, order_by_dim=False)
+    return np.asarray(made, float)
+
+
+def sighting_noise(lens_ned: Vec3, place_ned: Vec3) -> NDArray[np.float64]:
+    """Return R of a sighting, (3, 3) m²: σ∥² u uᵀ + σ⊥² (1 − u uᵀ), u the line of sight."""
+    offset = np.array(place_ned) - np.array(lens_ned)
+    distance = float(np.linalg.norm(offset))
+    line = offset / distance if distance else np.array([1.0, 0.0, 0.0])
+    along = np.outer(line, line)
+    return (ALONG_M + ALONG * distance) ** 2 * along + (ACROSS_M + ACROSS * distance) ** 2 * (np.eye(3) - along)
+
+
+def _begun(place_ned: Vec3, noise: NDArray[np.float64]) -> KalmanFilter:
+    made = KalmanFilter(dim_x=6, dim_z=3)
+    made.x = np.array([*place_ned, 0.0, 0.0, 0.0]).reshape(6, 1)
+    made.P = np.zeros((6, 6))
+    made.P[:3, :3] = noise
+    made.P[3:, 3:] = SPEED_STD**2 * np.eye(3)
+    made.H = np.eye(3, 6)
+    return made

@@ -1,0 +1,100 @@
+"""`dronecats study load`: what a busy host does to flights in lockstep and in real time, and whether it is marked."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from dronecats.cli.study_options import levels
+
+BUSY = "0,2,4,8"  # processes
+MOST = 256  # processes
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser("load", help="the same flights in lockstep and in real time on a busy host")
+    parser.add_argument(
+        "--busy", type=levels, metavar="N,N,…", default=levels(BUSY), help=f"processes that compute beside it ({BUSY})"
+    )
+    parser.add_argument("--episodes", type=levels, metavar="ID,ID,…", help="these, by id or file")
+    parser.add_argument("--suite", action="append", metavar="NAME", help="quick (default), one-drone, commanding, all")
+    parser.add_argument("--cells", type=levels, metavar="CELL,…", help="the suite's episodes of these cells")
+    parser.add_argument("--maps", type=levels, metavar="MAP,…", help="the suite's episodes on these maps")
+    parser.add_argument("--pilot", default="oracle", metavar="NAME", help="built in (default oracle)")
+    parser.add_argument("--flights", type=int, default=1, metavar="N", help="of each episode (default 1)")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of vehicle time, of a flight (60)")
+    parser.add_argument("--latency", default="fixed:0.1", metavar="POLICY", help="of a reply (fixed:0.1)")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="factor on real time (1)")
+    parser.add_argument("--rendered", action="store_true", help="draw the frames for pilots that do not look, too")
+    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="flights in the air at a time (1)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/study-load"), metavar="DIR",
+        help="folder, gone on with (default runs/study-load)",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly and compare; status 0, or 1 where load has moved a verdict in lockstep."""
+    from dronecats.cli import signals
+    from dronecats.cli.study_spec import suite_of_options
+    from dronecats.pilots import roster
+    from dronecats.study.load import flights, page
+    from dronecats.study.load.comparison import compared
+    from foundation.errors import UsageError
+
+    signals.as_interrupts()
+    if not 1 <= args.jobs <= 64 or not 1 <= args.flights <= 1000:
+        raise UsageError("--jobs wants 1 to 64, and --flights 1 to 1000")
+    args.suite = args.suite or ([] if args.episodes else ["quick"])
+    chosen = suite_of_options(args)
+    plan = flights.LoadPlan(
+        pilot=args.pilot,
+        episodes=tuple(chosen.records),
+        levels=_levels(args.busy),
+        flights=args.flights,
+        seconds=args.seconds,
+        latency=args.latency,
+        jobs=args.jobs,
+        speed=args.speed,
+        rendered=args.rendered or roster.looks(args.pilot),
+    )
+    found = compared(flights.fly(plan, args.out, lambda line: print(line, file=sys.stderr, flush=True)))
+    written = page.write(found, args.out, _command(args), _machine())
+    if args.json:
+        print(json.dumps({**found.as_json(), "written": [str(path) for path in written]}))
+    else:
+        print(page.table(found))
+        print("\n" + "\n".join(str(path) for path in written))
+    return int(any(row.moved for row in found.rows if row.clock == "lockstep"))
+
+
+def _levels(words: list[str]) -> tuple[int, ...]:
+    from foundation.errors import UsageError
+
+    if not words or not all(word.isascii() and word.isdigit() and int(word) <= MOST for word in words):
+        raise UsageError(f"--busy wants whole numbers up to {MOST}, as in {BUSY}, got '{','.join(words):.60}'")
+    found = tuple(int(word) for word in words)
+    if len(set(found)) < len(found):
+        raise UsageError("--busy has one of its levels twice")
+    return found
+
+
+def _command(args: argparse.Namespace) -> str:
+    """Return the command that makes the same again, on such a machine."""
+    words = ["dronecats study load", f"--busy {','.join(args.busy)}"]
+    for name in ("episodes", "cells", "maps"):
+        words += [f"--{name} {','.join(getattr(args, name))}"] if getattr(args, name) else []
+    words += [f"--suite {name}" for name in args.suite]
+    words += [f"--pilot {args.pilot}", f"--flights {args.flights}", f"--seconds {args.seconds:g}"]
+    words += [f"--latency {args.latency}", f"--speed {args.speed:g}", f"--jobs {args.jobs}"]
+    words += ["--rendered"] if args.rendered else []
+    return " ".join([*words, "--out DIR"])
+
+
+def _machine() -> str:
+    from dronecats.campaign.local import cores
+
+    return f"On a machine with {cores()} cores, which may have had other work too."

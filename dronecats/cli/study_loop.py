@@ -1,0 +1,85 @@
+"""`dronecats study loop`: from velocity setpoint to motion, and how late anything on that way may come."""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+PARTS = ("margins", "stream", "trace")
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser(
+        "loop", help="find the delay margins of the cascade, and what it bears of its setpoints"
+    )
+    parser.add_argument(
+        "--airframe", action="append", metavar="NAME", help="name or TOML file; repeatable (default: all)"
+    )
+    parser.add_argument(
+        "--loops",
+        action="append",
+        metavar="LOOP",
+        help="rate, attitude, velocity, or one as `tune` names it; repeatable",
+    )
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this; repeatable (default: all three)")
+    parser.add_argument(
+        "--px4", metavar="COMMAND", help="starts a PX4 that flies the trace too (default: what DRONECATS_PX4 holds)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write page, figures, JSON and CSV into this folder")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study; status 0, or 1 where a prediction is further than 20 % off what was flown."""
+
+    def say(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    from dronecats.study.loop import margins, page, stream, trace
+    from dronecats.study.loop.cascade_loops import chosen
+    from dronecats.study.loop.hover import Hover
+    from dronecats.study.loop.pictures import AGREED
+    from dronecats.study.loop.results import LoopResults, as_json
+    from vehicles import airframe
+
+    loops, parts = chosen(args.loops), args.part or PARTS
+    frames = [airframe.load(name) for name in args.airframe or airframe.names()]
+    studies: list[margins.LoopStudy] = []
+    tolerances: list[stream.Tolerance] = []
+    traces: list[trace.FlownTrace] = []
+    for frame in frames:
+        if "margins" in parts:
+            say(f"{frame.name}: {len(loops)} loops …")
+            studies += margins.study(Hover(frame), loops)
+        if "stream" in parts:
+            say(f"{frame.name}: jitter and loss of the setpoints …")
+            tolerances += stream.tolerances(frame)
+    traced = (args.airframe or [trace.AIRFRAME])[0]
+    if "trace" in parts:
+        say(f"{traced}: the trace …")
+        traces.append(trace.fly(traced))
+        if px4 := args.px4 or os.environ.get("DRONECATS_PX4"):
+            say(f"{traced}: the trace under PX4 …")
+            traces.append(trace.fly(traced, px4=px4))
+    found = LoopResults(studies, tolerances, traces, airframe.load(traced).name)
+    written = page.write(found, args.out, _command(args)) if args.out else []
+    if args.json:
+        print(json.dumps({**as_json(found), "written": [str(path) for path in written]}))
+    else:
+        print(page.table(found))
+        if written:
+            print("\n" + "\n".join(str(path) for path in written))
+    return int(any(abs(each.off) > AGREED for each in studies))
+
+
+def _command(args: argparse.Namespace) -> str:
+    """Return the command that makes the same again."""
+    words = ["dronecats study loop"]
+    for name in ("airframe", "loops", "part"):
+        words += [f'--{name} "{value}"' if " " in value else f"--{name} {value}" for value in getattr(args, name) or ()]
+    if args.px4:
+        words.append('--px4 "COMMAND"')
+    return " ".join([*words, "--out DIR"])

@@ -1,0 +1,136 @@
+"""`dronecats study rate`: how long each link of somebody's own chain takes, without moving anything."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dronecats.cli import signals
+from dronecats.cli.fly import add_pilot, unsaid
+
+if TYPE_CHECKING:
+    from dronecats.flight.spec import FlightSpec
+    from dronecats.study.rate.files import ReplayedChain
+    from dronecats.study.rate.summary import ChainSummary
+
+QUESTIONS = 30
+LEAST = 5  # questions of which quantiles say anything
+MOST = 10_000  # latencies of a trace
+INSTRUCTION = "Find the red van and fly up to it."
+INTERRUPTED = 130
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser(
+        "rate", help="measure camera, encoding, model and setpoint of your own rig, and move nothing"
+    )
+    rig = parser.add_argument_group("the rig")
+    rig.add_argument("--connect", metavar="URL", required=True, help="the vehicle: udpin://0.0.0.0:14540, serial://…")
+    rig.add_argument(
+        "--camera", metavar="URL", required=True, help="http://, rtsp://, v4l2:0, a video file or a folder"
+    )
+    rig.add_argument("--calibration", type=Path, metavar="FILE", help="the lens, see docs/cameras.md")
+    rig.add_argument("--envelope", type=Path, metavar="FILE", help="limits of the safety envelope: docs/envelope.md")
+    rig.add_argument("--dry-run", action="store_true", help="has to be said: nothing is ever moved by this verb")
+    add_pilot(parser.add_argument_group("pilot"))
+    run_group = parser.add_argument_group("run")
+    run_group.add_argument("--instruction", metavar="TEXT", default=INSTRUCTION, help="what the pilot is told")
+    run_group.add_argument(
+        "--questions", type=int, metavar="N", help=f"how many ({QUESTIONS}; as many as --seconds allow)"
+    )
+    run_group.add_argument("--seconds", type=float, metavar="S", help="of vehicle time at most (300)")
+    run_group.add_argument("--patience", type=float, metavar="S", help="end after S without a picture or a reply (60)")
+    run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
+    run_group.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure; status 0 when so much was measured as was asked for, 2 when too little, 3 when something broke."""
+    wanted = _wanted(args)
+    spec = rehearsal(args)
+    signals.as_interrupts()
+
+    def say(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    from dronecats.run.connected import fly_connected
+    from dronecats.run.outcome import undisturbed
+    from dronecats.study.rate.files import check_fresh, write_replay
+    from dronecats.study.rate.instruments import RateInstruments
+    from dronecats.study.rate.summary import summarised
+
+    assert spec.connected is not None
+    if args.out is not None:
+        check_fresh(args.out)
+    instruments = RateInstruments(wanted)
+    result = fly_connected(spec, spec.connected, args.out, say, instruments)
+    with undisturbed():
+        instruments.close()
+        times, folder = instruments.times, instruments.run
+        found = summarised(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None
+        replay = write_replay(folder, times, found.frame_delay_s) if found and folder else None
+        status, why = _ended(result, len(times), wanted, args.seconds)
+        _report(found, replay, {"wanted": wanted, "status": status, "error": why}, as_json=args.json)
+    if why:
+        say(f"dronecats study rate: {why}")
+    return status
+
+
+def _wanted(args: argparse.Namespace) -> int | None:
+    """Return how many questions are asked, None for as many as the time allows. Raises UsageError."""
+    from foundation.errors import UsageError
+
+    if not args.dry_run:
+        raise UsageError("`study rate` never moves a vehicle; so that it is clear to everybody, add --dry-run")
+    if args.cache is not None:
+        raise UsageError("a reply that was kept takes no time: leave --cache out")
+    wanted: int | None = QUESTIONS if args.questions is None and args.seconds is None else args.questions
+    if wanted is not None and not LEAST <= wanted <= MOST:
+        raise UsageError(f"--questions wants a whole number from {LEAST} to {MOST:,}, got {wanted}")
+    return wanted
+
+
+def rehearsal(args: argparse.Namespace) -> "FlightSpec":
+    """Return the rehearsal, as `fly --connect … --dry-run` would have it. Raises UsageError."""
+    from dronecats.cli.fly_spec import spec_of
+
+    return spec_of(argparse.Namespace(**(vars(unsaid()) | vars(args))))
+
+
+def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: float | None) -> tuple[int, str | None]:
+    """Return the exit status, and why it is no 0, a sentence."""
+    kept = f"; what was measured is in {Path(result['run_dir']).parent}"
+    if result["error"]:
+        return int(result["status"]), f"{result['error']}{kept if questions else ''}"
+    if wanted is not None and questions >= wanted:
+        return 0, None
+    if result["reason"] == "interrupted":
+        return INTERRUPTED, f"interrupted after {questions} questions{kept}"
+    if questions < LEAST:
+        of = "" if wanted is None else f" of {wanted}"
+        within = f" in {seconds:g} s" if seconds is not None else ""
+        return (
+            2,
+            f"only {questions}{of} questions were answered{within}, too few to go by: give it more --seconds{kept}",
+        )
+    return 0, None
+
+
+def _report(
+    found: "ChainSummary | None", replay: "ReplayedChain | None", told: dict[str, Any], *, as_json: bool
+) -> None:
+    from dronecats.study.rate.files import CHAIN, STUDY, next_commands
+    from dronecats.study.rate.summary import table
+
+    written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
+    commands = next_commands(replay) if replay else []
+    if as_json:
+        print(json.dumps({**(found.as_json() if found else {"questions": 0}), **told,
+                          "written": written, "next": commands}))  # fmt: skip
+        return
+    if found:
+        print(table(found, told["wanted"]), "\nwritten:", *(f"  {path}" for path in written), sep="\n")
+        print("study it in simulation:", *(f"  {command}" for command in commands), sep="\n")

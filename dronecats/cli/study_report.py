@@ -1,0 +1,37 @@
+"""`dronecats study report DIR`: what a study says, as a page, figures, tables and data."""
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+
+
+def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    parser = actions.add_parser("report", help="what a study says: a page, figures, tables and data")
+    parser.add_argument("study", type=Path, metavar="DIR", help="folder of a study")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write the report into (default DIR/report)")
+    parser.add_argument("--json", action="store_true", help="print the tables as one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the report; status 0 whatever it says."""
+    from dronecats.study.analysis.flown_study import flown_study
+    from dronecats.study.report.writing import as_json, write
+    from foundation.errors import UsageError
+
+    out = args.out or args.study / "report"
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"--out {out} is a file; name a folder")
+    words = ["dronecats", "study", "report", str(args.study), *(["--out", str(args.out)] if args.out else [])]
+    made = write(flown_study(args.study), shlex.join(words), out)
+    if args.json:
+        print(json.dumps(as_json(made)))
+        return 0
+    for said in (*made.opening, *made.short):
+        print(said)
+    print(f"page: {made.page}, report: {made.markdown}")
+    if made.parquet is None:
+        print("no Parquet was written: pip install 'dronecats[query]'")
+    return 0

@@ -1,0 +1,88 @@
+"""A study's folder: study.json beside bench.json and the runs. Contract: docs/studies.md."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+
+from dronecats.rundir import layout
+from dronecats.rundir.damage import taken
+from dronecats.rundir.reading import json_object
+from dronecats.rundir.study import Level as Level
+from dronecats.rundir.study import Study as Study
+from dronecats.rundir.study import StudyFactor as StudyFactor
+from dronecats.rundir.study import StudyRun as StudyRun
+from dronecats.rundir.writing import as_json
+from dronecats.study.factors import factor_of
+from foundation.errors import UsageError
+from foundation.json_file import write_json
+
+GROWS = ("flights", "runs")  # in which a study may be gone on with
+
+
+def read(folder: Path) -> Study:
+    """Return the study of a folder. Raises UsageError where there is none, it cannot be one, or a level is none."""
+    path = folder / layout.STUDY
+    value = json_object(path)
+    if value is None:
+        raise UsageError(f"{folder} is no study: there is no {layout.STUDY} in it that can be read")
+    study, wrong = taken(value, Study)
+    if study is None:
+        raise UsageError(f"{path}: {wrong}")
+    try:
+        return _checked(study)
+    except UsageError as wrong_level:
+        raise UsageError(f"{path}: {wrong_level}") from None
+
+
+def _checked(study: Study) -> Study:
+    """Return a study with each level as its factor has it. Raises UsageError for what is no level of it."""
+    factors = tuple(replace(each, levels=tuple(_levels(each))) for each in study.factors)
+    known = {each.name: each.levels for each in factors}
+    runs = tuple(replace(run, levels=_at(run.levels, f"{run.name}: ")) for run in study.runs)
+    for run in runs:
+        if strange := next((name for name, level in run.levels.items() if level not in known.get(name, ())), None):
+            raise UsageError(f"{run.name}: {strange} {run.levels[strange]} is none of the study's levels")
+    return replace(study, factors=factors, held=_at(study.held, "held: "), runs=runs)
+
+
+def _levels(told: StudyFactor) -> Iterator[Level]:
+    factor = factor_of(told.name)
+    if not told.levels:
+        raise UsageError(f"{told.name} has no level")
+    for level in told.levels:
+        yield factor.level(level)
+
+
+def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
+    try:
+        return {name: factor_of(name).level(level) for name, level in levels.items()}
+    except UsageError as wrong:
+        raise UsageError(f"{where}{wrong}") from None
+
+
+def joined(folder: Path, study: Study) -> Study:
+    """Return a study with the runs that stand in a folder besides, of more flights or other pilots.
+
+    Raises UsageError for a folder of another study, or of none.
+    """
+    if not (folder / layout.STUDY).exists():
+        if (folder / layout.BENCH).exists():
+            raise UsageError(f"{folder} is a benchmark and no study; choose another --out")
+        return study
+    before = read(folder)
+    fixed = [each.name for each in fields(Study) if each.name not in GROWS]
+    other = [name for name in fixed if getattr(before, name) != getattr(study, name)]
+    if other:
+        raise UsageError(f"{folder} is of another study (not the same: {', '.join(other)}); choose another --out")
+    names = {run.name for run in study.runs}
+    kept = tuple(run for run in before.runs if run.name not in names)
+    return replace(study, flights=max(study.flights, before.flights), runs=(*study.runs, *kept))
+
+
+def write(folder: Path, study: Study) -> None:
+    """Write study.json. Raises UsageError where the folder does not take it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / layout.STUDY, as_json(study))
+    except OSError as error:
+        raise UsageError(f"the folder {folder} cannot be written: {error.strerror}; choose another --out") from None

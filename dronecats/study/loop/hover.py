@@ -1,0 +1,120 @@
+"""One airframe in a hover, from which every trial begins anew: the whole stack, and sensors that do not err."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.flight_core import FlightCore
+from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_RATES, KIND_TRAJECTORY, SETPOINT
+from dronecats.study.loop.cascade_loops import CascadeLoop
+from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RATE, fly_late
+from foundation.airframe import Airframe
+from foundation.frames import quat_from_euler
+from vehicles.multirotor import Multirotor
+from vehicles.sensors import Suite
+
+Array = NDArray[np.float64]
+
+SAMPLE_S = 0.001
+ORIGIN = (47.397742, 8.545594, 488.0)
+HEIGHT_M = 30.0
+CLIMB = 2.0  # m/s
+BOOT_S, SETTLE_S = 10.0, 12.0
+STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # before a step: the loop hangs on its own setpoint
+# noise and bias hide a margin, the estimator's part in the loop does not depend on them
+TRUE_SENSORS = Suite(
+    accel_noise_density=0.0, accel_random_walk=0.0, accel_bias=0.0, accel_scale=0.0,
+    gyro_noise_density=0.0, gyro_random_walk=0.0, gyro_bias=0.0, gyro_scale=0.0,
+    mag_noise=0.0, mag_bias=0.0, baro_noise_hpa=0.0, baro_drift_hpa=0.0,
+    gps_error_h=0.0, gps_error_v=0.0, gps_noise=0.0, gps_velocity_noise_h=0.0, gps_velocity_noise_v=0.0,
+    range_noise_m=0.0,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class StepAnswer:
+    """What a vehicle did after a setpoint step at time 0."""
+
+    time: Array  # (n,) s, every millisecond
+    value: Array  # (n,) rad/s, rad or m/s: the truth of the loop's axis, less what it was before
+    step: float  # what was asked for
+
+
+class Hover:
+    """A vehicle that hovers, kept as records that each trial copies."""
+
+    def __init__(self, airframe: Airframe, suite: Suite = TRUE_SENSORS, seed: int = 1) -> None:
+        """Boot, climb and settle. Raises UsageError for an airframe that cannot be controlled."""
+        self.airframe = airframe
+        vehicle = Multirotor(airframe, seed=seed, origin=ORIGIN, suite=suite)
+        core = FlightCore(airframe)
+        self.gains = core.gains
+        self._args: tuple[Any, ...] = (*vehicle.kernel_args, *core.kernel_args(vehicle.sensors, vehicle.actuators)[:8])
+        self._fly(self._args, BOOT_S)
+        self._ask(self._args, KIND_TRAJECTORY, velocity_ned=(0.0, 0.0, -CLIMB), yaw=0.0)
+        self._fly(self._args, HEIGHT_M / CLIMB)
+        self._ask(self._args, KIND_TRAJECTORY, position_ned=(0.0, 0.0, -HEIGHT_M), yaw=0.0)
+        self._fly(self._args, SETTLE_S)
+
+    @property
+    def plant(self) -> Any:
+        """The PLANT record of the hover: look, do not touch."""
+        return self._args[0]
+
+    def answer(self, loop: CascadeLoop, delay_s: float, seconds: float, step: float | None = None) -> StepAnswer:
+        """Return what the vehicle does with a small step of a loop's setpoint while its feedback is `delay_s` late."""
+        args = tuple(each.copy() if isinstance(each, np.ndarray | np.void) else each for each in self._args)
+        size = loop.step if step is None else step
+        self._enter(args, loop, 0.0)
+        before = self._fly(args, STEADY_S[loop.group])
+        self._enter(args, loop, size)
+        after = self._fly(args, seconds, loop, delay_s)
+        value = measured(loop, after) - measured(loop, before)[-1]
+        return StepAnswer(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
+
+    def _enter(self, args: tuple[Any, ...], loop: CascadeLoop, size: float) -> None:
+        """Enter the cascade at a loop, whatever is outside it open, and ask for `size` about its axis."""
+        asked = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
+        thrust = float(args[5]["hover_thrust"])
+        if loop.level == RATE:
+            self._ask(args, KIND_RATES, rates_frd=asked, thrust=thrust)
+        elif loop.level == ATTITUDE:
+            self._ask(args, KIND_ATTITUDE, attitude=quat_from_euler(*asked), yaw_rate=0.0, thrust=thrust)
+        else:
+            self._ask(args, KIND_TRAJECTORY, velocity_ned=asked, yaw=0.0)
+
+    @staticmethod
+    def _ask(args: tuple[Any, ...], kind: int, **fields: Any) -> None:
+        setpoint = args[10]
+        for name in SETPOINT.names or ():
+            if SETPOINT[name].base.kind == "f":
+                setpoint[name] = np.nan
+        setpoint["kind"], setpoint["armed"], setpoint["thrust_limit"] = kind, 1, 1.0
+        for name, value in fields.items():
+            setpoint[name] = value
+
+    @staticmethod
+    def _fly(args: tuple[Any, ...], seconds: float, loop: CascadeLoop | None = None, delay_s: float = 0.0) -> Array:
+        """Return the truth of every millisecond, (n, COLUMNS)."""
+        out = np.empty((round(seconds / SAMPLE_S), COLUMNS))
+        level, axis = (loop.level, loop.axis) if loop else (RATE, 0)
+        line, heard = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
+        fly_late(level, axis, min(delay_s / SAMPLE_S, LINE - 2.0), out, line, heard, *args)
+        return out
+
+
+def measured(loop: CascadeLoop, rows: Array) -> Array:
+    """Return the truth of what a loop controls from rows of COLUMNS: (n,) rad/s, rad or m/s."""
+    if loop.level == RATE:
+        return rows[:, loop.axis]
+    if loop.level != ATTITUDE:
+        return rows[:, 7 + loop.axis]
+    w, x, y, z = rows[:, 3:7].T
+    angles = (
+        np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
+        np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
+    return np.asarray(np.unwrap(angles[loop.axis]))

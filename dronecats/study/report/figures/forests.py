@@ -1,0 +1,99 @@
+"""Differences with their intervals, a line each: levels against the reference, entrants, factors."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from dronecats.review.figures import style
+from dronecats.statistics.paired import ALPHA
+from dronecats.study.analysis.effects import MainEffect
+from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
+from dronecats.study.analysis.studied import StudiedFactor
+from dronecats.study.report.figures import panels
+from dronecats.study.report.findings import FactorFindings, Findings
+from dronecats.study.report.words import PERCENT, cell_title
+
+
+def between_levels(found: Findings, along: FactorFindings) -> Any | None:
+    """Return each level's success less the reference's, a panel a cell; None without a pair."""
+    reference = along.factor.told(along.factor.reference)
+    lines = {entrant: entrant for entrant in found.studied.entrants}
+    told = [(each, lines[each.first]) for each in along.between_levels if each.metric == SUCCESS]
+    return _differences(found, along, told, list(lines), f"success less that at {reference} (points)")
+
+
+def between_entrants(found: Findings, along: FactorFindings) -> Any | None:
+    """Return one entrant's success less another's at each level, a panel a cell; None where there are no two."""
+    told = [(e, f"{e.first} less {e.second}") for e in along.between_entrants if e.metric == SUCCESS]
+    return _differences(found, along, told, list(dict.fromkeys(name for _, name in told)), "difference (points)")
+
+
+def effects(found: Findings) -> Any | None:
+    """Return how each factor changes the log odds, a panel a cell; None of a study of one factor."""
+    told = [each for each in found.effects if each.log_odds is not None]
+    if not told:
+        return None
+    factors = found.studied.factors
+    names = list(dict.fromkeys(_name(factors[each.factor], each) for each in told))
+    cells = [cell for cell in found.studied.groups if any(each.cell == cell for each in told)]
+    made, axes = panels.panels(len(cells), 0.5 + 0.38 * len(names), min(2, len(cells)))
+    for axis, cell in zip(axes, cells, strict=True):
+        axis.axvline(0.0, color=style.GREY, linewidth=0.7, zorder=0)
+        for number, entrant in enumerate(found.studied.entrants):
+            for each in (each for each in told if (each.entrant, each.cell) == (entrant, cell)):
+                y = names.index(_name(factors[each.factor], each)) + _aside(number, len(found.studied.entrants))
+                change = each.log_odds or 0.0
+                ends = [change if end is None else end for end in (each.low, each.high)]
+                axis.plot(ends, [y, y], color=panels.colour(number), linewidth=1.1)
+                _dot(axis, change, y, number, each.p_holm <= ALPHA, entrant)
+        axis.set_yticks(range(len(names)), names)
+        axis.set_ylim(len(names) - 0.5, -0.5)
+        axis.set_title(cell_title(cell))
+        axis.set_xlabel("change of the log odds of success")
+    return panels.finished(made, axes, found.command)
+
+
+def _name(factor: StudiedFactor, told: MainEffect) -> str:
+    return f"{factor.name.replace('_', ' ')}\n{factor.told(told.begin)} → {factor.told(told.end)}"
+
+
+def _differences(
+    found: Findings,
+    along: FactorFindings,
+    told: Sequence[tuple[PairedDifference, str]],
+    lines: Sequence[str],
+    label: str,
+) -> Any | None:
+    if not told:
+        return None
+    steps = list(dict.fromkeys(each.at for each, _ in told))
+    cells = [cell for cell in found.studied.groups if any(each.cell == cell for each, _ in told)]
+    height = 0.55 + (0.16 + 0.12 * len(lines)) * len(steps)
+    made, axes = panels.panels(len(cells), max(1.3, height))
+    for k, (axis, cell) in enumerate(zip(axes, cells, strict=True)):
+        axis.axvline(0.0, color=style.GREY, linewidth=0.7, zorder=0)
+        for each, line in (pair for pair in told if pair[0].cell == cell):
+            number = lines.index(line)
+            y = steps.index(each.at) + _aside(number, len(lines))
+            low, high = each.difference.low, each.difference.high
+            if low is not None and high is not None:
+                axis.plot([PERCENT * low, PERCENT * high], [y, y], color=panels.colour(number), linewidth=1.1)
+            _dot(axis, PERCENT * each.difference.mean, y, number, each.p_holm <= ALPHA, line)
+        axis.set_yticks(range(len(steps)), [panels.plain(step, along.factor) for step in steps])
+        axis.set_ylim(len(steps) - 0.5, -0.5)
+        axis.set_title(cell_title(cell))
+        axis.set_xlabel(label)
+        if k % panels.ACROSS == 0:
+            axis.set_ylabel(along.factor.title)
+    return panels.finished(made, axes, found.command)
+
+
+def _aside(number: int, count: int) -> float:
+    return 0.22 * (number - (count - 1) / 2) * min(1.0, 3.0 / count)
+
+
+def _dot(axis: Any, x: float, y: float, number: int, told_apart: bool, label: str) -> None:
+    """Draw a mark: filled where the test tells the two apart."""
+    inner = panels.colour(number) if told_apart else "white"
+    axis.plot([x], [y], panels.marker(number), color=panels.colour(number), markerfacecolor=inner, markersize=4.2,
+              markeredgewidth=1.0, linestyle="", zorder=3)  # fmt: skip
+    axis.plot([], [], panels.marker(number), color=panels.colour(number), markersize=4.2, linestyle="", label=label)

@@ -1,0 +1,87 @@
+"""Tables of pairs on the same seeds: each level against the reference, each entrant against another."""
+
+from collections.abc import Sequence
+
+from dronecats.review.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.study.analysis.levels import MEASURES
+from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
+from dronecats.study.report.findings import FactorFindings, Findings
+from dronecats.study.report.outcome_tables import mean
+from dronecats.study.report.words import PERCENT, cell_title
+
+Blocks = dict[str, dict[str, dict[str, PairedDifference]]]  # block → line → metric
+TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}
+TESTS = (
+    "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: points of 100,"
+    " Agresti and Min's interval, McNemar's exact test; other measures: Student's interval of the episodes' means,"
+    " Wilcoxon's exact signed-rank test. p, Holm: corrected for all lines of the block and measure."
+)
+
+
+def between_levels(found: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return each level against the reference, a line a level, a group of columns a measure; None without a pair."""
+    reference = along.factor.told(along.factor.reference)
+    blocks: Blocks = {}
+    for each in along.between_levels:
+        _put(blocks, f"{each.first}, {cell_title(each.cell).lower()}", each)
+    title, caption = f"Each level against {reference}", f"The level less {reference}, of the same entrant. {TESTS}"
+    return _table(found, along, blocks, name="against_reference", title=title, caption=caption)
+
+
+def between_entrants(found: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return each two entrants at each level; None where there are no two."""
+    blocks: Blocks = {}
+    for each in along.between_entrants:
+        _put(blocks, f"{each.first} less {each.second}, {cell_title(each.cell).lower()}", each)
+    title = f"Who flies, at each level of {along.factor.name.replace('_', ' ')}"
+    caption = f"The first less the second, at the same level. {TESTS}"
+    return _table(found, along, blocks, name="between_entrants", title=title, caption=caption)
+
+
+def _put(blocks: Blocks, block: str, each: PairedDifference) -> None:
+    blocks.setdefault(block, {}).setdefault(each.at.title, {})[each.metric] = each
+
+
+def _table(
+    found: Findings, along: FactorFindings, blocks: Blocks, *, name: str, title: str, caption: str
+) -> ReportTable | None:
+    if not blocks:
+        return None
+    columns = [
+        TableColumn(name="level", title=along.factor.title, align="left"),
+        TableColumn(name="pairs", title="Pairs"),
+    ]
+    for metric, (shown, unit) in TITLES.items():
+        columns += [
+            TableColumn(name=f"{metric}_difference", title="Difference", group=f"{shown} ({unit})", decimals=1),
+            TableColumn(name=f"{metric}_p", title="p", group=f"{shown} ({unit})", decimals=3, floor=0.001),
+            TableColumn(name=f"{metric}_p_holm", title="p, Holm", group=f"{shown} ({unit})", decimals=3, floor=0.001),
+        ]
+    return ReportTable(
+        name=along.named(name),
+        title=title,
+        caption=caption,
+        columns=tuple(columns),
+        blocks=tuple(
+            TableBlock(title=block, rows=tuple(_row(at, by) for at, by in rows.items()))
+            for block, rows in blocks.items()
+        ),
+        command=found.command,
+    )
+
+
+def _row(at: str, by_metric: dict[str, PairedDifference]) -> TableRow:
+    cells = [TableCell(value=at), TableCell(value=max(each.pairs for each in by_metric.values()))]
+    for metric in TITLES:
+        each = by_metric.get(metric)
+        if each is None:
+            cells += [TableCell(value=None)] * 3
+        else:
+            scale = PERCENT if metric == SUCCESS else 1.0
+            cells += [mean(each.difference, scale), TableCell(value=each.p), TableCell(value=each.p_holm)]
+    return TableRow(cells=tuple(cells))
+
+
+def tables(found: Findings, along: FactorFindings) -> Sequence[ReportTable]:
+    """Return these tables of one factor, those that there is something to tell in."""
+    return [table for table in (between_levels(found, along), between_entrants(found, along)) if table is not None]

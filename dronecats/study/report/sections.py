@@ -1,0 +1,146 @@
+"""The report's sections: what stands in them, in which order, on the page and in Markdown alike."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from dronecats.review.report_table import ReportTable
+from dronecats.study.analysis.paired_flights import PairedDifference
+from dronecats.study.analysis.studied import ALL
+from dronecats.study.report import other_tables, outcome_tables, pair_tables
+from dronecats.study.report.figures.all import StudyFigure
+from dronecats.study.report.findings import FactorFindings, Findings
+from dronecats.study.report.words import PERCENT, cell_title, half_sentence, points, probability
+
+
+@dataclass(frozen=True, slots=True)
+class SectionPart:
+    """Figures with the tables that tell their numbers."""
+
+    figures: tuple[StudyFigure, ...]
+    tables: tuple[ReportTable, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StudySection:
+    """A section."""
+
+    key: str  # of its address
+    title: str
+    said: tuple[str, ...]  # sentences above its parts
+    parts: tuple[SectionPart, ...]
+
+    @property
+    def tables(self) -> tuple[ReportTable, ...]:
+        """All tables of it."""
+        return tuple(table for part in self.parts for table in part.tables)
+
+
+def sections(found: Findings, figures: Sequence[StudyFigure]) -> list[StudySection]:
+    """Return the sections, those that there is something to tell in."""
+    drawn = {figure.name: figure for figure in figures}
+    made = [section for along in found.factors for section in _along(found, along, drawn)]
+    if table := other_tables.effects(found):
+        said = ("What each factor does by itself, from one fit over all of them.",)
+        made.append(StudySection("main-effects", "Main effects", said, (_part(drawn, [table], "main_effects"),)))
+    maps = [_part(drawn, [table], table.name) for table in other_tables.interactions(found)]
+    if maps:
+        said = (
+            "Two factors together: where both hurt more than each by itself, the map is darker than its edges say.",
+        )
+        made.append(StudySection("interactions", "Interactions", said, tuple(maps)))
+    made.append(StudySection("setup", "How it was flown", (), (_part(drawn, [other_tables.setup(found)]),)))
+    return made
+
+
+def opening(found: Findings) -> list[str]:
+    """Return what is to be known before any number, sentences."""
+    studied = found.studied
+    scored, flown = len(studied.scored), len(studied.flights)
+    said = [
+        f"{flown} flights of {len({each.scored.episode for each in studied.flights})} episodes,"
+        f" {scored} of them scored; {studied.design}."
+    ]
+    if studied.planned > flown:
+        said.append(
+            f"The study is not flown to its end: {studied.planned - flown} of {studied.planned} flights are missing."
+        )
+    return [*said, *studied.notes]
+
+
+def short(found: Findings) -> list[str]:
+    """Return what the study says in a few sentences: what levels cost, and where half succeed."""
+    said = []
+    for along in found.factors:
+        groups = [cell for cell in found.studied.groups if cell != ALL] or list(found.studied.groups)
+        said += [half_sentence(found.studied, each) for each in along.halves if each.cell in groups and not each.beside]
+        said += list(_costs(found, along))
+    effects = [each for each in found.effects if each.cell == found.studied.groups[0]]
+    for effect in effects:
+        factor = found.studied.factors[effect.factor]
+        said.append(
+            f"{effect.entrant}: {factor.name.replace('_', ' ')} from {factor.told(effect.begin)} to"
+            f" {factor.told(effect.end)} moves success from {PERCENT * effect.share_begin:.0f} to"
+            f" {PERCENT * effect.share_end:.0f} % (fitted; p {_equals(effect.p_holm)} after Holm's correction)."
+        )
+    return said
+
+
+def _costs(found: Findings, along: FactorFindings) -> Iterator[str]:
+    """Yield for each entrant what the nearest level that is told from the reference costs."""
+    reference = along.factor.told(along.factor.reference)
+    for entrant in found.studied.entrants:
+        cell = found.studied.groups[0]
+        told = [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, "success")]
+        apart = [each for each in told if each.p_holm <= 0.05]
+        if not told:
+            continue
+        if not apart:
+            yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success."
+            continue
+        each = min(apart, key=_away)  # of words, which are no way off, the first
+        known = each.difference
+        interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
+        yield (
+            f"{entrant}, {cell_title(cell).lower()}: {each.at.title} is the first level that is told apart from"
+            f" {reference}: {points(known.mean)} points of success{interval}; p {_equals(each.p_holm)} after"
+            " Holm's correction."
+        )
+
+
+def _away(told: PairedDifference) -> float:
+    """Return how far a level lies from the one it is compared with; 0 of words."""
+    at, against = told.at.at, told.against.at
+    return 0.0 if at is None or against is None else abs(at - against)
+
+
+def _along(found: Findings, along: FactorFindings, drawn: dict[str, StudyFigure]) -> Iterator[StudySection]:
+    name, key = along.factor.name.replace("_", " "), along.factor.name.replace("_", "-")
+    success, *rest = outcome_tables.tables(found, along)
+    fits = [table for table in rest if table.name == along.named("half_success")]
+    every = [table for table in rest if table not in fits]
+    parts = (
+        _part(drawn, [success, *fits], along.named("success"), along.named("success_beside")),
+        _part(drawn, every, along.named("measures")),
+    )
+    pooled = found.studied.groups[0]
+    several = [half_sentence(found.studied, e) for e in along.halves if e.beside and e.cell == pooled]
+    yield StudySection(key, f"Along {name}", tuple(several), parts)
+    pairs = [_part(drawn, [table], table.name) for table in pair_tables.tables(found, along)]
+    if pairs:
+        yield StudySection(f"{key}-pairs", f"Pairs along {name}", (), tuple(pairs))
+    steps = [
+        _part(drawn, [table], table.name)
+        for table in (other_tables.motion(found, along), other_tables.served(found, along))
+        if table
+    ]
+    if steps:
+        yield StudySection(f"{key}-steps", f"Decisions along {name}", (), tuple(steps))
+
+
+def _part(drawn: dict[str, StudyFigure], tables: Sequence[ReportTable], *names: str) -> SectionPart:
+    return SectionPart(tuple(drawn[name] for name in names if name in drawn), tuple(tables))
+
+
+def _equals(p: float) -> str:
+    told = probability(p)
+    return told if told.startswith("<") else f"= {told}"

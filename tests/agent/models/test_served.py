@@ -1,0 +1,50 @@
+"""What a vendor says that it serves is kept beside the reply: the name that was asked for says less."""
+
+import json
+from typing import Any
+
+import pytest
+
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
+from tests.agent.models.recording import Recording
+
+CHAT = {"choices": [{"message": {"content": "{}"}, "finish_reason": "stop"}]}
+MESSAGE = {"type": "message", "content": [{"type": "text", "text": "{}"}], "stop_reason": "end_turn"}
+CONTENT = {"candidates": [{"content": {"parts": [{"text": "{}"}]}, "finishReason": "STOP"}]}
+KEY = "sk-SECRET-1234567890"
+
+
+@pytest.mark.parametrize(
+    ("provider", "said", "served"),
+    [
+        ("openai", {**CHAT, "model": "m-2026-01-01", "system_fingerprint": "fp_9"}, "m-2026-01-01 fp_9"),
+        ("openai", {**CHAT, "model": "m-2026-01-01", "system_fingerprint": None}, "m-2026-01-01"),
+        ("openai", {**CHAT, "model": "m"}, None),
+        ("openai", {**CHAT, "model": "m", "system_fingerprint": "fp_9"}, "m fp_9"),
+        ("openai", {**CHAT, "model": 7, "system_fingerprint": ["x"]}, None),
+        ("openai", {**CHAT, "model": "m" * 1000}, "m" * 100),
+        ("openai", {**CHAT, "model": "a\nb"}, None),
+        ("openai", {**CHAT, "model": f"m {KEY}"}, "m •••"),
+        ("openai", CHAT, None),
+        ("anthropic", {**MESSAGE, "model": "m-20260101"}, "m-20260101"),
+        ("gemini", {**CONTENT, "modelVersion": "m-002"}, "m-002"),
+        ("gemini", CONTENT, None),
+    ],
+)
+def test_the_name_and_the_version_are_the_vendors(
+    provider: str, said: dict[str, Any], served: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    with Recording(json.dumps(said).encode()) as server:
+        model = open_model(ModelSpec(provider=provider, name="m", base_url=server.url + "/v1"))
+        try:
+            told = model.ask(Request("text", (), thinking=False)).served
+        finally:
+            model.close()
+    if served and "•••" in served:
+        assert told is not None
+        assert KEY not in told
+    else:
+        assert told == served

@@ -1,0 +1,169 @@
+"""The schemas under OpenAI's rules for strict ones, and what a reply that keeps to them is read as.
+
+platform.openai.com/docs/guides/structured-outputs, "Supported schemas".
+"""
+
+import json
+
+import jsonschema
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.action import Action, action_from
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.reply_schema import action_schema, flat_action_schema, orders_schema, reply_schema
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.orders import parse_orders
+from dronecats.agent.reply.reading import reading
+from foundation.errors import UsageError
+
+TYPES = {"string", "number", "boolean", "integer", "object", "array", "null"}
+KEYWORDS = {
+    "object": {"properties", "required", "additionalProperties"},
+    "array": {"items", "minItems", "maxItems"},
+    "number": {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "multipleOf"},
+    "integer": {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "multipleOf"},
+    "string": {"enum"},
+}
+
+
+def faults(schema, root=True):
+    """Yield what OpenAI would refuse a strict schema for."""
+    if "anyOf" in schema:
+        if root:
+            yield "a choice at the root"
+        for each in schema["anyOf"]:
+            yield from faults(each, root=False)
+        return
+    kinds = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
+    if root and kinds != ["object"]:
+        yield "a root that is no object"
+    yield from (f"type {kind}" for kind in kinds if kind not in TYPES)
+    known = {"type"}.union(*(KEYWORDS.get(kind, set()) for kind in kinds))
+    yield from (f"keyword {key}" for key in schema if key not in known)
+    if "object" in kinds:
+        if schema["required"] != list(schema["properties"]):
+            yield "a property that may be left out"
+        if schema["additionalProperties"] is not False:
+            yield "properties of any name"
+        for each in schema["properties"].values():
+            yield from faults(each, root=False)
+    if "array" in kinds:
+        yield from faults(schema["items"], root=False)
+
+
+def sent(provider, role="pilot", drones=1, schema="object"):
+    """Return the schema that a provider's model is held to."""
+    model = open_model(ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema=schema))
+    body = model.body(Request("text", (b"jpeg",) * drones, False, role=role))
+    model.close()
+    return body["response_format"]["json_schema"]
+
+
+@pytest.mark.parametrize("provider", ["openai", "openrouter", "litellm"])
+def test_what_openai_is_sent_is_what_it_takes(provider):
+    for held in (sent(provider), sent(provider, "commander", 4)):
+        assert held["strict"] is True
+        assert list(faults(held["schema"])) == []
+    assert list(faults(action_schema())) == ["a choice at the root"]  # which servers of one's own take
+    assert list(faults(reply_schema("array"))) == ["a root that is no object"]
+
+
+def test_the_bodies():
+    number = {"type": ["number", "null"]}
+    point = {
+        "type": ["array", "null"],
+        "items": {"type": "number", "minimum": 0, "maximum": 1000},
+        "minItems": 2,
+        "maxItems": 2,
+    }
+    assert sent("openai") == {
+        "name": "reply",
+        "strict": True,
+        "schema": {
+            "type": "object",
+            "properties": {
+                "action": {"type": "string", "enum": ["go", "rotate", "think", "finished"]},
+                "point": point,
+                "depth_m": {**number, "exclusiveMinimum": 0},
+                "angle_deg": number,
+            },
+            "required": ["action", "point", "depth_m", "angle_deg"],
+            "additionalProperties": False,
+        },
+    }
+    drone = {"type": "integer", "minimum": 1, "maximum": 3}
+    order = {
+        "type": "object",
+        "properties": {"drone": drone, "goal": {"type": "string"}},
+        "required": ["drone", "goal"],
+        "additionalProperties": False,
+    }
+    assert sent("vllm", "commander", 3, "array") == {
+        "name": "reply",
+        "strict": True,
+        "schema": {
+            "type": "object",
+            "properties": {"orders": {"type": "array", "items": order}, "confirm": {"type": "array", "items": drone}},
+            "required": ["orders", "confirm"],
+            "additionalProperties": False,
+        },
+    }
+
+
+def test_a_server_of_ones_own_is_sent_the_narrower_one():
+    assert sent("vllm")["schema"] == action_schema()
+
+
+POINTS = st.lists(st.floats(0, 1000), min_size=2, max_size=2)
+REPLIES = st.fixed_dictionaries(
+    {
+        "action": st.sampled_from(["go", "rotate", "think", "finished"]),
+        "point": st.none() | POINTS,
+        "depth_m": st.none() | st.floats(0.001, 1e5),
+        "angle_deg": st.none() | st.floats(-3600, 3600),
+    }
+)
+WANTS = {"go": ("point", "depth_m"), "rotate": ("angle_deg",), "think": (), "finished": ()}
+
+
+@given(REPLIES, st.sampled_from(["xy", "yx"]), st.sampled_from(["strict", "lenient"]))
+def test_a_reply_that_keeps_to_it_is_one_of_the_four_whose_own_fields_are_there(reply, order, parser):
+    jsonschema.validate(reply, flat_action_schema())
+    (read,) = reading(json.dumps(reply), 1, order, parser)
+    own = {name: reply[name] for name in WANTS[reply["action"]]}
+    if None in own.values():
+        assert read.action is None
+    else:
+        assert isinstance(read.action, Action)
+        assert read.action == action_from({"action": reply["action"], **own}, order)
+        assert read.mended == ()
+
+
+@given(
+    st.fixed_dictionaries(
+        {
+            "orders": st.lists(
+                st.fixed_dictionaries(
+                    {"drone": st.integers(1, 4), "goal": st.text("ab ", min_size=1).filter(str.strip)}
+                ),
+                unique_by=lambda order: order["drone"],
+            ),
+            "confirm": st.lists(st.integers(1, 4)),
+        }
+    )
+)
+def test_orders_that_keep_to_it_are_read(reply):
+    jsonschema.validate(reply, orders_schema(4))
+    read = parse_orders(json.dumps(reply), 4)
+    assert [drone + 1 for drone, _ in read.goals] == [order["drone"] for order in reply["orders"]]
+    assert {drone + 1 for drone in read.confirmed} == set(reply["confirm"])
+
+
+def test_openai_itself_is_asked_for_no_array(monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-SECRET-1234567890")
+    with pytest.raises(UsageError, match="openai/m cannot be held to an array of actions: OpenAI wants an object"):
+        open_model(ModelSpec(provider="openai", name="m", schema="array"))
+    open_model(ModelSpec(provider="openai", name="m", schema="array", base_url="http://127.0.0.1:1/v1")).close()

@@ -1,0 +1,74 @@
+"""What a reply points at, as a place: by where the vehicle was, and how it leaned, when the picture was taken."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.action import Go
+from dronecats.agent.controller import displacement, plan
+from dronecats.agent.steady.place import point_of, seen_place
+from foundation.camera import CameraModel
+from foundation.setpoints import Sight, Velocity
+
+CAMERA = CameraModel()
+MIDDLE = Go(500.0, 500.0, 10.0)
+
+angles = st.floats(-0.5, 0.5)
+sights = st.builds(
+    Sight,
+    st.tuples(st.floats(-90.0, 90.0), st.floats(-90.0, 90.0), st.floats(-9.0, 0.0)),
+    st.floats(-math.pi, math.pi),
+    angles,
+    angles,
+)
+points = st.builds(Go, st.floats(0.0, 1000.0), st.floats(0.0, 1000.0), st.floats(2.0, 200.0))
+
+
+@given(points, sights)
+def test_a_place_at_capture_is_seen_at_the_point_that_named_it(go, sight):
+    seen = point_of(seen_place(go, sight, CAMERA).place_ned, sight, CAMERA)
+    assert (seen.x, seen.y, seen.depth_m) == pytest.approx((go.x, go.y, go.depth_m), abs=1e-6)
+
+
+def test_what_lies_behind_is_in_no_picture():
+    with pytest.raises(ValueError, match="behind"):
+        point_of((-1.0, 0.0, 0.0), Sight((0.0, 0.0, 0.0), 0.0), CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("sight", "place"),
+    [
+        (Sight((1.0, 2.0, -3.0), 0.0), (11.5, 2.0, -2.9)),  # the lens is 0.5 m ahead of the body and 0.1 m below it
+        (Sight((1.0, 2.0, -3.0), math.pi / 2.0), (1.0, 12.5, -2.9)),
+        (Sight((0.0, 0.0, 0.0), 0.0, 0.0, math.pi / 2.0), (0.1, 0.0, -10.5)),  # nose up: straight above
+        (Sight((0.0, 0.0, 0.0), 0.0, math.pi / 2.0, 0.0), (10.5, -0.1, 0.0)),  # right side down: the same line of sight
+    ],
+)
+def test_the_middle_of_the_picture_is_straight_ahead_of_the_body(sight, place):
+    assert seen_place(MIDDLE, sight, CAMERA).place_ned == pytest.approx(place, abs=1e-9)
+
+
+@given(st.floats(2.0, 4.99), st.floats(440.0, 560.0))
+def test_a_short_stride_is_as_long_as_the_papers(depth_m, x):
+    go = Go(x, 500.0, depth_m)
+    (move,) = plan(go, CAMERA)
+    assert isinstance(move.setpoint, Velocity)
+    whole = math.hypot(*displacement(go, CAMERA))
+    reach = seen_place(go, Sight((0.0, 0.0, 0.0), 0.0), CAMERA).reach
+    assert reach * whole == pytest.approx(move.setpoint.forward * move.duration_s)
+
+
+def test_far_off_the_same_share_is_flown_and_before_what_is_close_nothing():
+    here = Sight((0.0, 0.0, 0.0), 0.0)
+    assert [seen_place(Go(500.0, 500.0, depth), here, CAMERA).reach for depth in (5.0, 50.0, 1.99)] == [0.6, 0.6, 0.0]
+
+
+def test_small_climbs_are_not_flown_in_the_picture_nor_in_the_world():
+    level, nose_down = Sight((0.0, 0.0, 0.0), 0.0), Sight((0.0, 0.0, 0.0), 0.0, 0.0, -0.1)
+    low = Go(500.0, 500.0 + 1000.0 * 0.14 * CAMERA.focal_px / CAMERA.height, 10.0)
+    lower = Go(500.0, 500.0 + 1000.0 * 0.2 * CAMERA.focal_px / CAMERA.height, 10.0)
+    assert [seen_place(go, level, CAMERA).level for go in (low, lower)] == [True, False]
+    assert seen_place(low, nose_down, CAMERA).level  # the pilot meant no descent
+    assert seen_place(lower, Sight((0.0, 0.0, 0.0), 0.0, 0.0, 0.1), CAMERA).level  # nose up: it is hardly lower

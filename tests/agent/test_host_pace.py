@@ -1,0 +1,180 @@
+"""A step that the host delayed is told from one that the model delayed, on clocks of the test's own."""
+
+import json
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.decider import Questions
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.host_pace import HostPace
+from dronecats.agent.latency import latency
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.models.model import Reply
+from dronecats.agent.prompt import Prompt
+from dronecats.judge.host_stalls import STALL_S, delayed, host_stalls
+from dronecats.rundir.reading import rows
+from dronecats.rundir.rows import Decision
+from tests.agent.flown_wire import CAMERA, Clock, Views
+
+
+class Wall:
+    """A wall's clock."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def heard(wall: Wall, pace: HostPace, wall_s: float, vehicle_s: float) -> None:
+    wall.now_s = wall_s
+    pace.tick(vehicle_s)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_a_clock_that_keeps_up_has_no_lag_whatever_it_counts_from(speed: float) -> None:
+    wall = Wall()
+    pace = HostPace(wall, speed)
+    watch = pace.watch()
+    for k in range(100):
+        heard(wall, pace, 0.05 * k / speed, 12.0 + 0.05 * k)
+    lag_s, waited_s = watch.take()
+    assert (lag_s, waited_s) == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_a_stall_counts_though_it_is_caught_up_and_is_of_one_step_alone() -> None:
+    wall = Wall()
+    pace = HostPace(wall, 1.0)
+    watch, other = pace.watch(), pace.watch()
+    heard(wall, pace, 0.0, 5.0)
+    heard(wall, pace, 0.6, 5.1)  # it stood still for half a second …
+    heard(wall, pace, 0.7, 5.7)  # … and has made up for it
+    assert watch.take()[0] == pytest.approx(0.5)
+    heard(wall, pace, 0.8, 5.8)
+    assert watch.take()[0] == pytest.approx(0.0, abs=1e-9)
+    assert other.take()[0] == pytest.approx(0.5)  # each who decides has steps of its own
+
+
+def test_a_stall_that_begins_with_the_step_is_that_steps() -> None:
+    wall = Wall()
+    pace = HostPace(wall, 1.0)
+    watch = pace.watch()
+    heard(wall, pace, 0.0, 5.0)
+    watch.take()
+    heard(wall, pace, 0.55, 5.05)
+    assert watch.take()[0] == pytest.approx(0.5)
+
+
+def test_time_that_was_given_up_is_no_lag_of_the_steps_after_it() -> None:
+    wall = Wall()
+    pace = HostPace(wall, 1.0)
+    watch = pace.watch()
+    heard(wall, pace, 0.0, 0.0)
+    heard(wall, pace, 3.0, 0.05)
+    assert watch.take()[0] == pytest.approx(2.95)
+    for k in range(1, 40):
+        heard(wall, pace, 3.0 + 0.05 * k, 0.05 + 0.05 * k)
+    assert watch.take()[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=30))
+def test_the_lag_is_the_greatest_fall_between_any_two_moments(steps: list[tuple[float, float]]) -> None:
+    wall, late, vehicle_s = Wall(), [], 0.0
+    pace = HostPace(wall, 1.0)
+    watch = pace.watch()
+    for wall_s, flown_s in steps:
+        vehicle_s += flown_s
+        heard(wall, pace, wall.now_s + wall_s, vehicle_s)
+        late.append(wall.now_s - vehicle_s)
+    naive = max(b - a for k, a in enumerate(late) for b in late[k:])
+    assert watch.take()[0] == pytest.approx(naive, abs=1e-9)
+
+
+class Slow:
+    """A model that takes its time on the wall's clock, as the vehicle flies on."""
+
+    name = "slow"
+
+    def __init__(self, delays: Callable[[int], None]) -> None:
+        self._delays, self._asked = delays, 0
+
+    def ask(self, request: object) -> Reply:
+        self._asked += 1
+        self._delays(self._asked)
+        return Reply(json.dumps({"action": "rotate", "angle_deg": 30}), 0.1)
+
+    def check(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Late(Views):
+    """A camera that takes its time on the wall's clock for its third picture."""
+
+    def __init__(self, wall: Wall) -> None:
+        super().__init__()
+        self._wall, self._taken = wall, 0
+
+    def newest(self, drone=0):
+        self._taken += 1
+        if self._taken == 3:
+            self._wall.now_s += 0.4
+        return super().newest(drone)
+
+
+def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_path) -> None:
+    wall, vehicle = Wall(), Clock()
+    pace = HostPace(wall, 1.0)
+    stalls = {60: 0.4}  # at this tick the simulator stands still
+
+    def on_tick() -> None:
+        ticks = vehicle.time_us // 50_000
+        wall.now_s += 0.05 + stalls.pop(ticks, 0.0)
+        pace.tick(vehicle.time_us / 1e6)
+
+    log = DecisionLog(tmp_path / "decisions.jsonl")
+    cockpit = Cockpit(
+        aircraft=[vehicle], camera=Late(wall), camera_model=CAMERA, log=log, frames_dir=tmp_path,
+        executor=InlineExecutor(), t0_us=0, on_tick=on_tick, host=pace,
+    )  # fmt: skip
+    policy = latency("fixed:2.0")  # slower than any host in this test
+    PaperAgent(Questions(Slow(lambda asked: None), Prompt.load(None), "go", policy), cockpit).fly(14.0)
+    log.close()
+    told = list(rows(tmp_path / "decisions.jsonl", Decision))
+    assert len(told) >= 5
+    assert [delayed(each) for each in told] == [False, True, True, *[False] * (len(told) - 3)]
+    assert told[1].host_lag_s == pytest.approx(0.4, abs=0.06)
+    assert told[2].frame_wait_s == pytest.approx(0.4, abs=0.06)
+    assert host_stalls(told) == 2
+    assert all(each.latency_s == 2.0 for each in told)
+
+
+def test_where_no_clock_is_held_nothing_is_said_of_the_host(tmp_path) -> None:
+    log = DecisionLog(tmp_path / "decisions.jsonl")
+    cockpit = Cockpit(
+        aircraft=[Clock()], camera=Views(), camera_model=CAMERA, log=log, frames_dir=tmp_path,
+        executor=InlineExecutor(), t0_us=0,
+    )  # fmt: skip
+    PaperAgent(Questions(Slow(lambda asked: None), Prompt.load(None), "go", latency("fixed:0.5")), cockpit).fly(5.0)
+    log.close()
+    assert "host" not in (tmp_path / "decisions.jsonl").read_text()
+    assert "frame_wait" not in (tmp_path / "decisions.jsonl").read_text()
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "wait_s", "is_delayed"), [(STALL_S, STALL_S, False), (STALL_S + 0.001, 0.0, True), (0.0, 0.3, True)]
+)
+def test_the_threshold_is_what_it_says(lag_s: float, wait_s: float, is_delayed: bool) -> None:
+    step = Decision(
+        step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=None, host_lag_s=lag_s, frame_wait_s=wait_s
+    )
+    assert delayed(step) is is_delayed
+    assert host_stalls([step, step]) == int(is_delayed)  # a fleet's rows of one step are one

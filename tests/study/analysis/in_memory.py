@@ -1,0 +1,44 @@
+"""Studies as values, made up without a folder."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, StudiedLevel
+from tests.support.scores import a_run, an_episode
+
+Law = Callable[..., float]  # levels, in the order of the factors → log odds of the middle episode
+
+
+def a_study(
+    factors: Sequence[StudiedFactor],
+    points: Sequence[tuple[StudiedLevel, ...]],
+    law: Law,
+    *,
+    episodes: int = 20,
+    flights: int = 2,
+    scatter: float = 1.0,
+    entrants: Sequence[str] = ("vision",),
+    seed: int = 0,
+) -> Studied:
+    """Return a study with every episode flown at every point, success drawn by the law."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for entrant in entrants:
+        run = a_run(f"runs/{entrant}", pilot=entrant)
+        for k, own in enumerate(rng.normal(0.0, scatter, episodes)):
+            for number in range(1, flights + 1):
+                for point in points:
+                    won = rng.random() < 1 / (1 + np.exp(-law(*point) - own))
+                    told = {"ne_m": 3.0 if won else 9.0, "dwell_s": 4.0, "longest_loss_s": 2.0}
+                    scored = an_episode(run, f"campus-tracking-{k:02}", "success" if won else "failure", values=told)
+                    made.append(StudiedFlight(entrant=entrant, levels=point, number=number, scored=scored))
+    return Studied(
+        name="made-up", design="full factorial", factors=tuple(factors), entrants=tuple(entrants),
+        cells=("tracking",), flights=tuple(made), planned=len(made),
+    )  # fmt: skip
+
+
+def number_factor(name: str, *levels: float, unit: str = "s") -> StudiedFactor:
+    """Return a factor whose levels are numbers."""
+    return StudiedFactor(name=name, unit=unit, levels=levels, reference=levels[0])

@@ -1,0 +1,185 @@
+"""A study's folder read back, and refused where its runs differ in more than their levels."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from dronecats.agent.latency import trace_name
+from dronecats.study import design
+from dronecats.study.analysis.flown_study import flown_study
+from foundation.errors import UsageError
+from tests.study.studies import APPROACHING, TRACKING, changed_run, falling, other_flight, write_study
+
+LEVELS = {"latency": (0.0, 0.5, 1.0)}
+EPISODES = (*TRACKING[:2], *APPROACHING[:1])
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    out = tmp_path_factory.mktemp("study") / "s"
+    write_study(out, LEVELS, falling(), pilots=("vision", "oracle"), episodes=EPISODES, flights=2)
+    return out
+
+
+@pytest.fixture
+def changed(flown, tmp_path):
+    """Return a copy that a test may spoil."""
+    return shutil.copytree(flown, tmp_path / "s")
+
+
+def test_every_flight_has_its_levels_and_its_pair(flown):
+    studied = flown_study(flown)
+    assert len(studied.flights) == studied.planned == 2 * 3 * 2 * 3
+    assert studied.cells == ("approaching", "tracking")
+    assert set(studied.entrants) == {"oracle", "vision"}
+    assert studied.notes == ()
+    for each in studied.flights:
+        [level] = each.levels
+        assert each.scored.run.flight["latency"] == f"fixed:{level:g}"
+        assert each.scored.run.folder.name.startswith(f"{each.entrant}-latency-{level:g}-f{each.number}")
+    pairs = {(each.entrant, each.pair) for each in studied.flights}
+    assert len(pairs) * 3 == len(studied.flights)
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [({"code_sha256": "b" * 64}, "the code"), ({"prompt_sha256": "d" * 64}, "the prompt"),
+     ({"protocol": {"RADIUS_M": 6.0, "CAP_S": 300.0}}, "RADIUS_M")],
+)  # fmt: skip
+def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, told, said):
+    changed_run(changed / "vision-latency-1-f2", **told)
+    with pytest.raises(UsageError, match=f"differ in more than the study's factors: in .*{said}"):
+        flown_study(changed)
+
+
+def test_so_are_flights_that_differ_in_what_was_asked_for(changed):
+    other_flight(changed / "vision-latency-0.5-f1", parser="lenient")
+    with pytest.raises(UsageError, match="differ in more than the study's factors: in parser"):
+        flown_study(changed)
+
+
+def test_levels_that_were_not_flown_are_not_believed(changed):
+    other_flight(changed / "vision-latency-0.5-f1", latency="fixed:0.6")
+    with pytest.raises(UsageError, match=r"was not flown at what study\.json says of it: latency 0\.5"):
+        flown_study(changed)
+
+
+def test_pairs_of_other_seeds_are_none(changed):
+    other_flight(changed / "oracle-latency-1-f2", seed=7)
+    with pytest.raises(UsageError, match="said to be paired, and have the seeds"):
+        flown_study(changed)
+
+
+def test_a_flight_under_two_names_is_not_counted_twice(changed):
+    told = json.loads((changed / "study.json").read_text())
+    [run] = [each for each in told["runs"] if each["name"] == "vision-latency-1-f2"]
+    (changed / "study.json").write_text(
+        json.dumps({**told, "runs": [*told["runs"], {**run, "name": "vision-point-3-f2"}]})
+    )
+    shutil.copytree(changed / "vision-latency-1-f2", changed / "vision-point-3-f2")
+    with pytest.raises(UsageError, match="vision-latency-1-f2 and vision-point-3-f2 are one flight by vision"):
+        flown_study(changed)
+
+
+def test_entrants_that_were_not_flown_alike_are_told(changed):
+    for run in changed.glob("oracle-*"):
+        changed_run(run, code_sha256="b" * 64)
+    [said] = flown_study(changed).notes
+    assert said.startswith("oracle and vision were not flown alike: they differ in the code")
+
+
+def test_what_is_missing_is_counted(changed):
+    shutil.rmtree(changed / "vision-latency-1-f2")
+    studied = flown_study(changed)
+    assert studied.planned - len(studied.flights) == 3
+
+
+def test_a_folder_that_is_no_study_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="is no study"):
+        flown_study(tmp_path)
+
+
+def test_a_rate_is_compared_with_the_fastest_and_an_agent_is_an_entrant(tmp_path):
+    write_study(tmp_path, {"rate": (0.5, 1.0, 2.0), "agent": ("paper", "steady")}, lambda pilot, levels: 1.0,
+                episodes=TRACKING[:1])  # fmt: skip
+    studied = flown_study(tmp_path)
+    assert [(factor.name, factor.reference) for factor in studied.factors] == [("rate", 2.0)]
+    assert studied.entrants == ("vision · paper", "vision · steady")
+
+
+@pytest.mark.parametrize(
+    ("name", "levels", "easiest"),
+    [
+        ("frame_rate", (1.0, 5.0), 5.0),
+        ("setpoint_rate", (5.0, 20.0), 20.0),
+        ("link_baud", (57600, 921600), 921600.0),
+        ("wind", (0.0, 8.0), 0.0),
+    ],
+)
+def test_the_reference_is_the_level_that_is_the_easiest_to_fly(tmp_path, name, levels, easiest):
+    write_study(tmp_path, {name: levels}, lambda pilot, levels: 1.0, episodes=TRACKING[:1])
+    assert [factor.reference for factor in flown_study(tmp_path).factors] == [easiest]
+
+
+@pytest.mark.parametrize(
+    ("axes", "held"),
+    [
+        ({"rate_cap": (0.5, 2.0)}, None),
+        ({"reply_stall_share": (0.0, 0.5), "reply_stall_length": (1.0, 3.0)}, None),
+        ({"wind_towards": (0.0, 30.0, 45.0)}, {"wind": 6.0}),
+    ],
+)
+def test_what_refines_something_else_is_read_back(tmp_path, axes, held):
+    write_study(tmp_path, axes, lambda pilot, levels: 1.0, episodes=TRACKING[:1], held=held)
+    studied = flown_study(tmp_path)
+    assert [factor.levels for factor in studied.factors] == list(axes.values())
+    assert len(studied.flights) == studied.planned
+    assert studied.entrants == ("vision",)
+
+
+def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    Path("fast.csv").write_text("0.5\n0.25\n")
+    Path("slow.csv").write_text("2\n3\n")
+    policies = ("trace:fast.csv", "stall:0.1,2+trace:slow.csv", "fixed:1")
+    write_study(Path("s"), {"latency_policy": policies}, lambda pilot, levels: 1.0, episodes=TRACKING[:1])
+    Path("s").rename(tmp_path / "s")
+    monkeypatch.chdir(tmp_path)
+    shutil.rmtree("here")
+    studied = flown_study(tmp_path / "s")
+    assert studied.factors[0].levels == (
+        f"trace:fast.csv@{trace_name((0.5, 0.25))}", f"stall:0.1,2+trace:slow.csv@{trace_name((2.0, 3.0))}", "fixed:1",
+    )  # fmt: skip
+    assert len(studied.flights) == 3
+    slow = next((tmp_path / "s").glob("*slow.csv*"))
+    other_flight(slow, latency=f"stall:0.1,2+trace:{trace_name((2.0,))}", latency_trace=[2.0])
+    with pytest.raises(UsageError, match=r"slow.csv@.* cannot be read"):  # nor are other latencies taken for them
+        flown_study(tmp_path / "s")
+
+
+def test_of_one_factor_at_a_time_the_other_stays_at_its_base(tmp_path):
+    from dronecats.study.analysis.levels import at_levels
+    from dronecats.study.analysis.steps import motions, served
+
+    write_study(tmp_path, {"latency": (0.0, 1.0), "wind": (0.0, 5.0, 8.0)}, lambda pilot, levels: 1.0,
+                episodes=TRACKING[:2], made=design.one_at_a_time)  # fmt: skip
+    studied = flown_study(tmp_path)
+    assert [(each.step.title, each.success.trials) for each in at_levels(studied, 0)] == [("0 s", 2), ("1 s", 2)]
+    assert [each.success.trials for each in at_levels(studied, 1)] == [2, 2, 2]
+    flown = [[each.scored.steps["latency_s"] for each in studied.of("vision") if each.levels == (s, 0.0)]
+             for s in (0.0, 1.0)]  # fmt: skip
+    decisions = [sum(len(steps) for steps in some) for some in flown]
+    assert [each.latency_s.steps for each in served(studied, 0)] == decisions
+    assert [each.width_m.steps for each in motions(studied, 0)] == decisions
+
+
+def test_held_factors_are_the_flights_own(tmp_path):
+    write_study(tmp_path, {"latency": (0.0, 1.0)}, falling(), episodes=TRACKING[:1], held={"wind": 3.0})
+    assert len(flown_study(tmp_path).flights) == 2
+    told = json.loads((tmp_path / "study.json").read_text())
+    (tmp_path / "study.json").write_text(json.dumps({**told, "held": {"wind": 4.0}}))
+    with pytest.raises(UsageError, match="was not flown at"):
+        flown_study(tmp_path)

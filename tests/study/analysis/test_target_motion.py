@@ -1,0 +1,21 @@
+"""What a study tells of a target's motion at each step, from rows of the logs."""
+
+import pytest
+
+from dronecats.study.analysis.target_motion import view_width
+from tests.judge.episode_logs import decision, frame
+from tests.metrics.episodes import BEGIN, CAP_S, flown
+
+
+def test_a_view_is_twice_as_wide_as_it_is_deep_and_has_no_width_behind_or_after_the_cap():
+    """The camera sees 90° across. Of a target behind it, or beside it, there is no plane that the picture shows."""
+    seen = [
+        (5.0, [10.0, 3.0, 1.0]),
+        (10.0, [-10.0, 3.0, 1.0]),
+        (15.0, [0.0, 3.0, 1.0]),
+        (CAP_S + 1.0, [10.0, 3.0, 1.0]),
+    ]
+    decisions = [decision(step, step, t, None) for step, (t, _) in enumerate(seen)]
+    truth = [frame(step, t - 0.5, 10.0, target_frd=there) for step, (t, there) in enumerate(seen)]
+    told = view_width(flown((decisions, [BEGIN, *truth], None), None))
+    assert told == [pytest.approx(20.0), None, None, None]

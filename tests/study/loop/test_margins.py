@@ -1,0 +1,67 @@
+"""Delay margins: predicted by python-control beside injected into the flown cascade."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dronecats.study.loop.cascade_loops import LOOPS, chosen
+from dronecats.study.loop.hover import SAMPLE_S, Hover, StepAnswer
+from dronecats.study.loop.margins import step_figures, study
+from foundation.errors import UsageError
+from vehicles.airframe import load, names
+from vehicles.sensors import Suite
+
+WITHIN = 0.2
+SMALL, LARGE = "nano", "hexa"
+
+
+@pytest.fixture(scope="module")
+def hovers():
+    return {name: Hover(load(name)) for name in (SMALL, LARGE)}
+
+
+@pytest.mark.parametrize("name", [SMALL, LARGE])
+@pytest.mark.parametrize("loop", LOOPS, ids=lambda loop: loop.name)
+def test_the_predicted_margin_is_what_is_flown(hovers, name, loop):
+    (found,) = study(hovers[name], (loop,))
+    assert found.injected.delay_s == pytest.approx(found.predicted.delay_s, rel=WITHIN)
+    assert found.injected.frequency == pytest.approx(found.predicted.frequency, rel=WITHIN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names())
+def test_the_predicted_margins_of_every_airframe(name):
+    for found in study(Hover(load(name))):
+        assert abs(found.off) < WITHIN, found.loop.name
+
+
+@pytest.mark.parametrize("loop", [LOOPS[0], LOOPS[3], LOOPS[6]], ids=lambda loop: loop.name)
+def test_sensors_that_err_leave_the_margin_where_it_is(loop):
+    """A tenth below it the oscillation has faded into the noise after twenty periods, a tenth above it has grown."""
+    (found,) = study(Hover(load("x500")), (loop,))
+    noisy = Hover(load("x500"), suite=Suite())
+    period_s = 2.0 * math.pi / found.injected.frequency
+
+    def left(share):
+        value = noisy.answer(loop, share * found.injected.delay_s, 20.0 * period_s).value
+        return np.ptp(value[-round(period_s / SAMPLE_S) :]) / loop.step
+
+    assert left(0.9) < 1.0
+    assert left(1.1) > 5.0
+
+
+def test_the_step_figures_are_those_of_the_answer():
+    time = np.linspace(1e-3, 10.0, 10_000)
+    found = step_figures(StepAnswer(time, 0.2 * (1.0 - np.exp(-2.0 * time)), 0.2))  # T = 0.5 s
+    assert found.rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
+    assert found.delay_s == pytest.approx(0.5 * math.log(2.0), abs=2e-3)
+    assert found.overshoot_percent == 0.0
+
+
+def test_loops_are_chosen_by_group_or_name():
+    assert [loop.name for loop in chosen(["velocity"])] == ["horizontal velocity", "vertical velocity"]
+    assert [loop.group for loop in chosen(["yaw rate", "attitude"])] == ["rate", *["attitude"] * 3]
+    assert chosen(None) == LOOPS
+    with pytest.raises(UsageError, match="--loops position: choose from"):
+        chosen(["position"])

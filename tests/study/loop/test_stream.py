@@ -1,0 +1,68 @@
+"""What a vehicle bears of the stream of its setpoints, and one trace of them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dronecats.study.loop import trace
+from dronecats.study.loop.stream import StreamedVehicle, StreamTrial, Tolerance
+from foundation.errors import UsageError
+from hil.impairment.channel import Impairment
+from vehicles.airframe import load
+
+
+@pytest.fixture(scope="module")
+def streamed():
+    return StreamedVehicle(load("x500"))
+
+
+def test_a_bad_wire_tracks_worse_and_a_dead_one_ends_offboard_after_its_timeout(streamed):
+    perfect = streamed.trial(0.0, Impairment(), 1)
+    late = streamed.trial(0.5, Impairment(jitter_s=0.5), 1)
+    assert perfect.left_s is None
+    assert late.left_s is None
+    assert 0.2 < perfect.error < late.error < 1.2
+    dead = streamed.trial(1.0, Impairment(loss=1.0), 1)
+    timeout_s = streamed.vehicle.autopilot.parameters["COM_OF_LOSS_T"]
+    assert dead.left_s == pytest.approx(timeout_s, abs=0.1)
+    again = streamed.trial(0.0, Impairment(), 1)  # in offboard again, on a full battery
+    assert again.left_s is None
+    assert again.error == pytest.approx(perfect.error, rel=0.1)
+
+
+def trials(level, error, *left):
+    return tuple(StreamTrial(level, error, each) for each in left)
+
+
+def test_what_is_borne_is_read_between_levels():
+    found = Tolerance(
+        "x500",
+        "jitter",
+        (trials(0.0, 0.3, None, None), trials(0.5, 0.5, None, None), trials(1.0, 0.9, None, None),
+         trials(1.5, math.nan, 0.9, None)),
+    )  # fmt: skip
+    assert found.perfect == 0.3
+    assert found.doubled == pytest.approx(0.625)
+    assert found.left == 1.5
+    assert Tolerance("x500", "loss", found.trials[:2]).doubled is None
+    assert Tolerance("x500", "loss", found.trials[:2]).left is None
+
+
+def test_the_trace_is_flown_through_the_link():
+    flown = trace.fly("x500")
+    assert flown.autopilot == "ours"
+    assert flown.time[-1] == pytest.approx(sum(step.seconds for step in trace.TRACE), abs=0.1)
+    assert np.diff(flown.time) == pytest.approx(0.01, abs=1e-6)
+    found = dict(flown.steps())
+    assert list(found) == ["forward 1.2 m/s", "forward 0.5 m/s", "up 0.5 m/s", "yaw rate 1.05 rad/s"]
+    for figures in found.values():
+        assert 0.1 < figures.delay_s < figures.rise_s < 2.0
+        assert figures.overshoot_percent < 15.0
+
+
+def test_a_px4_that_cannot_be_started_or_cannot_fly_it_is_told():
+    with pytest.raises(UsageError, match="names no program"):
+        trace.fly("x500", px4="/nowhere/px4 -d")
+    with pytest.raises(UsageError, match="PX4 flies quadrotors"):
+        trace.fly("hexa", px4="/nowhere/px4 -d")

@@ -1,0 +1,99 @@
+"""The moments of a question: every second of a step is of one link, whoever asks, and however the clock starts."""
+
+from collections.abc import Callable
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.decisions import Decision
+from dronecats.agent.models.model import Reply
+from dronecats.study.rate.chain import ChainClock, QuestionTimes
+
+SPANS = st.lists(st.floats(0.0, 30.0), min_size=9, max_size=9)
+
+
+class HandClock:
+    """A clock that is moved by hand."""
+
+    def __init__(self, now_s: float = 0.0) -> None:
+        self.now_s = now_s
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def decision(step: int) -> Decision:
+    return Decision(step=step, drone=0, frame_id=step + 5, t_frame=0.0, t_decided=1.0, action=None, rate_hz=0.5)
+
+
+def through(begins_s: float, spans: list[float]) -> QuestionTimes:
+    """Return what one question comes to whose links take so long."""
+    wait, seen_tick, encoding, failed, model, unpacking, reply_tick, parsing, last_tick = spans
+    clock, told = HandClock(begins_s), list[QuestionTimes]()
+    chain = ChainClock(clock, told.append)
+
+    def after(seconds: float, call: Callable[[], None]) -> None:
+        clock.now_s += seconds
+        call()
+
+    chain.picture_asked()
+    after(wait, lambda: chain.picture_came(0.25))
+    after(seen_tick, chain.picture_seen)
+    after(encoding + failed + model + unpacking, lambda: chain.answered(Reply("{}", model, waited_s=failed)))
+    after(reply_tick, chain.ticked)
+    after(parsing / 2, lambda: chain.decided(decision(3)))
+    after(parsing / 2, chain.flown)
+    assert told == []
+    after(last_tick, chain.setpoint_made)
+    (times,) = told
+    return times
+
+
+@given(st.floats(0.0, 1e6), SPANS)
+def test_every_link_has_its_own_time_and_together_they_are_the_step(begins_s, spans):
+    times = through(begins_s, spans)
+    wait, seen_tick, encoding, failed, model, unpacking, reply_tick, parsing, last_tick = spans
+    near = 1e-5  # µs of each, and what a clock of so many seconds cannot tell
+    assert abs(times.wait_s - wait) < near
+    assert abs(times.encode_s - (encoding + unpacking)) < near
+    assert abs(times.failed_s - failed) < near
+    assert abs(times.model_s - model) < near
+    assert abs(times.parse_s - parsing) < near
+    assert abs(times.tick_s - (seen_tick + reply_tick + last_tick)) < near
+    assert abs(times.step_s - sum(spans)) < near
+    assert abs(times.latency_s - (encoding + unpacking + model + parsing)) < near
+    assert (times.step, times.frame_id, times.age_s, times.rate_hz) == (3, 8, 0.25, 0.5)
+
+
+def test_the_next_picture_may_be_asked_for_before_the_setpoint_is_there():
+    """As the steady agent does, which flies on while it asks."""
+    clock, told = HandClock(), list[QuestionTimes]()
+    chain = ChainClock(clock, told.append)
+    for step in (0, 1):
+        chain.picture_asked()
+        chain.setpoint_made()  # of the action before, which is streamed again
+        clock.now_s += 1.0
+        chain.picture_came(0.0)
+        chain.picture_seen()
+        chain.answered(Reply("{}", 0.0))
+        chain.decided(decision(step))
+        chain.setpoint_made()  # of the action before still
+        chain.flown()
+        clock.now_s += 0.25
+        chain.flown()  # it is steered on
+    chain.picture_asked()
+    chain.setpoint_made()
+    assert [(each.step, each.step_s, each.tick_s) for each in told] == [(0, 1.25, 0.25), (1, 1.25, 0.25)]
+
+
+def test_a_question_that_leads_to_no_setpoint_is_not_told():
+    told = list[QuestionTimes]()
+    chain = ChainClock(HandClock(), told.append)
+    chain.picture_asked()
+    chain.picture_came(0.0)
+    chain.picture_seen()
+    chain.flown()
+    chain.setpoint_made()  # the hold that the question was asked in
+    chain.picture_asked()  # its model failed
+    chain.setpoint_made()
+    assert told == []

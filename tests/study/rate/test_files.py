@@ -1,0 +1,109 @@
+"""What a measured chain leaves behind is what the rest of the program reads: trace, study and commands."""
+
+import csv
+import random
+import shlex
+import tomllib
+
+import pytest
+
+from dronecats.cli import bench_spec, study_spec
+from dronecats.cli.fly_spec import spec_of
+from dronecats.cli.main import parse
+from dronecats.flight.latency_trace import read_trace
+from dronecats.study.rate.chain import QuestionTimes
+from dronecats.study.rate.files import COLUMNS, ChainLog, next_commands, write_replay
+from dronecats.study.rate.summary import LINKS, summarised, table
+from foundation.errors import InfrastructureError
+from tests.docs.pages import ROOT
+
+
+def measured(count: int, wait_s: float = 0.01) -> list[QuestionTimes]:
+    draw = random.Random(5)
+    return [
+        QuestionTimes(
+            step=step, frame_id=step, age_s=0.2 + step * 1e-3, wait_s=wait_s, encode_s=0.005, failed_s=0.0,
+            model_s=round(draw.lognormvariate(-1, 0.5), 6), parse_s=0.001, tick_s=0.05,
+            step_s=round(0.5 + draw.random(), 6), latency_s=round(draw.lognormvariate(-1, 0.5), 6),
+            rate_hz=0.3 if step else None,
+        )
+        for step in range(count)
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def rig(tmp_path):
+    folder = tmp_path / "my rig's"  # which wants quotes
+    folder.mkdir()
+    return folder
+
+
+def test_the_trace_is_read_as_it_was_measured(rig):
+    times = measured(30)
+    replayed = write_replay(rig, times, 0.21)
+    assert read_trace(replayed.trace) == tuple(each.latency_s for each in times)
+
+
+def test_a_chain_longer_than_any_latency_is_charged_as_the_longest(rig):
+    (times,) = measured(1)
+    slow = QuestionTimes(**{**{name: getattr(times, name) for name in COLUMNS}, "latency_s": 400.0})
+    assert read_trace(write_replay(rig, [slow], 0.0).trace) == (300.0,)
+
+
+@pytest.mark.parametrize("delay_s", [0.21, 0.0])
+def test_every_command_that_is_named_flies_the_trace_and_the_delay(rig, delay_s):
+    times = measured(12)
+    charged = tuple(each.latency_s for each in times)
+    fly, bench, study = (parse(shlex.split(line)[1:]) for line in next_commands(write_replay(rig, times, delay_s)))
+    flight = spec_of(fly)
+    assert (flight.latency_trace, flight.disturbances.frame.delay_s) == (charged, delay_s)
+    bench = bench_spec.with_file(bench)
+    (entry,) = bench_spec.runs(bench, bench_spec.suite(bench), rig)
+    assert (entry.flight.latency_trace, entry.flight.disturbances.frame.delay_s) == (charged, delay_s)
+    flown = study_spec.of_file(study).plan.entries
+    points = {(each.flight.latency_trace, each.flight.disturbances.frame.delay_s) for each in flown}
+    assert points == {(trace, delay) for trace in (None, charged) for delay in {0.0, delay_s}}
+    assert {each.flight.latency for each in flown if each.flight.latency_trace is None} == {"fixed:0"}
+
+
+def test_the_questions_are_kept_line_by_line_and_each_column_is_told(rig):
+    log, times = ChainLog(rig), measured(3)
+    for each in times:
+        log.write(each)
+    with (rig / "chain.csv").open(newline="") as file:  # before it is closed, as after a kill
+        rows = list(csv.DictReader(file))
+    log.close()
+    assert [float(row["model_s"]) for row in rows] == [each.model_s for each in times]
+    assert [row["rate_hz"] for row in rows] == ["", "0.3", "0.3"]
+    page = (ROOT / "docs" / "rate.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}` |" in page for name in COLUMNS)
+    assert all(said in page for said in LINKS.values())
+
+
+def test_a_folder_that_takes_nothing_is_told(tmp_path):
+    with pytest.raises(InfrastructureError, match=r"chain\.csv cannot be written: No such file"):
+        ChainLog(tmp_path / "nowhere")
+
+
+def test_the_summary_says_how_many_and_what_the_median_costs():
+    times = measured(20)
+    found = summarised(times, "local/m", camera_stamps=False)
+    ordered = sorted(each.model_s for each in times)
+    model = found.links["model_s"]
+    assert (model.min, model.max) == (ordered[0], ordered[-1])
+    assert model.median == pytest.approx((ordered[9] + ordered[10]) / 2, abs=1e-6)
+    assert model.p90 == pytest.approx(ordered[17] + 0.1 * (ordered[18] - ordered[17]), abs=1e-6)
+    assert found.chain_hz.max == pytest.approx(1 / min(each.step_s for each in times), abs=1e-6)
+    assert found.served_hz
+    assert found.served_hz.median == 0.3
+    assert summarised(measured(21), "m", camera_stamps=True).frame_delay_s == 0.21
+    assert summarised(measured(20, wait_s=0.7), "m", camera_stamps=True).frame_delay_s == 0.7
+    said = table(found, 30)
+    assert "20 of 30 questions to local/m, by the host's monotonic clock" in said
+    assert "since it arrived here" in said
+    assert summarised(times[:1], "m", camera_stamps=True).served_hz is None
+
+
+def test_the_study_is_a_file_that_is_toml(rig):
+    write_replay(rig, measured(2), 0.0)
+    assert "frame_delay" not in tomllib.loads((rig / "study.toml").read_text(encoding="utf-8"))["factors"]

@@ -1,0 +1,31 @@
+"""A report of a small study, written once, and a browser without a network."""
+
+import pytest
+
+from dronecats.cli.main import main
+from tests.review.conftest import driver as driver
+from tests.review.conftest import reader as reader
+from tests.study.studies import APPROACHING, TRACKING, write_study
+
+
+@pytest.fixture(scope="session")
+def flown(tmp_path_factory):
+    """The folder of a study of two factors and two pilots."""
+    out = tmp_path_factory.mktemp("studies") / "slow-and-windy"
+    write_study(
+        out,
+        {"latency": (0.0, 1.0, 2.0), "wind": (0.0, 8.0)},
+        lambda pilot, levels: 2.0 - 1.5 * float(levels["latency"]) - 0.1 * float(levels["wind"]),
+        pilots=("vision", "oracle"),
+        episodes=(*TRACKING[:3], *APPROACHING[:2]),
+        alike=False,  # else every episode turns once and for all, and effects have no best number
+    )
+    return out
+
+
+@pytest.fixture(scope="session")
+def report(flown, tmp_path_factory):
+    """Its report."""
+    out = tmp_path_factory.mktemp("reports") / "report"
+    assert main(["study", "report", str(flown), "--out", str(out)]) == 0
+    return out

@@ -1,0 +1,123 @@
+"""What stands beside the page: Markdown, tables, figures and data, all telling the same numbers."""
+
+import csv
+import json
+import re
+import shlex
+import shutil
+
+import duckdb
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.study.report.writing import write_study_report
+from tests.study.studies import changed_run, falling, write_study
+
+FIGURES = {
+    *(f"{name}_{factor}" for factor in ("latency", "wind")
+      for name in ("success", "success_beside", "measures", "against_reference", "between_entrants", "target_motion",
+                   "served")),
+    "main_effects", "interaction_latency_wind",
+}  # fmt: skip
+
+
+def rows(path):
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_each_figure_is_there_as_vector_and_as_picture(report):
+    drawn = {path.name for path in (report / "figures").iterdir()}
+    assert drawn == {f"{name}.{kind}" for name in FIGURES for kind in ("svg", "pdf", "png")}
+    assert all(path.stat().st_size > 2000 for path in (report / "figures").iterdir())
+
+
+def test_the_command_stands_with_each_figure(report, flown):
+    command = shlex.join(["dronecats", "study", "report", str(flown), "--out", str(report)])
+    for page in ("report.md", "index.html"):
+        text = (report / page).read_text(encoding="utf-8")
+        assert text.count(command) > len(FIGURES)
+    markdown = (report / "report.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"\(figures/(\w+)\.png\)", markdown)) == FIGURES
+
+
+def test_a_study_of_which_no_flight_counts_yet_says_so(tmp_path):
+    axes = {"latency": (0.0, 1.0), "wind": (0.0, 8.0)}
+    write_study(tmp_path / "s", axes, lambda pilot, levels: -99.0, pilots=("vision", "oracle"), errors=1.0)
+    assert main(["study", "report", str(tmp_path / "s")]) == 0
+    told = (tmp_path / "s/report/report.md").read_text(encoding="utf-8")
+    assert "No flight counts yet." in told
+    assert "32 flights of 4 episodes, 0 of them scored" in told
+
+
+def test_the_data_are_the_flights_as_csv_and_as_parquet(report):
+    told = rows(report / "data/flights.csv")
+    assert len(told) == 3 * 2 * 2 * 5
+    stored = duckdb.connect().execute(f"SELECT * FROM '{report / 'data/flights.parquet'}'")
+    assert list(told[0]) == [column[0] for column in stored.description or ()]
+    again = stored.fetchall()
+    for line, row in zip(told, again, strict=True):
+        for text, value in zip(line.values(), row, strict=True):
+            same = text == "" if value is None else text == str(value).lower() or float(text) == value \
+                if not isinstance(value, str) else text == value  # fmt: skip
+            assert same, (text, value)
+    won = [row["success"] == "true" for row in told if (row["entrant"], row["level_latency"]) == ("vision", "1.0")]
+    share = sum(won) / len(won)
+    table = rows(report / "tables/measures_latency.csv")
+    [line] = [row for row in table if row["block"] == "vision, all cells" and row["level"] == "1 s"]
+    assert float(line["success_percent"]) == pytest.approx(100 * share)
+
+
+def test_every_table_is_there_as_csv_and_latex_and_in_the_text(report):
+    markdown = (report / "report.md").read_text(encoding="utf-8")
+    names = {path.stem for path in (report / "tables").glob("*.csv")}
+    assert names == {path.stem for path in (report / "tables").glob("*.tex")}
+    assert {"main_effects", "setup", "half_success_latency", "served_wind", "target_motion_latency"} <= names
+    assert len(re.findall(r"^\|( :---| ---:)", markdown, re.MULTILINE)) == len(names)
+
+
+def test_the_same_flights_twice_are_the_same_report(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
+
+    def told():
+        kinds = (".csv", ".md", ".tex", ".html", ".svg", ".pdf")
+        return {path.name: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.suffix in kinds}
+
+    assert main(["study", "report", "s", "--out", "r"]) == 0
+    once = told()
+    capsys.readouterr()
+    assert main(["study", "report", "s", "--out", "r", "--json"]) == 0
+    assert told() == once
+    said = json.loads(capsys.readouterr().out)
+    assert said["short"][0].startswith("8 flights of 4 episodes, 8 of them scored")
+    assert {row["level"] for row in said["tables"]["measures_latency"]} == {"0 s", "1 s"}
+
+
+def test_the_half_is_said_and_what_lies_outside_is_said_plainly(tmp_path, capsys):
+    write_study(tmp_path / "in", {"latency": (0.0, 1.0, 2.0, 4.0)}, falling(), flights=4, scatter=0.5)
+    write_study(tmp_path / "out", {"latency": (0.0, 0.5)}, falling(half=9.0), flights=2)
+    page = write_study_report(tmp_path / "in", tmp_path / "r")
+    assert re.search(r"half of the flights succeed at a latency of [01]\.\d+ s \(", page.read_text(encoding="utf-8"))
+    assert main(["study", "report", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "vision, tracking: no half-success within the range; more than half at every level." in said
+    assert (tmp_path / "out/report/index.html").exists()  # beside the study, unless one says where
+
+
+def test_a_study_that_is_not_done_says_so(tmp_path, capsys):
+    told = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling(), flights=2)
+    shutil.rmtree(tmp_path / "s" / told.entries[-1].name)
+    assert main(["study", "report", str(tmp_path / "s")]) == 0
+    assert "not flown to its end: 4 of 16 flights are missing" in capsys.readouterr().out
+
+
+def test_what_is_wrong_is_one_sentence(tmp_path, capsys):
+    assert main(["study", "report", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    told = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
+    changed_run(tmp_path / "s" / told.entries[0].name, clock="real time")
+    assert main(["study", "report", str(tmp_path / "s")]) == 2
+    assert "differ in more than the study's factors: in the clock" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert main(["study", "report", str(tmp_path / "s"), "--out", str(tmp_path / "file")]) == 2

@@ -1,0 +1,61 @@
+"""What the report says in sentences, held to studies whose truth is known."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from dronecats.statistics.half import HalfSuccess
+from dronecats.statistics.mixed_logit import WIDEST
+from dronecats.study.report import pair_tables
+from dronecats.study.report.findings import findings
+from dronecats.study.report.sections import short
+from dronecats.study.report.words import interval
+from dronecats.study.report.words import scatter as told_scatter
+from tests.study.analysis.in_memory import a_study, number_factor
+
+
+@pytest.mark.parametrize(("easiest", "first"), [(2.0, "0.5 Hz"), (0.25, "1 Hz")])
+def test_the_first_level_told_apart_is_the_one_nearest_to_the_reference(easiest, first):
+    """Half of the levels are as good as the reference, the others fail: the first of these is told, from either end."""
+    rate = replace(number_factor("rate", 0.25, 0.5, 1.0, 2.0, unit="Hz"), reference=easiest)
+    law = (lambda hz: 50.0 if hz >= 1.0 else -50.0) if easiest == 2.0 else (lambda hz: 50.0 if hz < 1.0 else -50.0)
+    said = short(findings(a_study([rate], [(hz,) for hz in rate.levels], law, episodes=10), "command"))
+    [cost] = [each for each in said if "told apart" in each]
+    assert f"{first} is the first level that is told apart from {easiest:g} Hz" in cost
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "scatter", "said"),
+    [
+        (1.75, math.inf, 12.0, "1.75 s to above 2 s"),  # no slope is the best, and yet the interval begins within
+        (-math.inf, 1.25, 12.0, "below 0.25 s to 1.25 s"),
+        (math.inf, math.inf, None, "outside of the levels"),  # all succeed: nothing is fitted
+        (math.inf, math.inf, 1.0, "above 2 s"),
+        (-math.inf, -math.inf, 1.0, "below 0.25 s"),
+    ],
+)
+def test_an_interval_is_outside_of_the_levels_only_where_all_of_it_is(low, high, scatter, said):
+    told = HalfSuccess(where="above all", value=None, low=low, high=high, slope=None, scatter=scatter, p_slope=0.01,
+                       p_straight=None, groups=20, trials=40)  # fmt: skip
+    assert interval(number_factor("latency", 0.25, 2.0), told) == said
+
+
+def test_a_scatter_at_its_bound_is_told_as_that_or_more():
+    told = HalfSuccess(where="within", value=1.0, low=0.5, high=1.5, slope=None, scatter=WIDEST, p_slope=0.01,
+                       p_straight=None, groups=20, trials=40)  # fmt: skip
+    assert told_scatter(told) == "≥ 12"
+    assert told_scatter(replace(told, scatter=3.25)) == 3.25
+    assert told_scatter(replace(told, scatter=None)) is None
+
+
+def test_a_p_below_a_thousandth_is_only_said_to_be_so():
+    """Twenty episodes that all succeed at 0 s and all fail at 2 s: no p is 0, and 0.000 would say so."""
+    latency = number_factor("latency", 0.0, 2.0)
+    flown = a_study([latency], [(0.0,), (2.0,)], lambda s: 50.0 - 50.0 * s, entrants=("vision", "oracle"))
+    found = findings(flown, "command")
+    against, beside = pair_tables.tables(found, found.factors[0])
+    for table, said in ((against, "< 0.001"), (beside, "1.000")):
+        row = table.blocks[0].rows[0]
+        told = {column.name: cell.text(column) for column, cell in zip(table.columns, row.cells, strict=True)}
+        assert (told["success_p"], told["success_p_holm"]) == (said, said)

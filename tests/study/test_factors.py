@@ -1,0 +1,228 @@
+"""Every factor is set on a flight and on nothing else of it, within its range; and the registry says no to the rest."""
+
+import pytest
+from hypothesis import example, given, reject
+from hypothesis import strategies as st
+
+from dronecats.agent.latency import latency
+from dronecats.flight.file import as_json, from_json
+from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.study.factor import said
+from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of
+from foundation.errors import UsageError
+
+FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency="rate:2")
+NUMBERS = [factor for factor in FACTORS.values() if factor.numeric]
+WORDS = {"pilot": "blind:ring", "model": "openai/gpt", "agent": "steady", "command": "solo", "latency_policy": "real"}
+OTHER_WORDS = {
+    "pilot": ["oracle", "noisy"], "model": ["openai/gpt", "openai/other"], "agent": ["paper", "steady"],
+    "command": ["flat", "solo"], "latency_policy": ["fixed:1", "gamma:1,0.5", "lognormal:1,0.5", "measured"],
+}  # fmt: skip
+NEEDS = {
+    "jitter_rho": {"jitter_cv": 0.5},
+    "reply_stall_length": {"reply_stall_share": 0.1},
+    "wind_towards": {"wind": 4.0},
+}
+# where in a flight's JSON each factor is to be seen; the wire both ways
+PLACES = {
+    "pilot": ["pilot"], "model": ["pilot", "model"], "agent": ["agent"], "command": ["command"],
+    "latency": ["latency"], "latency_policy": ["latency"], "rate": ["latency"], "jitter_cv": ["latency"],
+    "jitter_rho": ["latency"], "rate_cap": ["latency"], "reply_stall_share": ["latency"],
+    "reply_stall_length": ["latency"], "wind": ["disturbances.vehicle.wind_ned"],
+    "wind_towards": ["disturbances.vehicle.wind_ned"], "gusts": ["disturbances.vehicle.gusts_w20"],
+    "payload": ["disturbances.vehicle.payload_kg"], "gps_delay": ["disturbances.vehicle.gps_delay_s"],
+    "gps_noise": ["disturbances.vehicle.gps_noise"], "sensor_noise": ["disturbances.vehicle.estimator_noise"],
+    "setpoint_rate": ["disturbances.vehicle.setpoint_hz"], "stall_share": ["disturbances.vehicle.stalled"],
+    "stall_length": ["disturbances.vehicle.stall_s"], "frame_delay": ["disturbances.frame.delay_s"],
+    "frame_drop": ["disturbances.frame.dropped"], "frame_stale": ["disturbances.frame.stale"],
+    "frame_rate": ["disturbances.frame.rate_hz"],
+    **{
+        f"link_{name}": [f"disturbances.link.{way}.{field}" for way in ("to_vehicle", "from_vehicle")]
+        for name, field in (("delay", "delay_s"), ("jitter", "jitter_s"), ("loss", "loss"), ("baud", "baud"),
+                            ("duplicate", "duplicate"), ("reorder", "reorder"))
+    },
+}  # fmt: skip
+
+
+def between(factor, share):
+    """Return the level at a share of a factor's range."""
+    low, high = factor.span
+    value = low + (high - low) * share
+    return factor.level(round(value) if factor.whole else value)
+
+
+def flat(value, path=""):
+    if isinstance(value, dict):
+        return {k: v for key, one in value.items() for k, v in flat(one, f"{path}.{key}" if path else key).items()}
+    return {path: value}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_a_factor_is_set_on_its_place_and_nowhere_else(name):
+    factor = FACTORS[name]
+    base = at_levels(FLIGHT, NEEDS.get(name, {}))
+    level = between(factor, 0.125) if factor.numeric else factor.level(WORDS[name])
+    flight = at_levels(FLIGHT, {**NEEDS.get(name, {}), name: level})
+    before, after = flat(as_json(base)), flat(as_json(flight))
+    moved = [key for key in {**before, **after} if before.get(key) != after.get(key)]
+    assert moved
+    assert all(any(key == place or key.startswith(f"{place}.") for place in PLACES[name]) for key in moved)
+    assert {place for place in PLACES[name] for key in moved if key == place or key.startswith(f"{place}.")} == set(
+        PLACES[name]
+    )
+    assert from_json(as_json(flight), "it") == flight
+
+
+@st.composite
+def levels_twice(draw):
+    """Return two choices of levels of the same factors, some that go together."""
+    wanted = draw(st.lists(st.sampled_from(list(FACTORS)), min_size=1, max_size=5, unique=True))
+    names: list[str] = []
+    for name in (each for one in wanted for each in (*NEEDS.get(one, {}), one)):
+        if name not in names and FACTORS[name].sets not in {FACTORS[each].sets for each in names}:
+            names.append(name)
+    if "rate" not in names and {"latency", "latency_policy"} & {*names}:
+        names = [name for name in names if not name.startswith("jitter")]
+    return [{name: level_of(draw, FACTORS[name]) for name in names} for _ in range(2)]
+
+
+def level_of(draw, factor):
+    if factor.numeric:
+        return between(factor, draw(st.floats(0.0, 1.0)))
+    return factor.level(draw(st.sampled_from(OTHER_WORDS[factor.name])))
+
+
+def same_twice(name):
+    """Return an example of each factor, with whatever it wants beside it."""
+    factor = FACTORS[name]
+    ends = factor.span or OTHER_WORDS[name][:2]
+    return tuple({**NEEDS.get(name, {}), name: factor.level(end)} for end in ends)
+
+
+@given(levels_twice(), st.sampled_from([FLIGHT, at_levels(FLIGHT, {"rate_cap": 1.0, "reply_stall_share": 0.5})]))
+@example(({"wind": 6.0, "wind_towards": 0.0}, {"wind": 6.0, "wind_towards": 30.0}), FLIGHT)
+@example(({"wind": 0.0, "wind_towards": 90.0}, {"wind": 7.0, "wind_towards": 45.0}), FLIGHT)
+@example(({"frame_delay": 1.0, "frame_rate": 0.1}, {"frame_delay": 14.0, "frame_rate": 10.0}), FLIGHT)
+@example(({"rate_cap": 0.5, "reply_stall_share": 0.5}, {"rate_cap": 2.0, "reply_stall_share": 0.0}), FLIGHT)
+def test_levels_leave_nothing_of_those_before(twice, flight):
+    check_nothing_is_left(twice, flight)
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_so_does_each_factor_alone(name):
+    check_nothing_is_left(same_twice(name), FLIGHT)
+
+
+def check_nothing_is_left(twice, flight):
+    one, other = twice
+    try:
+        at_one, at_other = at_levels(flight, one), at_levels(flight, other)
+    except UsageError as contradiction:
+        if "of pictures at a rate" not in str(contradiction):  # their delay and period together
+            raise
+        reject()
+    assert at_levels(at_one, one) == at_one
+    assert at_levels(at_one, other) == at_other
+
+
+@pytest.mark.parametrize("factor", NUMBERS, ids=lambda factor: factor.name)
+def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond(factor):
+    low, high = factor.span
+    for end in (low, high):
+        flight = at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: factor.level(end)})
+        assert latency(flight.latency).name == flight.latency  # which knows the bounds of what a reply takes
+    for beyond in (low - 0.01, high + 1, "much", None, True, [1], float("nan")):
+        with pytest.raises(UsageError, match=f"{factor.name} wants a (whole )?number from"):
+            factor.level(beyond)
+
+
+def test_the_registry_states_ranges_no_wider_than_the_flight_has():
+    """What a flight refuses, the registry has refused before: no point of a design fails for its number alone."""
+    for factor in NUMBERS:
+        for share in (0.0, 0.3, 0.7, 1.0):
+            at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: between(factor, share)})
+
+
+@pytest.mark.parametrize(
+    ("levels", "policy"),
+    [
+        ({"latency": 0.25}, "fixed:0.25"),
+        ({"latency": 4.0}, "fixed:4"),
+        ({"rate": 2.0}, "rate:2"),
+        ({"jitter_cv": 0.5}, "jitter:2,0.5"),
+        ({"rate": 0.5, "jitter_cv": 0.0}, "jitter:0.5,0"),
+        ({"jitter_rho": 0.9, "jitter_cv": 1.0, "rate": 3.0}, "jitter:3,1,0.9"),  # in the registry's order, not in ours
+        ({"latency_policy": "lognormal:0.5,0.6"}, "lognormal:0.5,0.6"),
+        ({"reply_stall_length": 20.0, "reply_stall_share": 0.1, "latency": 1.0}, "fixed:1+stall:0.1,20"),
+        ({"reply_stall_share": 0.1, "jitter_cv": 1.0, "rate_cap": 2.0}, "jitter:2,1+cap:2+stall:0.1,1"),
+    ],
+)
+def test_what_a_reply_takes_is_written_as_a_policy(levels, policy):
+    assert at_levels(FLIGHT, levels).latency == policy
+
+
+@given(st.floats(0.1, 30.0), st.integers(0, 360))
+@example(30.0, 1)
+def test_a_wind_keeps_its_speed_wherever_it_blows(speed, towards):
+    wind = at_levels(FLIGHT, {"wind_towards": float(towards), "wind": speed}).disturbances.vehicle.wind_ned
+    assert sum(part**2 for part in wind) ** 0.5 == pytest.approx(speed, abs=3e-6)
+    assert wind[2] == 0.0
+    east = at_levels(FLIGHT, {"wind": 5.0, "wind_towards": 90.0}).disturbances.vehicle.wind_ned
+    assert east == (0.0, 5.0, 0.0)
+
+
+def test_a_pilot_that_looks_is_shown_pictures():
+    blind = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
+    for name, seen in (("oracle", False), ("vision", True)):
+        for before in (blind, at_levels(blind, {"pilot": "vision"})):  # whoever stands first in a study
+            flight = at_levels(before, {"pilot": name})
+            assert flight.simulated is not None
+            assert flight.simulated.rendered is seen
+
+
+@pytest.mark.parametrize(
+    ("levels", "sentence"),
+    [
+        ({"jitter_rho": 0.5}, "jitter_rho at 0.5: it goes with jitter_cv"),
+        ({"reply_stall_length": 0.5}, "reply_stall_length at 0.5: it goes with reply_stall_share"),
+        ({"latency": 1.0, "jitter_cv": 0.5}, "jitter_cv at 0.5: it goes with a rate"),
+        ({"latency_policy": "soon"}, "latency_policy at soon: --latency wants"),
+        ({"wind_towards": 30.0}, "wind_towards at 30: it goes with wind"),
+        ({"latency_policy": "fixed:1+cap:2", "rate_cap": 1.0}, "rate_cap and latency_policy .* both say cap"),
+        ({"pilot": "orakel"}, "pilot at orakel: .*did you mean oracle"),
+    ],
+)
+def test_what_does_not_go_together_is_told_by_its_factor(levels, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        at_levels(FLIGHT, levels)
+
+
+def test_a_stalled_host_says_nothing_in_lockstep():
+    lockstep = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
+    with pytest.raises(UsageError, match="stall_share goes with --speed N"):
+        at_levels(lockstep, {"stall_share": 0.1})
+
+
+@pytest.mark.parametrize("pair", [("latency", "rate"), ("rate", "latency_policy"), ("pilot", "model")])
+def test_two_factors_that_say_one_thing_are_refused(pair):
+    with pytest.raises(UsageError, match=f"{pair[0]} and {pair[1]} both say"):
+        check_together(list(pair))
+    check_together(["rate", "jitter_cv", "jitter_rho", "wind", "wind_towards"])
+
+
+def test_a_name_that_is_none_is_told_with_the_nearest():
+    with pytest.raises(UsageError, match="did you mean latency"):
+        factor_of("latancy")
+    assert factor_of("frame-delay") is FACTORS["frame_delay"]
+
+
+@given(st.floats(0.0, 300.0))
+def test_a_number_is_said_so_that_it_comes_back(number):
+    assert float(said(number)) == pytest.approx(number, rel=1e-11)
+
+
+def test_words_are_those_that_there_are():
+    with pytest.raises(UsageError, match="command wants one of flat, hierarchical, solo, got 'loud'"):
+        FACTORS["command"].level("loud")
+    with pytest.raises(UsageError, match="agent wants a word, got 3"):
+        FACTORS["agent"].level(3)

@@ -1,0 +1,133 @@
+"""What a busy host moves, and how well the mark tells it: by hand, and against a count of its own."""
+
+import dataclasses
+import json
+import math
+import os
+import subprocess
+import sys
+import textwrap
+
+import psutil
+import pytest
+
+from dronecats.study.load.busy import busy
+from dronecats.study.load.comparison import compared
+from dronecats.study.load.flights import LoadedFlight
+from dronecats.study.load.page import table
+from tests.support.command_line import DRONECATS
+
+ONE = LoadedFlight(
+    episode="a", clock="lockstep", busy=0, flight=1, success=True, ne_m=1.0, steps=10, stalled_steps=0, digest="same"
+)
+
+
+def flight(**other):
+    return dataclasses.replace(ONE, **other)
+
+
+def real(**other):
+    return flight(clock="real time", digest="other", **other)
+
+
+FLOWN = [
+    flight(),
+    flight(episode="b", success=False, ne_m=9.0),
+    real(ne_m=1.2),
+    real(episode="b", success=False, ne_m=8.9, stalled_steps=1),
+    flight(busy=4),
+    flight(episode="b", busy=4, success=False, ne_m=9.0, digest="changed"),
+    real(busy=4, success=False, ne_m=7.0, stalled_steps=3),
+    real(episode="b", busy=4, success=True, ne_m=9.1),
+]
+
+
+def test_every_flight_is_held_against_the_same_one_in_lockstep_on_the_idle_host():
+    found = compared(FLOWN)
+    rows = {(row.clock, row.busy): row for row in found.rows}
+    assert [(row.flights, row.solved, row.moved, row.other_bytes) for row in rows.values()] == [
+        (2, 1, 0, 0), (2, 1, 0, 2), (2, 1, 0, 1), (2, 1, 2, 2),
+    ]  # fmt: skip
+    assert rows["real time", 4].ne_moved_m == 6.0
+    assert rows["real time", 4].marked == 1
+    assert (rows["real time", 4].stalled_steps, rows["real time", 4].steps) == (3, 20)
+
+
+def test_the_marks_precision_and_recall():
+    found = compared(FLOWN)
+    verdicts = found.of_verdicts
+    assert (verdicts.moved, verdicts.marked, verdicts.both) == (2, 2, 1)
+    assert verdicts.precision is not None
+    assert verdicts.recall is not None
+    assert verdicts.precision[0] == verdicts.recall[0] == 0.5
+    assert found.idle_error_m == pytest.approx(0.2)  # of 0.2 and 0.1 m
+    errors = found.of_errors  # of the busy host alone: 6 m off and marked, 0.1 m off and not
+    assert (errors.moved, errors.marked, errors.both) == (1, 1, 1)
+
+
+def test_without_a_moved_or_a_marked_flight_there_is_no_share():
+    found = compared([flight(), real(ne_m=None)])
+    assert found.of_verdicts.precision is None
+    assert found.of_verdicts.recall is None
+    assert found.idle_error_m is None
+    assert "| – | – |" in table(found)
+    assert not math.isnan(json.loads(json.dumps(found.as_json()))["rows"][0]["solved"])
+
+
+def test_busy_processes_compute_and_are_gone_afterwards():
+    with busy(2) as started:
+        assert len({os.getsid(0), *(os.getsid(process.pid) for process in started)}) == 3  # each with its own share
+        watched = [psutil.Process(process.pid) for process in started]
+        while any(sum(process.cpu_times()[:2]) == 0.0 for process in watched):
+            assert all(process.is_running() for process in watched)
+    assert not any(process.is_running() for process in watched)
+
+
+def test_busy_processes_end_with_whoever_was_killed():
+    script = textwrap.dedent("""
+        import os, time
+        from dronecats.study.load.busy import busy
+        with busy(1) as started:
+            print(started[0].pid, flush=True)
+            time.sleep(600)
+    """)
+    starter = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    assert starter.stdout is not None
+    computing = psutil.Process(int(starter.stdout.readline()))
+    starter.kill()
+    starter.wait()
+    starter.stdout.close()
+    gone, alive = psutil.wait_procs([computing], timeout=60)
+    assert not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
+    assert gone or alive
+
+
+@pytest.mark.parametrize("levels", ["", "some", "0,0", "-1", "1000"])
+def test_levels_that_cannot_be_are_refused(levels, tmp_path):
+    said = subprocess.run(
+        [*DRONECATS, "study", "load", f"--busy={levels}", "--out", str(tmp_path / "run")],
+        capture_output=True, text=True, env=dict(os.environ),
+    )  # fmt: skip
+    assert said.returncode == 2
+    assert "--busy" in said.stderr
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_a_study_is_flown_gone_on_with_and_told(tmp_path):
+    command = [
+        *DRONECATS, "study", "load", "--busy", "0,2", "--episodes", "residential-approaching-01", "--seconds", "4",
+        "--out", str(tmp_path / "run"), "--json",
+    ]  # fmt: skip
+    first = subprocess.run(command, capture_output=True, text=True)
+    assert first.returncode == 0, first.stderr
+    told = json.loads(first.stdout)
+    assert [(row["clock"], row["busy"], row["flights"]) for row in told["rows"]] == [
+        ("lockstep", 0, 1), ("real time", 0, 1), ("lockstep", 2, 1), ("real time", 2, 1),
+    ]  # fmt: skip
+    assert told["rows"][2]["other_bytes"] == 0  # lockstep does not know of the host
+    log = tmp_path / "run" / "real-time-busy-2-f1" / "residential-approaching-01" / "decisions.jsonl"
+    flown = log.stat().st_mtime_ns
+    again = subprocess.run(command, capture_output=True, text=True)
+    assert json.loads(again.stdout) == told
+    assert log.stat().st_mtime_ns == flown

@@ -1,0 +1,43 @@
+"""The page of the studies says what the registry says, and its example is a study."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dronecats.cli import study_spec
+from dronecats.cli.main import parse
+from dronecats.metrics.page import filled
+from dronecats.study.factors import FACTORS
+from dronecats.study.page import tables
+
+PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
+
+
+def test_the_table_is_made_from_the_registry():
+    page = PAGE.read_text(encoding="utf-8")
+    assert filled(page, tables()) == page, "run `make studies`"
+    assert all(f"| `{name}` |" in page for name in FACTORS)
+
+
+def test_the_example_is_a_study(tmp_path):
+    code = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert code
+    (tmp_path / "my-study.toml").write_text(code[1], encoding="utf-8")
+    asked = study_spec.of_file(parse(["study", "run", str(tmp_path / "my-study.toml")]))
+    assert len(asked.plan.study.factors) >= 3
+    assert asked.plan.entries
+
+
+@pytest.mark.parametrize("file", sorted((PAGE.parent / "studies").glob("*.toml")), ids=lambda path: path.stem)
+def test_what_was_studied_can_be_asked_for_again(file):
+    asked = study_spec.of_file(parse(["study", "run", str(file)]))
+    assert asked.plan.study.name == file.stem
+    assert (file.parent / file.stem / "report.md").exists()
+
+
+@pytest.mark.parametrize("factor", FACTORS.values(), ids=list(FACTORS))
+def test_each_says_what_it_is(factor):
+    assert factor.name.isidentifier()
+    assert len(factor.what) > 10
+    assert not (factor.numeric and factor.words)

@@ -1,0 +1,279 @@
+"""A plan is paired: the same seed at every level, and the levels of a pair one after another; and it is flown so."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.campaign.batch import Batch
+from dronecats.campaign.bench import Bench
+from dronecats.campaign.campaign import Campaign
+from dronecats.campaign.matrix import suite_of
+from dronecats.cli.main import main
+from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.study import design, folder
+from dronecats.study.design import Axis, Design
+from dronecats.study.plan import plan
+from foundation.errors import UsageError
+from tests.campaign.scripted_engine import MOVED, STUCK, ScriptedEngine
+
+TWO = ["residential-approaching-01", "campus-tracking-01"]
+ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False), seed=5)
+BLIND = FlightSpec(pilot="blind:ring", simulated=Simulated(speed=None, rendered=False), seed=5)
+LATENCY = Axis(name="latency", levels=(0.0, 0.5, 2.0))
+WIND = Axis(name="wind", levels=(0.0, 6.0))
+
+
+def planned(axes=(LATENCY,), pilots=(("oracle", ORACLE),), flights=2, episodes=TWO, held=None):
+    return plan("mine", pilots, suite_of(episodes, ()), design.full(axes), held=held or {}, flights=flights)
+
+
+def fly(out, made, script=lambda sortie, time: MOVED, jobs=1):
+    """Fly what is left; return what was flown, RUN/EPISODE in the order in which it began."""
+    bench = Bench(
+        out, suite_of(TWO, ()), made.entries, retry=False,
+        first=lambda: folder.write(out, folder.joined(out, made.study)),
+    )  # fmt: skip
+    engine = ScriptedEngine(script)
+    try:
+        Campaign(bench.runs, jobs=jobs, retry=False).fly(engine)
+    finally:
+        bench.close()
+    return engine.flown
+
+
+def pair_of(made, name):
+    """Return the (pilot, number of the flight) of a run."""
+    entry = next(each for each in made.entries if each.name == name)
+    run = next(each for each in made.study.runs if each.name == name)
+    return entry.flight.pilot, run.flight_number
+
+
+@given(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3), st.integers(0, 9))
+def test_the_seeds_are_paired(flights, latencies, winds, seed):
+    axes = (Axis(name="latency", levels=LATENCY.levels[:latencies]), Axis(name="wind", levels=(0.0, 3.0, 6.0)[:winds]))
+    base = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False), seed=seed)
+    made = planned(axes, [("oracle", base), ("blind", BLIND)], flights)
+    assert len(made.entries) == len(made.study.runs) == 2 * flights * latencies * winds
+    seeds: dict[tuple[str | None, int], set[int]] = {}
+    for entry, run in zip(made.entries, made.study.runs, strict=True):
+        assert entry.name == run.name
+        seeds.setdefault((entry.flight.pilot, run.flight_number), set()).add(entry.flight.seed)
+    assert all(len(each) == 1 for each in seeds.values())
+    assert [seeds["oracle", number] for number in range(1, flights + 1)] == [{seed + k} for k in range(flights)]
+
+
+def test_wherever_it_stops_it_is_paired_but_for_the_pair_in_the_air(tmp_path):
+    made = planned(pilots=[("oracle", ORACLE), ("ring", BLIND)])
+    flown = [(*pair_of(made, name.split("/")[0]), name.split("/")[1]) for name in fly(tmp_path / "s", made)]
+    assert len(flown) == 3 * 2 * 2 * 2
+    groups = [flown[place : place + 3] for place in range(0, len(flown), 3)]
+    assert all(len(set(group)) == 1 for group in groups)  # three levels of one pair, then the next
+    assert len({group[0] for group in groups}) == len(groups)
+    assert [group[0][1] for group in groups] == [1] * 4 + [2] * 4  # and all first flights before a second
+
+
+def test_what_is_left_is_flown_in_the_same_order(tmp_path):
+    made = planned(flights=1)
+
+    class KilledError(Exception):
+        pass
+
+    begun: list[str] = []
+
+    def script(sortie, time):
+        begun.append(f"{sortie.folder.parent.name}/{sortie.folder.name}")
+        if len(begun) == 3:
+            raise KilledError
+        return MOVED
+
+    with pytest.raises(KilledError):
+        fly(tmp_path / "s", made, script)
+    assert begun[:2] + fly(tmp_path / "s", made) == [f"{e.name}/{each}" for each in TWO for e in made.entries]
+    assert fly(tmp_path / "s", made) == []
+
+
+def test_what_does_not_move_is_not_flown_again(tmp_path):
+    made = planned(flights=1)
+    assert len(fly(tmp_path / "s", made, lambda sortie, time: STUCK)) == 6
+    assert fly(tmp_path / "s", made) == []
+
+
+def test_a_refused_resume_leaves_the_folder_as_it_was(tmp_path):
+    out = tmp_path / "s"
+    fly(out, planned(flights=1))
+    before = contents(out)
+    other = FlightSpec(pilot="oracle", simulated=ORACLE.simulated, seed=9)
+    for asked in (planned(pilots=[("oracle", other)], flights=3), planned(pilots=[("ring", BLIND), ("oracle", other)])):
+        with pytest.raises(UsageError, match="is a run with another"):
+            fly(out, asked)
+        assert contents(out) == before
+    assert len(fly(out, planned(pilots=[("oracle", ORACLE), ("ring", BLIND)], flights=1))) == 6
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_resume_that_is_killed_while_it_opens_is_gone_on_with(tmp_path, monkeypatch):
+    class KilledError(BaseException):
+        pass
+
+    def killed(run, configuration):
+        if "f2" in run.name:
+            raise KilledError
+        return Batch(run, configuration)
+
+    fly(tmp_path / "s", planned(flights=1))
+    monkeypatch.setattr("dronecats.campaign.bench.Batch", killed)
+    with pytest.raises(KilledError):
+        fly(tmp_path / "s", planned(flights=2))
+    with pytest.raises(KilledError):
+        fly(tmp_path / "fresh", planned(flights=2))
+    monkeypatch.undo()
+    assert len(fly(tmp_path / "s", planned(flights=2))) == 6
+    assert len(fly(tmp_path / "fresh", planned(flights=2))) == 12
+
+
+def test_a_folder_tells_who_the_levels_and_the_number():
+    made = planned((LATENCY, WIND), flights=1)
+    assert [run.name for run in made.study.runs][:3] == [
+        "oracle-latency-0-wind-0-f1", "oracle-latency-0-wind-6-f1", "oracle-latency-0.5-wind-0-f1",
+    ]  # fmt: skip
+    assert made.study.runs[1].levels == {"latency": 0.0, "wind": 6.0}
+    assert made.study.cells == ("approaching", "tracking")
+    waver = planned((Axis(name="jitter_rho", levels=(-0.5, 0.5)),), flights=1, held={"rate": 2.0, "jitter_cv": 1.0})
+    assert [run.name for run in waver.study.runs] == ["oracle-jitter-rho-minus-0.5-f1", "oracle-jitter-rho-0.5-f1"]
+
+
+def test_levels_that_no_folder_can_tell_are_numbered():
+    awkward = Design(said="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
+    with pytest.raises(UsageError, match="latency_policy at fixed-1"):  # which is none; the names were settled before
+        plan("mine", [("oracle", ORACLE)], suite_of(TWO, ()), awkward, held={}, flights=1)
+    alike = Design(said="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"}))
+    long = Design(said="by hand", points=({"latency_policy": f"fixed:{'0' * 100}1"}, {"latency_policy": "fixed:2"}))
+    for made in (alike, long):
+        names = [r.name for r in plan("m", [("o", ORACLE)], suite_of(TWO, ()), made, held={}, flights=1).study.runs]
+        assert names == (["o-point-1-f1", "o-point-2-f1"] if made is long else [
+            "o-latency-policy-lognormal-1-1-f1", "o-latency-policy-lognormal-1-1.0-f1"])  # fmt: skip
+
+
+def test_the_same_recorded_latencies_are_one_level(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "t.csv").write_text("0.5\n")
+    axis = Axis(name="latency_policy", levels=(f"trace:{tmp_path}/a/t.csv", f"trace:{tmp_path}/b/t.csv"))
+    with pytest.raises(UsageError, match="are the same recorded latencies"):
+        planned([axis])
+    held = planned([WIND], held={"latency_policy": axis.levels[0]})
+    assert held.study.held["latency_policy"].startswith("trace:t.csv@")
+    assert held.entries[0].flight.latency_trace == (0.5,)
+
+
+def test_what_is_held_is_in_every_flight_and_in_no_level():
+    made = planned(held={"wind": 3.0}, flights=1)
+    assert {entry.flight.disturbances.vehicle.wind_ned for entry in made.entries} == {(3.0, 0.0, 0.0)}
+    assert made.study.held == {"wind": 3.0}
+    assert all(set(run.levels) == {"latency"} for run in made.study.runs)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"held": {"latency": 1.0}}, "latency is varied and held at one level"),
+        ({"held": {"rate": 1.0}}, "rate and latency both say what a reply takes"),
+        ({"pilots": ()}, "name a pilot"),
+        ({"flights": 4000}, "more than 10,000"),
+        ({"held": {"command": "solo"}}, "command is of fleets, and residential-approaching-01 has one drone"),
+        ({"pilots": [("oracle", ORACLE), ("oracle", ORACLE)]}, "two of the pilots have one name"),
+    ],
+)
+def test_a_plan_that_contradicts_itself_is_refused(options, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        planned(**options)
+
+
+def test_study_json_is_read_back_as_it_was_written(tmp_path):
+    made = planned((LATENCY, WIND), held={"gusts": 2.0})
+    folder.write(tmp_path / "s", made.study)
+    assert folder.read(tmp_path / "s") == made.study
+    assert folder.joined(tmp_path / "s", made.study) == made.study
+
+
+def test_a_study_grows_by_flights_and_pilots(tmp_path):
+    folder.write(tmp_path, planned(flights=1).study)
+    more = folder.joined(tmp_path, planned(pilots=[("ring", BLIND)], flights=2).study)
+    assert more.flights == 2
+    assert {run.name for run in more.runs} == {
+        f"{who}-latency-{level}-f{number}"
+        for who, last in (("oracle", 1), ("ring", 2)) for level in ("0", "0.5", "2") for number in range(1, last + 1)
+    }  # fmt: skip
+    folder.write(tmp_path, more)
+    assert folder.joined(tmp_path, planned(flights=1).study).flights == 2
+
+
+def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
+    names = ("frame_delay", "link_delay", "link_jitter", "frame_drop", "frame_stale")
+    axes = [Axis(name=name, levels=(0.125, 0.875)) for name in names]
+    one = planned(axes, flights=1)
+    two = planned(axes, pilots=[("oracle", ORACLE), ("a-model-with-a-long-name-instruct-2507-fp8", BLIND)], flights=1)
+    assert [each.name for each in two.entries[:32]] == [each.name for each in one.entries]
+    assert two.entries[32].name == "a-model-with-a-long-name-instruct-2507-fp8-point-01-f1"
+    folder.write(tmp_path, one.study)
+    assert len(folder.joined(tmp_path, two.study).runs) == 64
+
+
+def test_the_folder_of_another_study_is_refused(tmp_path):
+    folder.write(tmp_path, planned().study)
+    other = plan("mine", [("o", ORACLE)], suite_of(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
+    with pytest.raises(UsageError, match=r"is of another study \(not the same: design, factors\); choose") as no:
+        folder.joined(tmp_path, other.study)
+    assert "\n" not in str(no.value)
+    with pytest.raises(UsageError, match="not the same: cells, episodes"):
+        folder.joined(tmp_path, planned(episodes=TWO[:1]).study)
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "bench.json").write_text("{}")
+    with pytest.raises(UsageError, match="is a benchmark and no study"):
+        folder.joined(tmp_path / "b", planned().study)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"factors": [{"name": "wind", "unit": "m/s", "levels": []}]}, "wind has no level"),
+        ({"factors": [{"name": "wind", "unit": "m/s", "levels": ["low", "high"]}]}, "wind wants a number from 0 to 30"),
+        ({"factors": [{"name": "wine", "unit": "m/s", "levels": [1]}]}, "no factor is called 'wine'"),
+        ({"held": {"gusts": "some"}}, "held: gusts wants a number"),
+        ({"runs": [{"name": "a", "levels": {"wind": "much"}, "flight_number": 1}]}, "a: wind wants a number"),
+        ({"runs": [{"name": "a", "levels": {"wind": 3}, "flight_number": 1}]}, "a: wind 3.0 is none of the study's"),
+    ],
+)
+def test_levels_that_are_none_are_told_in_a_sentence(tmp_path, changes, sentence):
+    folder.write(tmp_path, planned([WIND]).study)
+    told = json.loads((tmp_path / "study.json").read_text())
+    (tmp_path / "study.json").write_text(json.dumps({**told, **changes}))
+    with pytest.raises(UsageError, match=rf"study\.json: {sentence}") as no:
+        folder.read(tmp_path)
+    assert "\n" not in str(no.value)
+    assert main(["study", "report", str(tmp_path)]) == 2
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"schema": 1}', '{"schema": 2, "name": "x"}'])
+def test_what_is_no_study_is_told_in_a_sentence(tmp_path, text):
+    (tmp_path / "study.json").write_text(text)
+    with pytest.raises(UsageError, match=r"study\.json") as told:
+        folder.read(tmp_path)
+    assert "\n" not in str(told.value)
+
+
+def test_a_benchmark_does_not_take_what_is_no_study(tmp_path):
+    """A study.json may stand there when bench.json does not yet: a kill between the two is gone on after."""
+    made = planned(flights=1)
+    folder.write(tmp_path / "s", made.study)
+    assert len(fly(tmp_path / "s", made)) == 6
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes").touch()
+    with pytest.raises(UsageError, match=r"is not empty and has no bench\.json"):
+        fly(tmp_path / "other", made)
+    assert not (tmp_path / "other" / "study.json").exists()
