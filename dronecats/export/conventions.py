@@ -1,0 +1,62 @@
+"""From our frames and units to those of other formats, in this file only.
+
+Ours: NED metres in the map's frame; attitudes (w, x, y, z) that rotate FRD into NED; seconds of vehicle time since the
+episode began. Theirs, where they ask for right-handed axes with z up (Foxglove, Rerun, ROS REP 103): ENU metres, bodies
+FLU (forward, left, up), cameras right-down-forward, quaternions in the order x, y, z, w.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_from_euler, quat_multiply
+
+Array = NDArray[np.float64]
+
+_ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # half a turn about the axis between north and east
+_FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
+OPTICAL_IN_FLU = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: right-down-forward axes of a camera that looks forward
+
+
+def enu(ned: Any) -> Array:
+    """Return NED vectors (…, 3) as east, north, up."""
+    vectors = np.asarray(ned, np.float64)
+    return np.stack([vectors[..., 1], vectors[..., 0], -vectors[..., 2]], axis=-1)
+
+
+def flu(frd: Any) -> Array:
+    """Return FRD vectors (…, 3) as forward, left, up."""
+    return np.asarray(frd, np.float64) * (1.0, -1.0, -1.0)
+
+
+def xyzw_flu_to_enu(attitude: Quat) -> Quat:
+    """Return the attitude that rotates FLU into ENU, in the order x, y, z, w with w ≥ 0."""
+    w, x, y, z = quat_multiply(_ENU_OF_NED, quat_multiply(attitude, _FRD_OF_FLU))
+    return (x, y, z, w) if w >= 0.0 else (-x, -y, -z, -w)
+
+
+def level(yaw_deg: float) -> Quat:
+    """Return the attitude of a body that is level; yaw in ° from north, + east."""
+    return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
+
+
+def nanoseconds(t_s: float) -> int:
+    """Return seconds as whole nanoseconds, exact to the microsecond that the logs tell."""
+    return round(t_s * 1e6) * 1000
+
+
+def microseconds(t_s: float) -> int:
+    """Return seconds as whole microseconds."""
+    return round(t_s * 1e6)
+
+
+def lon_lat_alt(origin: Vec3, ned: Vec3) -> Vec3:
+    """Return (longitude °, latitude °, m above mean sea level) of a place, in the order of KML and GeoJSON.
+
+    `origin` is (latitude °, longitude °, altitude m) of the map's frame, in the datum of GPS, WGS84; about it the
+    projection is PX4's, as it is in everything that is flown.
+    """
+    latitude, longitude, altitude = ned_to_geodetic(*origin, *ned)
+    return (longitude, latitude, altitude)

@@ -1,0 +1,90 @@
+"""Words on a picture, in a face that every machine with matplotlib has."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+Ink = tuple[int, int, int]  # RGB
+Picture = NDArray[np.uint8]
+
+WHITE, PALE, GREY, YELLOW = (245, 246, 244), (203, 207, 210), (150, 156, 162), (255, 230, 0)
+GREEN, RED, MAGENTA = (46, 214, 90), (255, 92, 80), (255, 70, 220)
+DRONES: tuple[Ink, ...] = (
+    (255, 176, 0),
+    (63, 167, 255),
+    (255, 92, 138),
+    (180, 140, 255),
+    (0, 208, 160),
+    (255, 122, 26),
+)
+BACKGROUND: Ink = (20, 23, 27)
+
+
+def write(picture: Picture, text: str, at: tuple[int, int], size_px: int, color: Ink = WHITE, bold: bool = False,
+          right: bool = False) -> int:  # fmt: skip
+    """Write a line with its top left corner, or with `right` its top right one, at (x, y); return its width in px.
+
+    What reaches over an edge of the picture is cut off.
+    """
+    mask = _mask(text, size_px, bold)
+    x, y = (at[0] - mask.shape[1], at[1]) if right else at
+    left, top = max(0, -x), max(0, -y)
+    under = picture[y + top : y + mask.shape[0], x + left : x + mask.shape[1]]
+    share = mask[top : top + under.shape[0], left : left + under.shape[1], None].astype(np.uint16)
+    under[:] = (under * (255 - share) + np.array(color, np.uint16) * share) // 255
+    return int(mask.shape[1])
+
+
+def color_of(drone: int) -> Ink:
+    """Return the colour by which a drone is told from the others."""
+    return DRONES[drone % len(DRONES)]
+
+
+def width_px(text: str, size_px: int, bold: bool = False) -> int:
+    """Return how wide a line is."""
+    return int(_font(size_px, bold).getlength(text)) + 1
+
+
+def fitted(text: str, size_px: int, room_px: int, lines: int = 1, bold: bool = False) -> list[str]:
+    """Return a text broken into at most that many lines of `room_px`; what does not fit ends in …"""
+    found = [""]
+    words: Sequence[str] = text.split()
+    for number, word in enumerate(words):
+        longer = f"{found[-1]} {word}".strip()
+        if width_px(longer, size_px, bold) <= room_px or not found[-1]:
+            found[-1] = longer
+        elif len(found) < lines:
+            found.append(word)
+        else:
+            found[-1] = f"{found[-1]} {' '.join(words[number:])}"
+            break
+    last = found[-1]
+    while last and width_px(last if last == found[-1] else last + "…", size_px, bold) > room_px:
+        last = last[:-1]
+    return [*found[:-1], last if last == found[-1] else last.rstrip() + "…"]
+
+
+def plate(picture: Picture, left: int, top: int, width: int, height: int, share: float = 0.6) -> None:
+    """Darken a rectangle, so that words on it can be read."""
+    part = picture[max(0, top) : top + height, max(0, left) : left + width]
+    part[:] = (part * (1.0 - share) + np.array(BACKGROUND) * share).astype(np.uint8)
+
+
+@lru_cache(512)
+def _mask(text: str, size_px: int, bold: bool) -> NDArray[np.uint8]:
+    font = _font(size_px, bold)
+    page = Image.new("L", (max(1, int(font.getlength(text)) + 1), int(1.3 * size_px) + 1))
+    ImageDraw.Draw(page).text((0, 0), text, 255, font)
+    return np.asarray(page)
+
+
+@lru_cache(32)
+def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
+    import matplotlib
+
+    face = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / face), size_px)
