@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 
-.PHONY: fly test test-slow compatibility lint install lock schemas clean
+.PHONY: fly test test-slow compatibility lint install lock schemas metrics studies clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
@@ -44,6 +44,14 @@ lock:
 # Rewrites dronecats/rundir/schemas from the rows; run it when a row changes.
 schemas: install
 	$(BIN)/python -c "from dronecats.rundir.schema import write; write()"
+
+# Rewrites the tables of docs/metrics.md from the registry; run it when a metric changes.
+metrics: install
+	$(BIN)/python -c "from pathlib import Path; from dronecats.metrics.page import write; write(Path('docs/metrics.md'))"
+
+# Rewrites the table of docs/studies.md from the registry of factors; run it when a factor changes.
+studies: install
+	$(BIN)/python -c "from pathlib import Path; from dronecats.study.page import write; write(Path('docs/studies.md'))"
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

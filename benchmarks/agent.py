@@ -39,7 +39,7 @@ from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from dronecats.campaign.batch import Batch
-from dronecats.campaign.runner import Runner
+from dronecats.campaign.one_run import fly_run
 from dronecats.flight.file import as_kept
 from dronecats.flight.spec import FlightSpec, Simulated
 from episodes import catalogue, suites
@@ -203,7 +203,7 @@ def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
         )
         batch = Batch(Path(folder) / "run", {"flight": as_kept(flight)})
         began, cpu = time.monotonic(), _cpu_s()
-        results = Runner(batch, flight, jobs).fly(episodes)
+        results = fly_run(batch, flight, episodes, jobs)
         wall_s, cpu_s = time.monotonic() - began, _cpu_s() - cpu
         memory.close()
         batch.close()

@@ -8,6 +8,12 @@ from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
+_expects_more = threading.Event()
+
+
+def expect_more() -> None:
+    """Say that this process flies many episodes: what recurs is kept from the first on."""
+    _expects_more.set()
 
 
 def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
@@ -36,7 +42,8 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
 def recurring(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T | None]]:
     """Return a decorator as `once`, whose function returns None to who asks first, and makes what is asked for again.
 
-    For what helps a process that flies many episodes, and would only cost memory in one that flies a single one.
+    For what helps a process that flies many episodes, and would only cost memory in one that flies a single one. After
+    `expect_more` nobody is the first.
     """
 
     def keeping(make: Callable[P, T]) -> Callable[P, T | None]:
@@ -48,7 +55,7 @@ def recurring(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T | None]]
         def get(*arguments: P.args, **named: P.kwargs) -> T | None:
             key = (arguments, tuple(named.items()))
             with turn:
-                first = key not in asked
+                first = key not in asked and not _expects_more.is_set()
                 asked[key] = None
                 asked.move_to_end(key)
                 if len(asked) > maxsize:

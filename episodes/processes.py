@@ -27,12 +27,14 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
         return
     others, whole = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
+        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # one that comes now waits until below
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the processes, started below, inherit
         try:
             futures = [pool.submit(work, item) for item in items]
         finally:
             signal.signal(signal.SIGINT, before)
         try:
+            signal.pthread_sigmask(signal.SIG_SETMASK, interrupts)
             for done in as_completed(futures):
                 yield done.result()
             whole = True

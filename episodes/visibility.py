@@ -16,6 +16,7 @@ from foundation.frames import Vec3, rotate_inverse
 from foundation.protocol import DETECTION_RANGE_M
 
 SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
+SURELY_M = 0.01  # m, beside a ball around the target, for what rounding does
 NEAR_M = 0.05  # as the renderer's near plane
 VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and inside the frame: less than that names no target
 
@@ -219,7 +220,7 @@ class TargetView:
         """
         turned, eye = turn(yaw), np.array(pose.position_ned)
         origin = np.array(position_ned)
-        if np.linalg.norm(origin - eye) > DETECTION_RANGE_M + self._radius:
+        if np.linalg.norm(origin - eye) > DETECTION_RANGE_M + self._radius or self._beside(position_ned, pose, camera):
             return Visibility(0.0, None)
         local_eye = turned.T @ (eye - origin)
         way = self._points - local_eye
@@ -246,6 +247,19 @@ class TargetView:
         order = np.argsort(depth)
         middle = order[np.searchsorted(np.cumsum(share[order]), share.sum() / 2)]
         return Visibility(float(share.sum()) / total, float(depth[middle]))
+
+    def _beside(self, position_ned: Vec3, pose: CameraPose, camera: CameraModel) -> bool:
+        """Return whether all of the ball around the target is outside the picture: no ray has to be cast then."""
+        eye = pose.position_ned
+        offset = (position_ned[0] - eye[0], position_ned[1] - eye[1], position_ned[2] - eye[2])
+        x, y, z = rotate_inverse(pose.attitude, offset)
+        reach = self._radius + SURELY_M
+        across, under = camera.width / 2 / camera.focal_px, camera.height / 2 / camera.focal_px
+        return (
+            x < -reach
+            or abs(y) - across * x > reach * math.hypot(1.0, across)
+            or abs(z) - under * x > reach * math.hypot(1.0, under)
+        )
 
     @staticmethod
     def _in_frame(points: Array, pose: CameraPose, camera: CameraModel) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
 """One episode's world: its map with the target in it, and every true answer about the two."""
 
 import difflib
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ import numpy as np
 from episodes import assets, maps
 from episodes.assets.multirotor import X500, Outline
 from episodes.fleet import DronePose, Fleet
+from episodes.framing import PictureBox, in_camera, picture_box
 from episodes.once import once
 from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Moved, Scene
@@ -34,6 +36,8 @@ class Measurement:
     visible_fraction: float  # 0 … 1 of the target's silhouette that is in the picture and not hidden
     bearing_deg: float  # [-180, 180), of the centre, horizontal, from the nose, + to the right
     oracle_depth_m: float | None  # m, median planar depth of the visible surface; None when none is visible
+    target_frd: Vec3  # m, the target's centre in camera axes: forward, right, down of the optical centre
+    target_box: PictureBox | None  # its oriented box in the picture, nothing counted as hidden; None: not in it
 
 
 class World:
@@ -109,7 +113,8 @@ class World:
         beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
         lever = rotate(attitude, camera.offset_frd)
         eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
-        sight = self._view.sight(place, yaw, CameraPose(eye, attitude), camera, self.past(others))
+        pose = CameraPose(eye, attitude)
+        sight = self._view.sight(place, yaw, pose, camera, self.past(others))
         toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
         return Measurement(
             target_ned=centre,
@@ -119,7 +124,18 @@ class World:
             visible_fraction=sight.fraction,
             bearing_deg=math.degrees(wrap_pi(toward - quat_yaw(attitude))),
             oracle_depth_m=sight.depth_m,
+            target_frd=in_camera(centre, pose),
+            target_box=picture_box([in_camera(corner, pose) for corner in self._corners(centre, yaw)], camera),
         )
+
+    def _corners(self, centre: Vec3, yaw: float) -> list[Vec3]:
+        """Return the corners (m, NED) of the target's box, where its centre is and as it is turned."""
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y, z = self._half
+        return [
+            (centre[0] + a * x * c - b * y * s, centre[1] + a * x * s + b * y * c, centre[2] + d * z)
+            for a, b, d in itertools.product((-1.0, 1.0), repeat=3)
+        ]
 
     def ground_down(self, north: float, east: float) -> float:
         """Return the NED z (m) of the ground."""

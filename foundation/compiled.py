@@ -6,12 +6,13 @@ sources of all kernels.
 """
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar
 
@@ -35,6 +36,7 @@ SOURCES = (
     "episodes/scene.py",
     "foundation/*.py",
     "dronecats/sitl/fused.py",
+    "dronecats/study/loop/feedback.py",
 )
 KEPT_S = 30 * 86_400  # s, a cache of sources that nobody has run for so long is removed
 
@@ -77,6 +79,17 @@ def _prepare() -> bool:
             if time.time() - other.stat().st_mtime > KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
     return True
+
+
+@contextlib.contextmanager
+def in_turn() -> Iterator[None]:
+    """Let one process at a time compile, so that those that come after it read what it has left in the cache."""
+    if not KEEPS:
+        yield
+        return
+    with (cache_folder() / "turn").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)  # given back when it is closed, however that comes about
+        yield
 
 
 class Kernel(Protocol[P, R]):

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import development as dialect
 
 from foundation import wire
 
-__all__ = ["Packer", "Parser", "dialect"]
+__all__ = ["Packer", "Parser", "dialect", "frame_of"]
 
 
 class Parser:
@@ -27,6 +27,15 @@ class Parser:
             messages += self._feed_unusual(self._rest)
         return messages
 
+    def frames(self, data: bytes) -> list[bytes]:
+        """Return the messages completed by `data` as their bytes on the wire, for whoever only passes them on."""
+        data = self._rest + data if self._rest else bytes(data)
+        found, end = wire.split(data)
+        self._rest = data[end:]
+        if self._rest and not wire.incomplete(self._rest):
+            found += [frame_of(message) for message in self._feed_unusual(self._rest)]
+        return found
+
     def _feed_unusual(self, data: bytes) -> list[dialect.MAVLink_message]:
         """Let pymavlink parse what is not plain MAVLink 2 and all that follows; keep what it could not finish."""
         try:
@@ -40,6 +49,12 @@ class Parser:
         good = [m for m in messages if m.get_msgId() >= 0]
         self.bad += len(messages) - len(good)
         return good
+
+
+def frame_of(message: dialect.MAVLink_message) -> bytes:
+    """Return a message that was parsed as its bytes on the wire."""
+    frame = message.__dict__.get("_frame")
+    return bytes(message.get_msgbuf()) if frame is None else bytes(frame)
 
 
 def _tolerant() -> dialect.MAVLink:

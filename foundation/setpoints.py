@@ -11,6 +11,8 @@ class Sight:
 
     position_ned: Vec3  # m, local frame of the autopilot
     heading: float  # rad, 0 = north, clockwise
+    roll: float = 0.0  # rad, right side down
+    pitch: float = 0.0  # rad, nose up
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,16 +3,20 @@
 The agent and the autopilot may not import this.
 """
 
+import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
+from foundation import wire
 from foundation.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized
 from foundation.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
 KEPT = 25  # samples of each drone: half a second at 50 Hz
+UNREAD = 1000  # deliveries of the bus that may wait to be read: 20 s at 50 Hz
 SILENT_US = 100_000  # µs; a drone that is not heard for longer is not waited for
 
 
@@ -66,30 +70,67 @@ def truth_sample(message: dialect.MAVLink_message, origin: Origin) -> TruthSampl
     )
 
 
-def nearest(samples: Iterable[TruthSample], time_us: int) -> TruthSample:
-    """Return the sample of the time nearest to `time_us`. Raises ValueError when there is none."""
-    return min(samples, key=lambda sample: abs(sample.time_us - time_us))
+class Timed(Protocol):
+    """What is of one time of the vehicle clock."""
+
+    @property
+    def time_us(self) -> int: ...
+
+
+T = TypeVar("T", bound=Timed)
+
+
+def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
+    """Return the sample of the time nearest to `time_us`, of two the earlier. Raises ValueError when there is none.
+
+    They are in order, and it is looked for from the newest, which is where it mostly is.
+    """
+    best: T | None = None
+    for sample in reversed(samples):
+        if best is not None and abs(sample.time_us - time_us) > abs(best.time_us - time_us):
+            break
+        best = sample
+    if best is None:
+        raise ValueError("there is no sample")
+    return best
 
 
 class NewestTruth:
-    """Follows the truth bus and knows where each drone was last."""
+    """Follows the truth bus and knows where each drone was last.
 
-    def __init__(self, origin: Origin) -> None:
-        self._origin = origin
+    It is fed fifty times a second and asked every few: what it is fed is read when it is asked, and of that the newest.
+    """
+
+    def __init__(self, origin: Origin, kept: int = KEPT) -> None:
+        """`kept`: how many samples of each drone are remembered."""
+        self._origin, self._kept = origin, kept
         self._parser = Parser()
+        self._unread: deque[bytes] = deque()
+        self._lock = threading.RLock()  # whoever asks may be on another thread than whoever feeds
         self._heard: dict[int, deque[TruthSample]] = {}
 
     def feed(self, data: bytes) -> None:
         """Take bytes of the bus."""
-        for message in self._parser.feed(data):
-            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                sample = truth_sample(message, self._origin)
-                self._heard.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
+        self._unread.append(data)  # without the lock: whoever feeds waits for nobody, but when much has piled up
+        if len(self._unread) > UNREAD:
+            self._read()
+
+    def _read(self) -> None:
+        """Decode the newest samples of each drone among what has come since the last time."""
+        with self._lock:
+            fed = b"".join(self._unread.popleft() for _ in range(len(self._unread)))
+            newest = wire.newest(fed, dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, self._kept)
+            for message in self._parser.feed(newest):
+                if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                    sample = truth_sample(message, self._origin)
+                    self._heard.setdefault(sample.drone, deque(maxlen=self._kept)).append(sample)
 
     def of(self, drone: int) -> TruthSample | None:
         """Return the newest sample of a drone, None while it has not been heard."""
-        heard = self._heard.get(drone)
-        return heard[-1] if heard else None
+        with self._lock:
+            self._read()
+            heard = self._heard.get(drone)
+            return heard[-1] if heard else None
 
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return the newest sample of a drone at a time that all have reached, and the others' of that time, by number.
@@ -97,15 +138,37 @@ class NewestTruth:
         Whoever is silent for SILENT_US is not waited for and stays where it was heard last. None while the drone itself
         has not been heard.
         """
-        own = self._heard.get(drone)
-        if not own:
-            return None
-        reached = min(heard[-1].time_us for heard in self._heard.values())
-        sample = next((s for s in reversed(own) if s.time_us <= reached), own[-1])
-        if own[-1].time_us - sample.time_us > SILENT_US:
-            sample = own[-1]
-        others = {k: nearest(heard, sample.time_us) for k, heard in self._heard.items() if k != drone}
-        return sample, others
+        with self._lock:
+            self._read()
+            own = self._heard.get(drone)
+            if not own:
+                return None
+            reached = min(heard[-1].time_us for heard in self._heard.values())
+            sample = next((s for s in reversed(own) if s.time_us <= reached), own[-1])
+            if own[-1].time_us - sample.time_us > SILENT_US:
+                sample = own[-1]
+            others = {k: nearest(heard, sample.time_us) for k, heard in self._heard.items() if k != drone}
+            return sample, others
+
+    def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
+        """Return the first sample of a drone at a time or after it, and the others' of that time, by number.
+
+        The newest where that time has not come, the oldest where it is forgotten. None while it has not been heard.
+        """
+        with self._lock:
+            self._read()
+            own = self._heard.get(drone)
+            if not own:
+                return None
+            sample = next((s for s in own if s.time_us >= time_us), own[-1])
+            return sample, {k: nearest(heard, sample.time_us) for k, heard in self._heard.items() if k != drone}
+
+    def before(self, sample: TruthSample) -> TruthSample:
+        """Return the sample of the same drone before this one, itself where that is forgotten."""
+        with self._lock:
+            self._read()
+            own = self._heard.get(sample.drone, ())
+            return next((s for s in reversed(own) if s.time_us < sample.time_us), sample)
 
 
 def frame_message(taken: FrameTaken, sample: TruthSample, origin: Origin) -> dialect.MAVLink_message:

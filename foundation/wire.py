@@ -158,21 +158,47 @@ BY_CLASS = LayoutsByClass()
 
 def frames(data: bytes) -> tuple[list[Any], int]:
     """Return the messages of the intact plain MAVLink 2 frames at the beginning of `data`, and where they end."""
-    messages, at, end = [], 0, len(data)
+    found, end = split(data)
+    return [BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame) for frame in found], end
+
+
+def split(data: bytes) -> tuple[list[bytes], int]:
+    """Return the intact plain MAVLink 2 frames at the beginning of `data` as they are, and where they end."""
+    found, at, end = [], 0, len(data)
     while end - at >= HEADER_BYTES + CHECKSUM_BYTES and data[at] == MARKER and data[at + 2] == 0:
         stop = at + HEADER_BYTES + CHECKSUM_BYTES + data[at + 1]
         if stop > end:
             break
+        frame = data[at:stop]
         try:
             layout = BY_ID[data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16]
         except KeyError:
             break
-        frame = data[at:stop]
         if not layout.intact(frame):
             break
-        messages.append(layout.message(frame))
+        found.append(frame)
         at = stop
-    return messages, at
+    return found, at
+
+
+def newest(data: bytes, message_id: int, count: int) -> bytes:
+    """Return, of whole plain MAVLink 2 frames, the last `count` of a message from each system, in their order.
+
+    What is not nothing but such frames comes back as it is, since only a parser finds its way there.
+    """
+    low, middle, high = message_id & 0xFF, message_id >> 8 & 0xFF, message_id >> 16
+    of_system: dict[int, list[int]] = {}
+    at, end = 0, len(data)
+    while at < end:
+        if end - at < HEADER_BYTES + CHECKSUM_BYTES or data[at] != MARKER or data[at + 2] != 0:
+            return data
+        if data[at + 7] == low and data[at + 8] == middle and data[at + 9] == high:
+            of_system.setdefault(data[at + 5], []).append(at)
+        at += HEADER_BYTES + CHECKSUM_BYTES + data[at + 1]
+    if at != end:
+        return data
+    wanted = sorted(start for starts in of_system.values() for start in starts[-count:])
+    return b"".join(data[start : start + HEADER_BYTES + CHECKSUM_BYTES + data[start + 1]] for start in wanted)
 
 
 def incomplete(data: bytes) -> bool:

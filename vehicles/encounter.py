@@ -5,6 +5,7 @@ within the coming one, both get the impulse of that contact as a force over it, 
 """
 
 import math
+from dataclasses import dataclass
 
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
@@ -14,7 +15,7 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 
 DRONE = -2  # owner number of another vehicle, beside `collision.BOX`
-FAR = 3.0  # m, between vehicles that cannot touch within a tick
+SURELY_M = 1e-3  # m, beside what a tick can close, from which on two vehicles cannot touch within it
 PARTING = 3.0  # 1/s, speed with which an overlap is undone, over its depth
 
 
@@ -127,10 +128,26 @@ def _ease(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
 
 def meet(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
     """Push two vehicles apart over the coming tick and return whether they touch; adds to their external forces."""
-    a, b = one.state["position"].tolist(), other.state["position"].tolist()
-    if math.dist(a, b) > FAR:
-        return False
     return bool(_meet(one.params, one.state, girth(one), other.params, other.state, girth(other), tick_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """Where a vehicle's ball is at the beginning of a tick, as plain numbers: a fleet looks at every pair of them."""
+
+    position: list[float]  # (3,) m, NED
+    velocity: list[float]  # (3,) m/s
+    radius_m: float
+
+    def may_touch(self, other: "Ball", tick_s: float) -> bool:
+        """Return whether two can touch within a tick; nothing is the matter with those for which they cannot."""
+        room = math.dist(self.position, other.position) - self.radius_m - other.radius_m - SURELY_M
+        return room <= math.dist(self.velocity, other.velocity) * tick_s
+
+
+def ball(vehicle: Multirotor, radius_m: float) -> Ball:
+    """Return a vehicle's ball, whose radius is its `girth`."""
+    return Ball(vehicle.state["position"].tolist(), vehicle.state["velocity"].tolist(), radius_m)
 
 
 def girth(vehicle: Multirotor) -> float:

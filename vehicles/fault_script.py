@@ -45,7 +45,7 @@ def parse(table: dict[str, Any], name: str, rotors: int, suite: Suite | None = N
         where = f"fault script {name}, entry {number}"
         fault = _fault(entry, where)
         try:
-            script([fault], rotors, suite.gps_period_us, suite.gps_latency_us)
+            script([fault], rotors, suite.gps_period_us, suite.gps_age_us)
         except UsageError as error:
             raise UsageError(f"{where}: {error}") from None
         faults.append(fault)

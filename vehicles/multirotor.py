@@ -24,7 +24,7 @@ from vehicles.noise import streams
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE, STEP_S, STEP_US
 from vehicles.rigid_body import move
 from vehicles.rotor import ground_gain, push
-from vehicles.sensors import SUITE, Suite, fresh_memory, sample, suite_record
+from vehicles.sensors import SUITE, Suite, fresh_memory, grow, sample, suite_record
 from vehicles.wind import CALM, Wind, gust
 from vehicles.wind import PERIOD_US as WIND_PERIOD_US
 
@@ -148,11 +148,12 @@ class Multirotor:
         self.actuators, self.sensors, self.truth = plant["actuators"], plant["sensors"], plant["truth"]
         self.solids, self.near = plant["solids"], plant["near"]
         plant["params"] = parameters(airframe, terrain)
-        self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
         self.air["rng"][0] = gusts
-        plant["suite"] = suite_record(suite, origin)
+        self._origin = origin
+        self.meet(wind)
+        self.sense(suite)
         plant["memory"] = fresh_memory(suite, int(errors))
-        plant["faults"] = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_latency_us)
+        plant["faults"] = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_age_us)
         self.sensors["range_m"] = math.nan
         self.obstacles = obstacles
         plant["solids"] = solids_record(self.params, obstacles, camera_frd)
@@ -173,6 +174,19 @@ class Multirotor:
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds with the actuators as they are."""
         run(steps, *self.kernel_args)
+
+    def meet(self, wind: Wind) -> None:
+        """From now on fly in this wind."""
+        self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
+        self.air["next_us"] = self.state["time_us"]
+
+    def sense(self, suite: Suite) -> None:
+        """From now on sense like this; what is drawn at boot and the samples' times stay.
+
+        Errors that wander are as much larger at once as they will be from now on: their times are longer than a flight.
+        """
+        before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
+        grow(self.memory, before, self.record["suite"])
 
     def meet_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
         """Say where the moving obstacle is at this vehicle's time (m, rad) and how it goes on (m/s, rad/s)."""

@@ -117,7 +117,7 @@ MEMORY = np.dtype(
         ("battery_next_us", "i8"),
         ("queue_head", "i8"),  # index of the oldest fix under way
         ("queue_count", "i8"),
-        ("queue_time_us", "i8", (GPS_QUEUE,)),  # µs of validity
+        ("queue_time_us", "i8", (GPS_QUEUE,)),  # µs of validity, as the fix will say
         ("queue_due_us", "i8", (GPS_QUEUE,)),  # µs of delivery
         ("queue_position", "f8", (GPS_QUEUE, 3)),  # m, NED
         ("queue_velocity", "f8", (GPS_QUEUE, 3)),  # m/s, NED

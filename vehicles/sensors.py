@@ -4,7 +4,7 @@ The default suite is that of a small autopilot board of today. Every number can 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,11 @@ TEMPERATURE_0 = 288.15  # K, ISA sea level
 LAPSE = 0.0065  # K/m, ISA
 EXPONENT = 5.255876  # ISA: g·M / (R·LAPSE)
 KELVIN = 273.15
+GPS_ERRORS = ("gps_error_h", "gps_error_v", "gps_noise", "gps_velocity_noise_h", "gps_velocity_noise_v")
+NOISE = (
+    "accel_noise_density", "accel_random_walk", "gyro_noise_density", "gyro_random_walk", "mag_noise", "baro_noise_hpa",
+    "baro_drift_hpa",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +58,7 @@ class Suite:
     baro_drift_time_s: float = 1200.0  # so that it wanders by 0.1 m in a minute, as 1 hPa an hour of weather does
     gps_period_us: int = 100_000
     gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
+    gps_late_us: int = 0  # on top of it, and not told: a fix is that much older than its stamp says
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
     # s: the atmosphere's delay wanders over 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of their
@@ -74,10 +80,31 @@ class Suite:
             period = getattr(self, f"{name}_period_us")
             if period < STEP_US or period % STEP_US:
                 raise UsageError(f"sensor suite: {name}_period_us = {period} must be a multiple of {STEP_US} µs")
-        if not 0 <= self.gps_latency_us < self.gps_period_us * GPS_QUEUE:
+        latest_us = self.gps_period_us * GPS_QUEUE
+        if min(self.gps_latency_us, self.gps_late_us) < 0 or self.gps_age_us >= latest_us:
             raise UsageError(
-                f"sensor suite: gps_latency_us = {self.gps_latency_us} must be 0 to {GPS_QUEUE - 1} gps periods"
+                f"sensor suite: gps_latency_us = {self.gps_latency_us} and gps_late_us = {self.gps_late_us} must be 0"
+                f" to {GPS_QUEUE - 1} gps periods together"
             )
+
+    @property
+    def gps_age_us(self) -> int:
+        """µs from a fix's instant until it is delivered."""
+        return self.gps_latency_us + self.gps_late_us
+
+    def worsened(self, *, gps_delay_s: float = 0.0, gps_noise: float = 1.0, noise: float = 1.0) -> "Suite":
+        """Return the suite with fixes so much later than they say, and factors on what wavers.
+
+        `gps_noise` is on all errors of a fix but what the receiver reports of them; `noise` on white noise and drift of
+        accelerometer, gyroscope, compass and barometer, not on what was wrong at boot. Raises UsageError for a delay
+        that is longer than the fixes under way.
+        """
+        return replace(
+            self,
+            gps_late_us=self.gps_late_us + round(gps_delay_s * 1e6),
+            **{name: getattr(self, name) * gps_noise for name in GPS_ERRORS},
+            **{name: getattr(self, name) * noise for name in NOISE},
+        )
 
 
 SUITE = np.dtype(
@@ -123,6 +150,17 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
     for i, name in enumerate(("imu", "mag", "baro", "gps", "range", "battery", "bias")):
         memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step pays for all of them
     return memory
+
+
+def grow(memory: np.void, before: np.void, after: np.void) -> None:
+    """Scale what wanders now by what it wanders after and before, of two SUITE records; what did not wander stays."""
+    for i, name in enumerate(("gps_error_h", "gps_error_h", "gps_error_v")):
+        memory["gps_error"][i] *= _ratio(before[name], after[name])
+    memory["baro_drift"] *= _ratio(before["baro_drift_hpa"], after["baro_drift_hpa"])
+
+
+def _ratio(before: float, after: float) -> float:
+    return after / before if before > 0.0 else 1.0
 
 
 @njit(cache=True)
@@ -219,11 +257,11 @@ def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record)
     slot = (memory.queue_head + memory.queue_count) % GPS_QUEUE
     last = (slot + GPS_QUEUE - 1) % GPS_QUEUE
     late = int(faults.value[row, 0] * 1e6 + 0.5) if fault == DELAY else 0
-    due = state.time_us + suite.gps_latency_us + late
+    due = state.time_us + suite.gps_latency_us + suite.gps_late_us + late
     if memory.queue_count > 0:
         due = max(due, memory.queue_due_us[last])  # fixes keep their order when a delay ends
     memory.queue_count += 1
-    memory.queue_time_us[slot] = state.time_us
+    memory.queue_time_us[slot] = state.time_us + suite.gps_late_us
     memory.queue_due_us[slot] = due
     for i in range(3):
         if fault == FREEZE:

@@ -63,9 +63,9 @@ def parameter(name: str, value: int | float) -> bytes:
     return _keyed("P", f"float {name}", struct.pack("<f", value))
 
 
-def subscription(number: int, name: str) -> bytes:
-    """Return the message that gives a topic its number among the data that follow."""
-    return _message("A", struct.pack("<BH", 0, number) + name.encode())
+def subscription(number: int, name: str, instance: int = 0) -> bytes:
+    """Return the message that gives an instance of a topic its number among the data that follow."""
+    return _message("A", struct.pack("<BH", instance, number) + name.encode())
 
 
 def text(severity: int, time_us: int, words: str) -> bytes:

@@ -1,7 +1,7 @@
 """What the estimator said, read back out of a flight's tlog or out of the autopilot's own ULog."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,7 +77,7 @@ def from_tlog(path: Path) -> FlightRecord:
     heading: list[tuple[float, float]] = []
     origin: Vec3 | None = None
     system: int | None = None
-    for m in _autopilot_messages(path):
+    for m in tlog_messages(path, READ, dialect.MAV_COMP_ID_AUTOPILOT1):
         system = m.get_srcSystem() if system is None else system
         if m.get_srcSystem() != system:
             continue
@@ -106,8 +106,13 @@ def from_tlog(path: Path) -> FlightRecord:
     return FlightRecord(estimates, turned[:, 0], np.unwrap(turned[:, 1]), origin, path.name)
 
 
-def _autopilot_messages(path: Path) -> Iterator[dialect.MAVLink_message]:
-    """Yield the messages of READ that autopilots sent. A tlog is frames with eight bytes of time before each."""
+def tlog_messages(
+    path: Path, kinds: Collection[int], component: int | None = None
+) -> Iterator[dialect.MAVLink_message]:
+    """Yield the messages of these kinds, of one component or of all, in the order of the file. Raises UsageError.
+
+    A tlog is frames with eight bytes of time before each.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -116,13 +121,13 @@ def _autopilot_messages(path: Path) -> Iterator[dialect.MAVLink_message]:
     while at + 12 <= len(data):
         if data[at] == MAVLINK2:
             end = at + 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
-            kind, component = int.from_bytes(data[at + 7 : at + 10], "little"), data[at + 6]
+            kind, sender = int.from_bytes(data[at + 7 : at + 10], "little"), data[at + 6]
         elif data[at] == MAVLINK1:
-            end, kind, component = at + 8 + data[at + 1], data[at + 5], data[at + 4]
+            end, kind, sender = at + 8 + data[at + 1], data[at + 5], data[at + 4]
         else:
             at += 1  # torn by a kill and gone on with: look for the next frame
             continue
-        if kind in READ and component == dialect.MAV_COMP_ID_AUTOPILOT1:
+        if kind in kinds and component in (sender, None):
             yield from parser.feed(data[at:end])
         at = end + 8
 

@@ -79,8 +79,8 @@ def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
     results = sorted(results, key=lambda r: r.episode)
     cells: dict[str, list[Result]] = {}
     for result in results:
-        cells.setdefault(_group(result.episode), []).append(result)
-    found = {name: cells[name] for name in sorted(cells, key=_order)}
+        cells.setdefault(cell_of(result.episode), []).append(result)
+    found = {name: cells[name] for name in sorted(cells, key=cell_order)}
     for suite in ("quick", "one-drone", "commanding", "v1"):
         known = set(suites.ids(suite))
         members = [r for r in results if r.episode in known]
@@ -148,13 +148,14 @@ def _as_result(episode: str, flight: BlindFlight) -> Result:
     )
 
 
-def _group(episode: str) -> str:
+def cell_of(episode: str) -> str:
     """Return an id without its number: `residential-tracking-03` is one of `residential-tracking`."""
     stem, _, number = episode.rpartition("-")
     return stem if number.isdigit() else episode
 
 
-def _order(group: str) -> tuple[int, str]:
+def cell_order(group: str) -> tuple[int, str]:
+    """Return by what maps and cells are sorted: the paper's order of the cells, and others behind them."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
     # 'search-and-track' is no 'tracking', and a file of the user's is neither
     return (cells[-1] if cells else len(CELLS), group)

@@ -1,4 +1,8 @@
-"""A run of many episodes on disk: what it is made of, which episodes are done, and what a kill has left half flown."""
+"""A run of many episodes on disk: which are done, which did not move, and what a kill has left half flown.
+
+Nothing is remembered but in the folder, and every step of it is one rename or one file that is whole or not there. So a
+process that is killed at any moment loses what it had in the air, and nothing else.
+"""
 
 import fcntl
 import json
@@ -6,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
+from dronecats.metrics.stuck import is_stuck, poses_of, track_m
 from dronecats.rundir import layout
 from dronecats.rundir.folder import differences, prepare, write_run
 from dronecats.rundir.reading import json_object
@@ -13,8 +18,9 @@ from dronecats.rundir.results import SCORED
 from episodes import catalogue
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
+from foundation.json_file import write_json
 
-UNFINISHED = "unfinished"  # folder of the run that keeps what was broken off, for whoever wants to look at it
+RETRIED = "retried"  # folder of the run that keeps the flights that did not move, each with another in its place
 LOCK = ".lock"  # held while a process flies the run; the system lets go of it when that process ends, however it ends
 
 
@@ -65,30 +71,67 @@ class Batch:
         verdict = json_object(folder / layout.VERDICT)
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
-    def left(self, episodes: Iterable[str]) -> list[str]:
-        """Return the episodes that are still to be flown, in their order."""
-        return [episode for episode in episodes if self.done(episode) is None]
+    def left(self, episodes: Iterable[str], *, retry: bool = False) -> list[str]:
+        """Return the episodes that are still to be flown, in their order; with `retry` those that are stuck, too."""
+        return [each for each in episodes if self.done(each) is None or (retry and self.stuck(each))]
+
+    def stuck(self, episode: str) -> bool:
+        """Return whether an episode has failed without moving, and was not flown once more for that yet."""
+        folder, verdict = self.folder(episode), self.done(episode)
+        if verdict is None or verdict["outcome"] == "success" or self.retried(episode):
+            return False
+        try:
+            return is_stuck(poses_of(folder))
+        except UsageError:  # a damaged log, which the verdict tells of
+            return False
+
+    def retried(self, episode: str) -> bool:
+        """Return whether an episode, as its record is now, has been flown once more because it did not move."""
+        name, record = self.folder(episode).name, self.record(episode)
+        before = [self.run / RETRIED / name, *(self.run / RETRIED).glob(f"{name}-[0-9]*")]
+        return any(json_object(each / layout.EPISODE) == record for each in before)
 
     def fresh(self, episode: str) -> Path:
-        """Return an empty folder for an episode. What an earlier attempt has left is kept under `unfinished`.
+        """Return an empty folder for an episode.
 
+        What an earlier attempt has left is kept under `unfinished`, and a flight that did not move under `retried`.
         Raises OSError when the disk does not take it.
         """
         folder = self.folder(episode)
         if folder.exists():
-            kept = self.run / UNFINISHED
+            kept = self.run / (RETRIED if self.stuck(episode) else layout.UNFINISHED)
             kept.mkdir(exist_ok=True)
-            number = 1
-            while (kept / f"{folder.name}-{number}").exists():
-                number += 1
-            folder.rename(kept / f"{folder.name}-{number}")
+            folder.rename(_free(kept, folder.name, bare=kept.name == RETRIED))
         prepare(folder)
+        if (self.run / RETRIED).is_dir():
+            write_json(self.run / layout.RETRIES, self._retries())
         return folder
+
+    def _retries(self) -> dict[str, Any]:
+        """Return what retries.json holds: of each episode that was flown once more, what the first flight came to."""
+        told: dict[str, Any] = {}
+        for before in sorted((self.run / RETRIED).iterdir()):
+            verdict = json_object(before / layout.VERDICT) or {}
+            told[before.name] = {
+                "outcome": verdict.get("outcome"),
+                "track_m": round(track_m(poses_of(before)) or 0.0, 3),
+            }
+        return told
 
     def _record(self, episode: str) -> EpisodeRecord:
         if episode not in self._records:
             self._records[episode] = catalogue.load(episode)
         return self._records[episode]
+
+
+def _free(folder: Path, name: str, *, bare: bool) -> Path:
+    """Return a place for something in a folder: under its name where that may be `bare`, or with the next number."""
+    if bare and not (folder / name).exists():
+        return folder / name
+    number = 1
+    while (folder / f"{name}-{number}").exists():
+        number += 1
+    return folder / f"{name}-{number}"
 
 
 def _locked(run: Path) -> TextIO:

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-from dronecats.flight.spec import FlightSpec
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerConfig:
-    """A worker that flies episodes, several at a time where its flights mostly wait for a model."""
+    """A worker that flies what it is told to, several flights at a time where they mostly wait for a model."""
 
-    flight: FlightSpec  # each of them, but for its episode
+    poll_s: float = 0.2  # wall s at most until it answers whether a flight is over

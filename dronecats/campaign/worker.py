@@ -1,4 +1,4 @@
-"""A worker: a process that flies episodes in lockstep, several at a time, and dies with whoever started it.
+"""A worker: a process that flies episodes, several at a time, and dies with whoever started it.
 
 A flight is a thread. What the flights of a worker share is what never changes: code, compiled kernels, and the maps.
 """
@@ -9,15 +9,20 @@ import queue
 import sys
 import threading
 import traceback
-from dataclasses import replace
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from dronecats.campaign.config import WorkerConfig
+from dronecats.flight.file import from_json
 from dronecats.flight.flight import look_up
+from dronecats.flight.spec import FlightSpec
 from dronecats.run.settings import settings
 from dronecats.run.simulated import fly_in
+from episodes.once import expect_more
+from foundation.compiled import in_turn
 from foundation.errors import DronecatsError
+from foundation.turn import COMPUTING
 
 # Short, since a flight asks for the interpreter anew after each picture and each line that it writes, and would wait
 # for this long whenever another one computes.
@@ -25,43 +30,38 @@ SWITCH_S = 0.0005
 
 
 class Worker:
-    """Part of a run (`dronecats.processes.child`). `fly` begins an episode, `ended` waits for the next that is over."""
+    """Part of a campaign (`dronecats.processes.child`). `fly` begins a flight, `ended` tells of one that is over."""
 
     def __init__(self, config: WorkerConfig) -> None:
-        self._spec = config.flight
+        self._poll_s = config.poll_s
         self._idle = threading.Event()
         self._ended: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         sys.setswitchinterval(SWITCH_S)
-        compile_all()
+        expect_more()
+        with in_turn():  # all start at once: the first compiles what has to be, the others find it done
+            compile_all()
+        gc.freeze()  # code and kernels stay for good: no collection has to look at them again
 
     def ready(self) -> dict[str, Any]:
         return {"pid": os.getpid()}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        """Begin to fly the episode of a `record` in `folder`, or wait for one that has ended and return its result.
+        """Begin to fly a `flight` in `folder`, or return one that has ended; None while there is none.
 
         What has ended is told with its `folder`, and has a `result`, or the `fault` for which there is none.
         """
         if command == "ended":
-            return self._ended.get()
-        threading.Thread(target=self._fly, args=(arguments["record"], arguments["folder"]), daemon=True).start()
+            try:
+                return self._ended.get(timeout=self._poll_s)
+            except queue.Empty:
+                return None
+        threading.Thread(target=self._fly, kwargs=arguments, daemon=True).start()
         return None
 
-    def _fly(self, record: dict[str, Any], folder: str) -> None:
-        said = self._flown(record, Path(folder))
+    def _fly(self, flight: dict[str, Any], folder: str) -> None:
+        said = flown(flight, Path(folder))
         gc.collect()  # a flight is full of circles, and the buffers of its pictures are large
         self._ended.put({**said, "folder": folder})
-
-    def _flown(self, record: dict[str, Any], folder: Path) -> dict[str, Any]:
-        try:
-            flight = look_up(replace(self._spec, episode=None, record=record), ask_model=False)
-            result = fly_in(folder, flight, lambda line: None, settings(flight, flight.camera))
-        except DronecatsError as error:
-            return {"fault": str(error)}
-        except Exception as bug:
-            traceback.print_exc()  # into the worker's log
-            return {"fault": f"an unexpected {type(bug).__name__}: {bug}"}
-        return {"result": {key: value for key, value in result.items() if key not in ("status", "run_dir")}}
 
     def turn(self) -> None:
         """Wait a little; `dronecats.processes.child` looks for the next command."""
@@ -73,6 +73,35 @@ class Worker:
 
     def close(self) -> None:
         pass
+
+
+def flown(told: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Fly the flight that JSON values are, in a folder that is prepared for it; whatever happens, return.
+
+    Returns its `result` as `fly --json` has it, or the `fault` for which there is none. Any engine may call it, and
+    anywhere: all that it needs is the flight and an empty folder.
+    """
+    try:
+        spec = from_json(told, "a worker's order")
+        with COMPUTING.taken() if waits_for_models_alone(spec) else nullcontext():
+            flight = look_up(spec, ask_model=False)
+            found = settings(flight, flight.camera)
+            result = fly_in(folder, flight, lambda line: None, found)
+    except DronecatsError as error:
+        return {"fault": str(error)}
+    except Exception as bug:
+        traceback.print_exc()  # into the worker's log
+        return {"fault": f"an unexpected {type(bug).__name__}: {bug}"}
+    return {"result": {key: value for key, value in result.items() if key not in ("status", "run_dir")}}
+
+
+def waits_for_models_alone(spec: FlightSpec) -> bool:
+    """Return whether a flight's thread computes all the time, but for its model: in lockstep, with all in one process.
+
+    In real time it mostly waits for the clock, and under a PX4 for that.
+    """
+    simulated = spec.simulated
+    return simulated is not None and simulated.speed is None and simulated.autopilot == "ours"
 
 
 def compile_all() -> None:

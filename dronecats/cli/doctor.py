@@ -36,7 +36,7 @@ BASE = {
     "opencv-python-headless": "cv2",
     "httpx": "httpx",
 }
-SIM = {"numba": "numba", "embreex": "embreex", "matplotlib": "matplotlib", "tqdm": "tqdm"}
+SIM = {"numba": "numba", "embreex": "embreex", "matplotlib": "matplotlib", "pillow": "PIL", "tqdm": "tqdm"}
 INSTALL = {"base": 'pip install "dronecats"', "sim": 'pip install "dronecats[sim]"'}
 PYTHON = (3, 11)
 PORTS = {

@@ -2,15 +2,16 @@
 
 import argparse
 import json
-import os
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
+from dronecats.cli.output import Drawing
+from foundation.printable import printable
 
 if TYPE_CHECKING:
+    from dronecats.campaign.campaign import Came
     from dronecats.flight.spec import FlightSpec
     from dronecats.rundir.results import Result
     from episodes.blind import BlindFlight
@@ -43,7 +44,9 @@ def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
     from dronecats.campaign.audit import flights, floor, groups, pars, row, text
     from dronecats.campaign.batch import Batch
-    from dronecats.campaign.runner import Runner
+    from dronecats.campaign.local import cores
+    from dronecats.campaign.matrix import suite_of
+    from dronecats.campaign.one_run import fly_run
     from dronecats.flight.flight import look_up
     from dronecats.run.settings import settings
     from dronecats.rundir.folder import fresh_run
@@ -58,22 +61,21 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--write-par keeps the oracle's steps; leave out --pilot")
     if args.write_blind and not args.pilot.startswith("blind:"):
         raise UsageError("--write-blind keeps a blind pilot's flights; add --pilot blind:NAME")
-    chosen = _chosen(args.episodes, args.suite)
+    chosen = tuple(suite_of(args.episodes, [args.suite] if args.suite else [] if args.episodes else ["all"]).records)
     spec = _flight(args)
     flight = look_up(spec)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
-    left = batch.left(chosen)
-    results = [stored_result(batch.folder(e).name, batch.folder(e)) for e in chosen if e not in left]
+    results = [stored_result(batch.folder(e).name, batch.folder(e)) for e in chosen if batch.done(e) is not None]
     bar = _bar(len(chosen), len(results))
 
-    def ended(result: "Result") -> None:
+    def ended(came: "Came") -> None:
+        result = came.result
         if result.outcome != "success":
-            bar.write(f"{result.episode}: {result.outcome}{_reason(result)}", file=sys.stderr)
+            bar.write(printable(f"{result.episode}: {result.outcome}{_reason(result)}"), file=bar.fp)
         bar.update()
 
     try:
-        if left:
-            results += Runner(batch, spec, args.jobs or os.cpu_count() or 1).fly(left, ended)
+        results += fly_run(batch, spec, chosen, args.jobs or cores(), ended)
     except KeyboardInterrupt:
         print(f"\ngo on where it stopped with --out {batch.run}", file=sys.stderr)
         raise
@@ -104,24 +106,6 @@ def run(args: argparse.Namespace) -> int:
     return 1 if args.pilot == "oracle" and rows[-1].solved < rows[-1].flown else 0
 
 
-def _chosen(episodes: list[str], suite: str | None) -> list[str]:
-    """Return the ids or files to fly. Raises UsageError for one that cannot be read."""
-    from episodes import catalogue, suites
-    from foundation.errors import UsageError
-
-    if episodes and suite:
-        raise UsageError("choose one: the episodes by name, or --suite")
-    chosen = list(dict.fromkeys(episodes)) or suites.ids(suite or "all")
-    records = {episode: catalogue.load(episode) for episode in chosen}
-    times = Counter(record.id for record in records.values())
-    for episode, record in records.items():
-        if times[record.id] > 1:
-            raise UsageError(f"two of the episodes have the id '{record.id}', which each needs to itself")
-        if record.id in catalogue.known() and not catalogue.ships(record):
-            raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; give yours another one")
-    return chosen
-
-
 def _flight(args: argparse.Namespace) -> "FlightSpec":
     """Return each flight of the run, but for its episode."""
     from dronecats.flight.spec import FlightSpec, Simulated
@@ -141,7 +125,7 @@ def _bar(total: int, done: int) -> Any:
     from tqdm import tqdm
 
     seldom = 0.1 if sys.stderr.isatty() else 30.0  # s; a log file wants no more than a line now and then
-    return tqdm(total=total, initial=done, unit="episode", dynamic_ncols=True, mininterval=seldom)
+    return tqdm(total=total, initial=done, unit="episode", dynamic_ncols=True, mininterval=seldom, file=Drawing())
 
 
 def _reason(result: "Result") -> str:

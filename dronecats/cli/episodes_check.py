@@ -7,6 +7,8 @@ import sys
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from dronecats.cli.output import Drawing
+
 if TYPE_CHECKING:
     from episodes.check.finding import RuleFinding
     from episodes.check.many import Report
@@ -44,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
     for report in check_all(asked, args.jobs or None, laid_out=of_suite):
         reports.append(report)
         if sys.stderr.isatty():
-            print(f"\r{len(reports)} of {len(asked)} checked", end="", file=sys.stderr, flush=True)
+            print(f"\r{len(reports)} of {len(asked)} checked", end="", file=Drawing(), flush=True)
     if sys.stderr.isatty():
-        print("\r" + " " * 30 + "\r", end="", file=sys.stderr)
+        print("\r" + " " * 30 + "\r", end="", file=Drawing())
     place = {one: k for k, one in enumerate(asked)}
     reports.sort(key=lambda r: place[r.asked])
     names = Counter(r.name for r in reports)

@@ -7,6 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.output import Drawing
+
 if TYPE_CHECKING:
     from hil.link.flight_logs import FlightLog
 
@@ -96,4 +98,4 @@ def _table(logs: "list[FlightLog]") -> str:
 
 
 def _progress(share: float) -> None:
-    print(f"\r{100 * share:3.0f} %{chr(10) if share >= 1.0 else ''}", end="", file=sys.stderr, flush=True)
+    print(f"\r{100 * share:3.0f} %{chr(10) if share >= 1.0 else ''}", end="", file=Drawing(), flush=True)

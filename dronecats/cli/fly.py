@@ -8,7 +8,8 @@ from typing import Any
 
 from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
-from dronecats.cli.model_options import add_options, told
+from dronecats.cli.disturbance_options import add_disturbance_options
+from dronecats.cli.model_options import add_accounts, add_manners, add_options, told
 
 ARM = "ARM"  # what has to be typed
 
@@ -52,33 +53,16 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
     pilot = parser.add_argument_group("pilot")
-    pilot.add_argument(
-        "--pilot", metavar="NAME", help="vision (default), oracle, blind:NAME, failing:NAME, recorded:FILE; no models"
-    )
-    pilot.add_argument(
-        "--model",
-        metavar="NAME",
-        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
-    )
-    add_options(pilot)
-    pilot.add_argument("--cost-limit", type=float, metavar="USD", help="with --model: land when so much is spent")
-    pilot.add_argument("--token-limit", type=int, metavar="N", help="with --model: land when so many are spent")
-    pilot.add_argument("--cache", type=Path, metavar="FILE", help="with --model: replies kept, and not asked for twice")
-    pilot.add_argument("--ledger", type=Path, metavar="FILE", help="with --model: of several runs (in the folder)")
-    pilot.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
-    pilot.add_argument(
-        "--parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)"
-    )
+    add_pilot(pilot)
     pilot.add_argument(
         "--command", choices=("flat", "hierarchical", "solo"), help="who decides for a fleet: docs/commanding.md"
     )
-    pilot.add_argument("--commander", metavar="NAME", help="of a hierarchy; or scripted:divide, no model")
-    pilot.add_argument("--commander-url", metavar="URL", help="where that is served")
     pilot.add_argument(
         "--latency",
         metavar="POLICY",
-        help="real (default), measured, fixed:SECONDS (with --speed max: fixed:0.5) or lognormal:MEDIAN,SIGMA",
+        help="what a reply takes: real (default), fixed:SECONDS (with --speed max: fixed:0.5) …: docs/latency.md",
     )
+    add_disturbance_options(parser)
     run_group = parser.add_argument_group("run")
     run_group.add_argument("--episode", metavar="ID", help="id or file (default: go to the cyan SUV)")
     run_group.add_argument("--drones", type=int, metavar="N", help="1 to 8 of a commanding episode (default: its four)")
@@ -95,6 +79,32 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
     run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
     parser.set_defaults(run=run)
+
+
+def add_pilot(group: "argparse._ActionsContainer") -> None:
+    """Declare who flies, as every verb has it that flies one flight."""
+    group.add_argument(
+        "--pilot",
+        metavar="NAME",
+        help="vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE; no models",
+    )
+    group.add_argument(
+        "--model",
+        metavar="NAME",
+        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
+    )
+    add_options(group)
+    add_accounts(group)
+    group.add_argument("--ledger", type=Path, metavar="FILE", help="with --model: of several runs (in the folder)")
+    add_manners(group)
+    group.add_argument("--agent", metavar="NAME", help="paper (default), steady, or MODULE:NAME: docs/extending.md")
+
+
+def unsaid() -> argparse.Namespace:
+    """Return the words of the verb where none is said: what another verb that flies says beside them."""
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers(dest="verb"))
+    return parser.parse_args(["fly"])
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,6 +5,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.agent.names import STEADY
+from dronecats.cli import disturbance_options
+from dronecats.cli.disturbance_options import disturbances_of
 from dronecats.cli.model_options import OPTIONS, model_of
 from dronecats.cli.speed import speed
 
@@ -14,6 +17,7 @@ if TYPE_CHECKING:
 
 SIMULATED_ONLY = (
     "speed", "seed", "airframe", "episode", "drones", "command", "full", "optics", "autopilot", "px4", "no_envelope",
+    *disturbance_options.NAMES,
 )  # fmt: skip
 CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
@@ -26,8 +30,8 @@ BESIDE_SPEC = (
 )  # fmt: skip
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
-            "full", "prompt", "parser")  # fmt: skip
-RECORDED = ("axis", "schema", "temperature", "command", "commander", "drones")  # what no replay can have otherwise
+            "full", "prompt", "parser", *disturbance_options.NAMES)  # fmt: skip
+RECORDED = ("axis", "schema", "temperature", "command", "commander", "drones", "agent")  # in a replay as they were
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
@@ -44,12 +48,14 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
     if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
         raise UsageError(f"--{_option(alone)} goes with --model PROVIDER/NAME, for example --model local/my-model")
+    if args.agent == STEADY and args.command == "hierarchical":
+        raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
     if args.commander and args.command != "hierarchical":
         raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
         raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
     strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
-    stray = next((name for name in strays if getattr(args, name) not in (None, False)), None)
+    stray = next((name for name in strays if _given(getattr(args, name))), None)
     if stray == "no_envelope":
         raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
     if stray:
@@ -60,6 +66,7 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _simulated(args: argparse.Namespace) -> "FlightSpec":
+    from dronecats.flight.latency_trace import latency_fields
     from dronecats.flight.spec import LATENCY, FlightSpec, Simulated
     from episodes import catalogue
     from episodes.optics.file import load as load_optics
@@ -80,8 +87,9 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         **_of_pilot(args),
         simulated=vehicle,
         drones=args.drones,
-        latency=args.latency or (LATENCY if factor is None else "real"),
+        **latency_fields(args.latency or (LATENCY if factor is None else "real")),
         parser=args.parser or "strict",
+        disturbances=disturbances_of(args, lockstep=factor is None),
         seed=args.seed or 0,
         full=args.full,
         envelope=_envelope(args),
@@ -90,6 +98,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
     """Return a recorded flight, but for what is said otherwise."""
+    from dronecats.flight.latency_trace import latency_fields
     from dronecats.flight.recording import recorded
     from dronecats.flight.spec import Simulated
     from episodes.optics.file import load as load_optics
@@ -114,9 +123,12 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     changes: dict[str, Any] = {"simulated": vehicle, "accounts": _accounts(args), "full": args.full or spec.full}
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
-    changes |= {name: value for name in ("seed", "latency", "parser") if (value := getattr(args, name)) is not None}
+    changes["disturbances"] = disturbances_of(args, spec.disturbances, lockstep=vehicle.speed is None)
+    changes |= {name: value for name in ("seed", "parser") if (value := getattr(args, name)) is not None}
+    if args.latency:
+        changes |= latency_fields(args.latency)
     if args.prompt:
-        changes |= {"prompt": _template(args.prompt)}
+        changes |= {"prompt": template_of(args.prompt)}
     if args.no_envelope or args.envelope:
         changes |= {"envelope": _envelope(args)}
     return replace(spec, **changes)
@@ -124,23 +136,24 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 
 def said_of_replay(args: argparse.Namespace, flight: str) -> str:
     """Return what a replay takes from the recorded flight, and what not, a sentence."""
-    given = [f"--{_option(name)}" for name in REPLAYED if getattr(args, name) not in (None, False)]
+    given = [f"--{_option(name)}" for name in REPLAYED if _given(getattr(args, name))]
     other = f", but for {', '.join(given)}" if given else ""
     return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{other}"
 
 
 def _accounts(args: argparse.Namespace) -> "Accounts":
+    from dronecats.agent.models.budget import cost_limit, token_limit
     from dronecats.flight.spec import Accounts
 
     return Accounts(
-        cost_limit_usd=args.cost_limit,
-        token_limit=args.token_limit,
+        cost_limit_usd=None if args.cost_limit is None else cost_limit(args.cost_limit),
+        token_limit=None if args.token_limit is None else token_limit(args.token_limit),
         ledger=str(args.ledger) if args.ledger else None,
         cache=str(args.cache) if args.cache else None,
     )
 
 
-def _template(file: Path) -> str:
+def template_of(file: Path) -> str:
     from dronecats.agent.prompt import Prompt
 
     return Prompt.load(file).template
@@ -156,6 +169,7 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
 
 
 def _connected(args: argparse.Namespace) -> "FlightSpec":
+    from dronecats.flight.latency_trace import latency_fields
     from dronecats.flight.spec import Authority, Connected, FlightSpec
     from foundation.errors import UsageError
     from hil.cameras.calibration import load as load_calibration
@@ -175,7 +189,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         **(_of_world(args.world, args.instruction) if args.world else {"instruction": args.instruction}),
         **_of_pilot(args),
         connected=vehicle,
-        latency=args.latency or "real",
+        **latency_fields(args.latency or "real"),
         parser=args.parser or "strict",
         patience_s=PATIENCE_S if args.patience is None else args.patience,
         **({} if args.seconds is None else {"seconds": args.seconds}),
@@ -188,7 +202,7 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.file import hidden, read
     from foundation.errors import UsageError
 
-    stray = next((n for n, v in vars(args).items() if n not in BESIDE_SPEC and v not in (None, False)), None)
+    stray = next((n for n, v in vars(args).items() if n not in BESIDE_SPEC and _given(v)), None)
     if stray:
         raise UsageError(f"--spec says what is flown: leave --{_option(stray)} out")
     spec = read(args.spec)
@@ -213,16 +227,17 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
     from dronecats.pilots import roster
 
     told: dict[str, Any] = {
-        "prompt": _template(args.prompt) if args.prompt else None,
+        "prompt": template_of(args.prompt) if args.prompt else None,
         "accounts": _accounts(args),
-        **_of_command(args),
+        **({"agent": args.agent} if args.agent else {}),
+        **commanded_by(args),
     }
     if args.model:
         return {"model": model_of(args.model, args), **told}
     return {"pilot": roster.check(args.pilot or "vision"), **told}
 
 
-def _of_command(args: argparse.Namespace) -> dict[str, Any]:
+def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
     """Return how a fleet is commanded, and by whom."""
     from dronecats.agent.models.providers import provider_of
     from dronecats.agent.models.rows import model_of as row_or_name
@@ -287,3 +302,8 @@ def _check_eyes(args: argparse.Namespace) -> None:
 
 def _option(name: str) -> str:
     return name.replace("_", "-")
+
+
+def _given(value: Any) -> bool:
+    """Return whether an option was: a nought is a word like any other."""
+    return value is not None and value is not False

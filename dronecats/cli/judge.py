@@ -1,14 +1,17 @@
-"""`dronecats judge RUN`: the verdicts of a run, derived again from its logs alone."""
+"""`dronecats judge RUN…`: the verdicts of runs, derived again from their logs alone."""
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from foundation.protocol import RADIUS_M
+from foundation.protocol import CAP_S, RADIUS_M
 
 if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
+    from dronecats.metrics.judging import JudgedEpisode
+    from dronecats.metrics.metric import MetricValue
 
 DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
 
@@ -16,48 +19,71 @@ DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the lo
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
     parser = verbs.add_parser("judge")
-    parser.add_argument("run_dir", type=Path, help="a run folder, or the folder of one episode in it")
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="a run folder, one episode of it, or a folder of runs"
+    )
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--cap", type=float, default=CAP_S, help="seconds after which nothing counts (default 300)")
+    parser.add_argument(
+        "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="measure with a file of your own"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, with every metric")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the verdicts; status 0 whatever they are, and 4 when something stored does not agree with them."""
-    from dronecats.judge.episode import judge_run
+    from dronecats.metrics.judging import Judging, judged_episodes
+    from dronecats.results.flown_run import flown_runs
 
-    episodes = judge_run(args.run_dir, args.delta, reread)
+    how = Judging(delta_m=args.delta, cap_s=args.cap, measured=args.json, own=tuple(args.metric))
+    how.check()
+    runs = flown_runs(args.runs)
+    folders = [folder for each in runs for folder in each.episodes]
+    names = _names([(each.folder, folder) for each in runs for folder in each.episodes])
+    told = zip(names, judged_episodes(folders, how), strict=True)
+    doubtful = 0
     if args.json:
-        print(json.dumps({"episodes": {episode: judged.as_json() for episode, judged in episodes.items()}}))
+        episodes = {name: _as_json(each) for name, each in told}
+        doubtful = sum(_doubtful(each) for each in episodes.values())
+        print(json.dumps({"episodes": episodes}))
     else:
-        for episode, judged in episodes.items():
-            _print(episode, judged)
-    return DIFFERS if any(judged.doubtful for judged in episodes.values()) else 0
+        for name, each in told:
+            doubtful += each.judged.doubtful
+            _print(name, each)
+        if len(folders) > 1:
+            print(f"{len(folders)} episodes, {doubtful} in doubt")
+    return DIFFERS if doubtful else 0
 
 
-def reread(reply: str, drones: int, mended: bool = False) -> list[list[dict[str, Any] | None]]:
-    """Return, for each drone, the actions that a reply may be read as: one for each order of a point's axes.
-
-    `mended`: as the lenient reading has it. Where that mended nothing, it is the strict one.
-    """
-    from dronecats.agent.reply.reading import reading
-
-    read = zip(
-        *(reading(reply, drones, order, "lenient" if mended else "strict") for order in ("xy", "yx")), strict=True
-    )
-    return [[one.action.as_json() if one.action else None for one in each] for each in read]
+def _names(found: Sequence[tuple[Path, Path]]) -> list[str]:
+    """Return what each episode is called: its folder's name, with its run's before it where there are several runs."""
+    runs = {run: run.name for run, _ in found}
+    if len(runs) == 1:
+        return [folder.resolve().name for _, folder in found]
+    alike = len(set(runs.values())) < len(runs)
+    return [f"{run if alike else run.name}/{folder.resolve().name}" for run, folder in found]
 
 
-def _print(episode: str, judged: "Judged") -> None:
+def _as_json(each: "JudgedEpisode") -> dict[str, Any]:
+    return {**each.judged.as_json(), "failure_mode": each.mode, "metrics": {**each.values}}
+
+
+def _doubtful(told: dict[str, Any]) -> bool:
+    return bool(told["contradictions"]) or told["stored_agrees"] is False
+
+
+def _print(episode: str, each: "JudgedEpisode") -> None:
     from dronecats.judge.commanding import sentence as sent
     from dronecats.judge.distances import sentence
 
-    verdict = judged.verdict
+    verdict = each.judged.verdict
     ne_m = "     –" if verdict.ne_m is None else f"{verdict.ne_m:6.2f}"
     cut_off = ", cut off there" if verdict.outcome == "success" and verdict.censored else ""
+    mode = f" ({each.mode})" if each.mode not in (None, "success") else ""
     print(
         f"{episode:32} {verdict.outcome:13} NE {ne_m} m  {verdict.steps:3} steps"
-        f"  {verdict.declarations:3} declarations{cut_off}  {_agreement(judged)}"
+        f"  {verdict.declarations:3} declarations{cut_off}{mode}  {_agreement(each.judged)}"
     )
     if verdict.outcome == "censored":
         print(f"{'':32} cut off at its first success: whether it would have been one at this radius is not known")
@@ -65,9 +91,17 @@ def _print(episode: str, judged: "Judged") -> None:
         print(f"{'':32} {sentence(verdict.distances, verdict.delta_m)}")
     if verdict.commanding:
         print(f"{'':32} {sent(verdict.commanding)}")
-    for said in (verdict.error, verdict.note, *judged.contradictions):
+    for name, value in each.values.items():
+        print(f"{'':32} {name} {_value(value)}")
+    for said in (verdict.error, verdict.note, *each.judged.contradictions):
         if said:
             print(f"{'':32} {said}")
+
+
+def _value(value: "MetricValue | Sequence[MetricValue]") -> str:
+    if isinstance(value, Sequence):
+        return " ".join(map(_value, value))
+    return "–" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _agreement(judged: "Judged") -> str:

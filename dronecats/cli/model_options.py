@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,6 +19,23 @@ def add_options(group: "argparse._ActionsContainer") -> None:
         "--schema", choices=("object", "array", "none"), help="the root of the schema that replies are held to"
     )
     group.add_argument("--temperature", metavar="X", help="of the sampling (its row's, or 0.4); none sends none")
+
+
+def add_accounts(group: "argparse._ActionsContainer") -> None:
+    """Declare what a model may cost."""
+    group.add_argument("--cost-limit", metavar="USD", help="with --model: land when so much is spent")
+    group.add_argument("--token-limit", metavar="N", help="with --model: land when so many are spent")
+    group.add_argument("--cache", type=Path, metavar="FILE", help="with --model: replies kept, and not asked for twice")
+
+
+def add_manners(group: "argparse._ActionsContainer") -> None:
+    """Declare how a pilot is asked and read, and who commands it."""
+    group.add_argument("--prompt", type=Path, metavar="FILE", help="another prompt template")
+    group.add_argument(
+        "--parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)"
+    )
+    group.add_argument("--commander", metavar="NAME", help="of a hierarchy; or scripted:divide, no model")
+    group.add_argument("--commander-url", metavar="URL", help="where that is served")
 
 
 def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({"row": as_json(row) if row else None, "spec": kept(spec), "request": shown}))
         return 0
     print(told(spec))
-    print(f"Row {row.name} of {row.file}" if row else "No row of models.toml: its provider's and the paper's settings")
+    print(f"Row {row.name} of {row.file}" if row else _rowless(spec))
     for word in ("source", "note"):
         if row and getattr(row, word):
             print(f"{word.capitalize()}: {getattr(row, word)}")
@@ -47,6 +47,16 @@ def run(args: argparse.Namespace) -> int:
         print(f"{name}: {value}")
     print(json.dumps(shown["body"], indent=2, ensure_ascii=False))
     return 0
+
+
+def _rowless(spec: "ModelSpec") -> str:
+    """Return what is to be known of a model that has no row."""
+    from dronecats.agent.models.providers import provider_of
+
+    provider = provider_of(spec.provider)
+    switched = bool(provider.thinking or provider.quick)
+    unsaid = "" if switched else "; it reasons as it likes until a row says reasoning_off and reasoning_lifted"
+    return f"No row of models.toml: what every model of {provider.name} takes{unsaid}"
 
 
 def kept(spec: "ModelSpec") -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 `dronecats fly … | head -1` closes the output in mid-flight. The flight goes on to its end, its results are in the run
 folder, and the exit status is the flight's own.
+
+All that a verb prints passes here, whoever's words they are: `printable` holds for every one of them.
 """
 
 import contextlib
@@ -11,6 +13,8 @@ import os
 import sys
 from collections.abc import Callable
 from typing import Any
+
+from foundation.printable import printable
 
 
 class Lossy(io.FileIO):
@@ -37,6 +41,31 @@ class Lossy(io.FileIO):
             with contextlib.suppress(OSError):
                 self._on_loss(error)
             return memoryview(data).nbytes
+
+
+class Printing(io.TextIOWrapper):
+    """A stream of text that nobody's words can steer a terminal by."""
+
+    def write(self, text: str, /) -> int:
+        """Write a text, made printable; return how many characters it has."""
+        super().write(printable(text))
+        return len(text)
+
+    def draw(self, text: str) -> None:
+        """Write words of our own as they are."""
+        super().write(text)
+
+
+class Drawing:
+    """Standard error for a bar of progress, which goes back to the beginning of its line. For our words only."""
+
+    def write(self, text: str) -> int:
+        """Write a text as it is; return how many characters it has."""
+        (sys.stderr.draw if isinstance(sys.stderr, Printing) else sys.stderr.write)(text)
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stderr, name)
 
 
 class Output:
@@ -77,7 +106,7 @@ class Output:
             print(self._note, file=sys.stderr)
 
 
-def _text(stream: Any, raw: Lossy, errors: str) -> io.TextIOWrapper:
+def _text(stream: Any, raw: Lossy, errors: str) -> Printing:
     stream.flush()
     by_line = stream.line_buffering or stream.write_through  # the latter where Python runs unbuffered
-    return io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, errors, line_buffering=by_line)
+    return Printing(io.BufferedWriter(raw), stream.encoding, errors, line_buffering=by_line)

@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.processes.supervisor import Supervisor
     from dronecats.sitl.board.simulator import BoardSimulator
     from dronecats.sitl.config import CameraConfig, SimulatorConfig
+    from dronecats.sitl.flight_conditions import FlightConditions
     from dronecats.sitl.px4.simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
     from dronecats.stages import parts
@@ -97,8 +98,7 @@ def run(args: argparse.Namespace) -> int:
         speed=factor,
         instance=args.instance,
         count=args.count or 1,
-        wind=wind,
-        gusts=args.gusts,
+        conditions=FlightConditions(wind_ned=(*wind, 0.0), gusts_w20=args.gusts),
         faults=str(args.faults) if args.faults else None,
         state_dir=str(args.state or Path("runs") / f"sitl-{args.instance}"),
         autopilot=args.autopilot,

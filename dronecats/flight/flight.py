@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.latency import Latency, latency
-from dronecats.agent.models.budget import Budget
+from dronecats.agent.models.budget import Budget, cost_limit, token_limit
 from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.flight.free_flight import free_flight
-from dronecats.flight.spec import FlightSpec
+from dronecats.flight.spec import ON_CLUSTER, FlightSpec
 from dronecats.pilots import roster
 from episodes import catalogue, maps
 from episodes import record as records
@@ -24,6 +25,7 @@ from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
 from vehicles import airframe as airframes
+from vehicles.payload import laden
 
 SEED_MAX = 2**31 - 1
 SPEEDS = (0.01, 100.0)  # × real time
@@ -41,6 +43,7 @@ class Flight:
     prompt: Prompt
     latency: Latency
     optics: Optics | None
+    outside: Model | None = None  # who answers, where that is somebody outside
 
     @property
     def instruction(self) -> str:
@@ -65,8 +68,13 @@ class Flight:
         return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
 
 
-def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
-    """Return the flight of a spec; `ask_model`: see whether its endpoint answers. Raises UsageError."""
+def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None = None) -> Flight:
+    """Return the flight of a spec; `ask_model`: see whether its endpoint answers. Raises UsageError.
+
+    `outside` answers where the spec says that somebody outside does.
+    """
+    if spec.outside is not None and outside is None and not spec.replay:
+        raise UsageError(f"only {spec.outside.harness} can ask {spec.outside.name}; --model replay:RUN flies it again")
     _check_numbers(spec)
     _check_accounts(spec)
     if spec.pilot and not spec.replay:
@@ -74,7 +82,7 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
     if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
         raise UsageError(
             f"--command {spec.command} asks for each drone alone, and {spec.pilot} counts its questions, not whose they"
-            " are; choose vision, oracle or a model"
+            " are; choose vision, oracle, noisy or a model"
         )
     if spec.scripted_commander:
         roster.check_commander(spec.scripted_commander)
@@ -82,15 +90,15 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
         raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
     simulated = spec.simulated
     if simulated:
-        airframes.load(simulated.airframe)
-        looks = spec.model or spec.commander or roster.looks(spec.pilot or "")
+        laden(airframes.load(simulated.airframe), spec.disturbances.vehicle.payload_kg)
+        looks = spec.model or spec.outside or spec.commander or roster.looks(spec.pilot or "")
         if not (simulated.rendered or spec.replay) and looks:
             raise UsageError(
-                "only oracle, blind and failing pilots fly without rendering; every other pilot looks at the frames"
+                "only oracle, noisy, blind and failing pilots fly without rendering; every other looks at the frames"
             )
         if simulated.px4 and simulated.autopilot != "px4":
             raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
-    policy = latency(spec.latency)
+    policy = latency(spec.latency, spec.latency_trace)
     if policy.charge is None and simulated and simulated.speed is None:
         raise UsageError(
             "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
@@ -108,6 +116,7 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True) -> Flight:
         prompt=Prompt.load() if spec.prompt is None else Prompt.of(spec.prompt, "the prompt"),
         latency=policy,
         optics=optics_of(simulated.optics, "optics") if simulated and simulated.optics else None,
+        outside=outside,
     )
 
 
@@ -127,10 +136,10 @@ def _check_numbers(spec: FlightSpec) -> None:
 
 def _check_accounts(spec: FlightSpec) -> None:
     accounts = spec.accounts
-    if accounts.cost_limit_usd is not None and not 0.0 < accounts.cost_limit_usd < math.inf:
-        raise UsageError(f"--cost-limit wants more than 0 $, got {accounts.cost_limit_usd:g}")
-    if accounts.token_limit is not None and accounts.token_limit < 1:
-        raise UsageError(f"--token-limit wants at least 1, got {accounts.token_limit}")
+    if accounts.cost_limit_usd is not None:
+        cost_limit(accounts.cost_limit_usd)
+    if accounts.token_limit is not None:
+        token_limit(accounts.token_limit)
     asked = [model for model in (spec.model, spec.commander) if model]
     if not asked or spec.replay:
         given = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
@@ -139,7 +148,7 @@ def _check_accounts(spec: FlightSpec) -> None:
         return
     for model in asked:
         Budget(accounts.cost_limit_usd).check_prices(model)
-    if accounts.ledger is not None:
+    if accounts.ledger is not None and not accounts.ledger.startswith(ON_CLUSTER):
         Ledger(Path(accounts.ledger)).close()
     if accounts.cache is not None:
         ReplyCache(Path(accounts.cache)).close()

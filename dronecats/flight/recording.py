@@ -37,11 +37,14 @@ def recorded(path: Path) -> FlightSpec:
 def _recording(folder: Path) -> RecordedFlight:
     steps: dict[int, RecordedStep] = {}
     asked: Counter[int] = Counter()  # by the first of the drones that are asked for together
+    served: dict[int, str] = {}  # likewise; a decision tells it when it changes
     for said in rows(folder / layout.DECISIONS, Decision):
         if said.confirmed_by is not UNSET:  # the commander's, whose reply stands with its exchange
             continue
         if said.reply is UNSET:
             raise UsageError(f"{folder / layout.DECISIONS} holds no replies; an older version flew it")
+        if said.served is not UNSET:
+            served[said.drone] = str(said.served)
         if said.step not in steps:  # of those that were asked for together, the first
             steps[said.step] = RecordedStep(
                 step=asked[said.drone],
@@ -51,6 +54,7 @@ def _recording(folder: Path) -> RecordedFlight:
                 tokens_in=said.tokens_in,
                 tokens_out=said.tokens_out,
                 finish=None if said.finish is UNSET else str(said.finish),
+                served=served.get(said.drone),
             )
             asked[said.drone] += 1
     if not steps:
@@ -61,13 +65,16 @@ def _recording(folder: Path) -> RecordedFlight:
         flight=folder.name,
         steps=(*steps.values(), *_of_commander(commanded)),
         to_the_cap="cap" in ends,
+        ended=ends[-1] if ends else None,
         commander=commanded[0].model if commanded else None,
     )
 
 
 def _of_commander(commanded: Sequence[Exchange]) -> Iterator[RecordedStep]:
     """Yield the replies of the exchanges that had one."""
+    served: str | None = None  # an exchange tells it when it changes
     for said in commanded:
+        served = served if said.served is UNSET else str(said.served)
         if said.reply is not None:
             yield RecordedStep(
                 step=said.number,
@@ -76,5 +83,6 @@ def _of_commander(commanded: Sequence[Exchange]) -> Iterator[RecordedStep]:
                 latency_s=said.latency_s or 0.0,
                 tokens_in=said.tokens_in,
                 tokens_out=said.tokens_out,
+                served=served,
                 role="commander",
             )

@@ -9,12 +9,15 @@ from typing import Any, Literal
 
 from dronecats.agent.models.replay import RecordedFlight
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
+from dronecats.flight.disturbances import UNDISTURBED, Disturbances
 from foundation.protocol import CAP_S
 from hil.cameras.calibration import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
 SCRIPTED = "scripted:divide"  # who commands built-in pilots unless somebody is named
+ON_CLUSTER = "ray:"  # before the name of a ledger that an actor of a cluster keeps
 LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
 
 
@@ -56,8 +59,20 @@ class Accounts:
 
     cost_limit_usd: float | None = None  # $, of all that the ledger holds; None: no limit
     token_limit: int | None = None  # of questions and replies, likewise
-    ledger: str | None = None  # file; None: one in the run folder
+    ledger: str | None = None  # file, or ON_CLUSTER and a name; None: a file in the run folder
     cache: str | None = None  # file of replies; None: every question is sent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outside:
+    """Whoever answers from outside: a harness of somebody else's that asks its own model (`dronecats.bridges`)."""
+
+    harness: str  # gymnasium, inspect or inspect-robots
+    name: str  # as the harness calls who answers
+    axis_order: Literal["xy", "yx"] = "xy"  # in which the prompt asks for points
+    lifted: str | None = (
+        None  # the reasoning that the harness asks for after a `think`; None: as for any other question
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,15 +88,19 @@ class FlightSpec:
     drones: int | None = None  # of a simulated episode; None: as many as its record has starts
     pilot: str | None = None  # a built-in pilot, no model; or
     model: ModelSpec | None = None
+    outside: Outside | None = None
     replay: RecordedFlight | None = None  # in the place of whichever of the two flew it
     accounts: Accounts = Accounts()
     command: Literal["flat", "hierarchical", "solo"] = "flat"  # one context for all; a commander; or each on its own
     commander: ModelSpec | None = None  # of a hierarchy; None: the same model, …
     scripted: str | None = None  # … or a built-in commander, no model; None of a built-in pilot: the one that divides
     prompt: str | None = None  # a template; None: the one that ships
+    agent: str = PAPER  # who flies: another of `dronecats.run.agents`, or MODULE:NAME of one of one's own
     latency: str = LATENCY
+    latency_trace: tuple[float, ...] | None = None  # s, of a `trace:`, as they were recorded one after the other
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     patience_s: float | None = None  # s without a frame or a reply after which the flight ends; None: theirs
+    disturbances: Disturbances = UNDISTURBED  # of pictures, wire and vehicle, on purpose
     seed: int = 0  # tells flights of one episode apart
     seconds: float = CAP_S  # s of vehicle time, the length of the flight
     full: bool = False  # fly to its end although the verdict is decided
@@ -90,17 +109,23 @@ class FlightSpec:
     def __post_init__(self) -> None:
         """Look that it is one flight."""
         _one("simulated or connected", self.simulated, self.connected)
-        _one("pilot or model", self.pilot, self.model)
+        _one("pilot, model or outside", self.pilot, self.model, self.outside)
         if sum(place is not None for place in (self.episode, self.record, self.map)) > 1:
             raise ValueError("it wants one of episode, record or map, and has more")
         if self.commander and self.scripted:
             raise ValueError("it wants one commander, and has two")
         if (self.commander or self.scripted) and self.command != "hierarchical":
             raise ValueError(f"a commander goes with command hierarchical, not {self.command}")
+        if self.command == "hierarchical" and self.agent == STEADY:
+            raise ValueError(f"agent {STEADY} goes with command flat or solo, not hierarchical")
         if self.command != "flat" and self.connected:
             raise ValueError(f"command {self.command} goes with simulated: a vehicle that is connected is one")
         if self.envelope is None and self.connected:
             raise ValueError("a vehicle that is not simulated wants an envelope")
+        if self.disturbances != UNDISTURBED and self.connected:
+            raise ValueError("disturbances go with simulated: what is connected has its own")
+        if self.disturbances.vehicle.stalled and self.simulated and self.simulated.speed is None:
+            raise ValueError("a host can stall only in real time: in lockstep everything waits for everything")
 
     @property
     def scripted_commander(self) -> str | None:
@@ -111,8 +136,9 @@ class FlightSpec:
 
     @property
     def pilot_name(self) -> str:
-        """The built-in pilot's name, or the model's as PROVIDER/NAME; of a replay, that of who flew it."""
+        """The built-in pilot's name, PROVIDER/NAME of a model or HARNESS:NAME; of a replay, that of who flew it."""
         name = self.pilot or (self.model.title if self.model else "")
+        name = f"{self.outside.harness}:{self.outside.name}" if self.outside else name
         return f"replay of {name}" if self.replay else name
 
 

@@ -18,11 +18,12 @@ from foundation.protocol import CAP_S, GO, POINT_SPAN, STRIDE_MAX_M
 
 COMMANDING = "commanding"  # the cell
 _CAMERA = CameraModel()
+_FOCAL_PX = _CAMERA.focal_px
 
 GoTold = tuple[float, float, float]  # a go: x, y on 0 … 1000, depth in m
 
 
-def commanding(logs: Logs) -> CommandingDiagnostics | None:
+def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None:
     """Return how the drones of a commanding episode were told to fly, within the cap; None of any other episode."""
     record = logs.record
     if record is None or record.cell != COMMANDING or not logs.true:
@@ -31,7 +32,7 @@ def commanding(logs: Logs) -> CommandingDiagnostics | None:
     candidates = [thing.position_ned for thing in things if thing.position_ned is not None]
     if len(candidates) < len(things):
         return None
-    acted = sorted((d for d in logs.decisions if d.t_decided <= CAP_S), key=lambda d: (d.step, d.drone))
+    acted = sorted((d for d in logs.decisions if d.t_decided <= cap_s), key=lambda d: (d.step, d.drone))
     steps = [
         _step(step, list(told), logs.frames, candidates) for step, told in itertools.groupby(acted, lambda d: d.step)
     ]
@@ -80,8 +81,8 @@ def place(go: GoTold, frame: FrameTruth) -> Vec3 | None:
         return None
     x, y, depth_m = go
     ahead, aside, below = _CAMERA.offset_frd
-    right_m = (x / POINT_SPAN - 0.5) * _CAMERA.width / _CAMERA.focal_px * depth_m + aside
-    down_m = (y / POINT_SPAN - 0.5) * _CAMERA.height / _CAMERA.focal_px * depth_m + below
+    right_m = (x / POINT_SPAN - 0.5) * _CAMERA.width / _FOCAL_PX * depth_m + aside
+    down_m = (y / POINT_SPAN - 0.5) * _CAMERA.height / _FOCAL_PX * depth_m + below
     forward_m, yaw = depth_m + ahead, math.radians(frame.yaw_deg)
     north, east, down = frame.position_ned
     return (

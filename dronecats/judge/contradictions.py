@@ -1,7 +1,7 @@
 """Where the logs of an episode do not hold together: with one another, with themselves, with the folder's name."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from itertools import pairwise
 from typing import Any
 
@@ -17,8 +17,8 @@ from foundation.protocol import CAP_S, RADIUS_M
 # behind that by no more than a process of a busy machine stands still
 LATE_S = 5.0
 
-# (reply, drones, whether it was mended) -> per drone, the actions that it may be read as
-Rereading = Callable[[str, int, bool], Sequence[Sequence[Any]]]
+# (reply, drones, whether it was mended) -> what it may be read as, one way after the other: an action for each drone
+Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 
 
 def ending(logs: Logs) -> str | None:
@@ -81,6 +81,22 @@ def of_replies(logs: Logs, reread: Rereading) -> list[str]:
 
     A reply is for the drones that are decided for together, in the order of their numbers.
     """
+    group = asked_together(logs)
+    told = [(d, d.reply, group[d.drone]) for d in logs.decisions if d.reply is not UNSET]
+    other = [
+        d
+        for d, reply, drones in told
+        if not any(
+            read[drones.index(d.drone)] == d.action for read in reread(reply, len(drones), d.mended is not UNSET)
+        )
+    ]
+    if not other:
+        return []
+    return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]
+
+
+def asked_together(logs: Logs) -> dict[int, list[int]]:
+    """Return by drone those that a reply is for together with it, in the order of their numbers."""
     together: dict[int, set[int]] = {}  # by step
     for decision in logs.decisions:
         together.setdefault(decision.step, set()).add(decision.drone)
@@ -88,15 +104,7 @@ def of_replies(logs: Logs, reread: Rereading) -> list[str]:
     for drones in together.values():
         for drone in drones:
             group.setdefault(drone, set()).update(drones)
-    told = [(d, d.reply, sorted(group[d.drone])) for d in logs.decisions if d.reply is not UNSET]
-    other = [
-        d
-        for d, reply, drones in told
-        if d.action not in reread(reply, len(drones), d.mended is not UNSET)[drones.index(d.drone)]
-    ]
-    if not other:
-        return []
-    return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]
+    return {drone: sorted(drones) for drone, drones in group.items()}
 
 
 def of_commander(logs: Logs, exchanges: Sequence[Exchange]) -> list[str]:

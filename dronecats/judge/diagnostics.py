@@ -6,9 +6,9 @@ when that is more than GAP_S later.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, TypeVar
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeVar
 
 from dronecats.rundir.reading import Logs
 from dronecats.rundir.results import Diagnostics
@@ -22,8 +22,7 @@ Sample = Pose | FrameTruth
 Kind = TypeVar("Kind", bound=Sample)
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """A time that a sample speaks for."""
 
     begins: float  # s
@@ -31,19 +30,31 @@ class Stretch:
     sample: Sample
 
 
-def of_drones(logs: Logs, delta_m: float = RADIUS_M) -> dict[int, Diagnostics]:
+def of_drones(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> dict[int, Diagnostics]:
     """Return the diagnostics of every drone of which anything was measured, by its number."""
-    acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= CAP_S}
-    frames = [row for key, row in logs.frames.items() if row.t <= CAP_S or key in acted]
-    poses = [pose for pose in logs.poses if pose.t <= CAP_S]
-    samples: list[Sample] = [*poses, *frames]
+    samples, poses, ended_s = _samples(logs, cap_s)
+    return {
+        drone: _of_drone(_of(samples, drone), _of(poses, drone), ended_s, delta_m)
+        for drone in sorted({row.drone for row in samples})
+    }
+
+
+def hold(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> float | None:
+    """Return the longest unbroken time (s) of a drone within delta with the target in view; None: not measured."""
+    samples, _, ended_s = _samples(logs, cap_s)
+    drones = {row.drone for row in samples}
+    return max((longest_hold(stretches(_of(samples, drone), ended_s), delta_m) for drone in drones), default=None)
+
+
+def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]:
+    """Return all that something was measured at until the cap, the poses, and when the episode ended (s)."""
+    acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= cap_s}
+    frames = [row for key, row in logs.frames.items() if row.t <= cap_s or key in acted]
+    poses = [pose for pose in logs.poses if pose.t <= cap_s]
+    samples: list[Sample] = [*poses, *frames]  # in this order, which stays that of one instant
     told = [row for row in samples if row.distance_m is not None or row.visible is not None]
     last_s = max((row.t for row in told), default=0.0)
-    ended_s = min(CAP_S, max(last_s, logs.end.t if logs.end else 0.0))
-    return {
-        drone: _of_drone(_of(told, drone), _of(poses, drone), ended_s, delta_m)
-        for drone in sorted({row.drone for row in told})
-    }
+    return told, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))
 
 
 def of_fleet(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
@@ -68,9 +79,9 @@ def of_fleet(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
     )
 
 
-def wide_rotations(decisions: Iterable[Decision]) -> int:
+def wide_rotations(decisions: Iterable[Decision], cap_s: float = CAP_S) -> int:
     """Return how many turns within the cap were of more than the ±90° that the prompt asks for. They are flown."""
-    turns = [d.action for d in decisions if d.action and d.kind == ROTATE and d.t_decided <= CAP_S]
+    turns = [d.action for d in decisions if d.action and d.kind == ROTATE and d.t_decided <= cap_s]
     angles = [turn.get("angle_deg") for turn in turns]
     return sum(isinstance(angle, int | float) and abs(angle) > ASKED_DEG for angle in angles)
 
@@ -78,6 +89,19 @@ def wide_rotations(decisions: Iterable[Decision]) -> int:
 def dwell(stretches: Iterable[Stretch], delta_m: float) -> float:
     """Return the seconds within delta with the target in view."""
     return sum(s.ends - s.begins for s in stretches if s.sample.visible and _within(s.sample, delta_m))
+
+
+def longest_hold(stretches: Iterable[Stretch], delta_m: float) -> float:
+    """Return the longest unbroken time in seconds within delta with the target in view; a gap in the trace ends it."""
+    longest, begins, ends = 0.0, 0.0, -1.0
+    for stretch in stretches:
+        if not (stretch.sample.visible and _within(stretch.sample, delta_m)):
+            ends = -1.0
+            continue
+        begins = begins if stretch.begins == ends else stretch.begins
+        ends = stretch.ends
+        longest = max(longest, ends - begins)
+    return longest
 
 
 def longest_loss(stretches: Iterable[Stretch]) -> float:
@@ -106,9 +130,9 @@ def stretches(samples: Sequence[Sample], ended_s: float) -> Iterator[Stretch]:
     first, last = samples[0], samples[-1]
     times = [(0.0, first.t, first), *((a.t, b.t, a) for a, b in pairwise(samples)), (last.t, ended_s, last)]
     for begins, ends, sample in times:
-        clipped = Stretch(max(0.0, begins), min(ended_s, ends), sample)
-        if ends - begins <= GAP_S and clipped.ends > clipped.begins:
-            yield clipped
+        begin, end = begins if begins > 0.0 else 0.0, ends if ends < ended_s else ended_s
+        if ends - begins <= GAP_S and end > begin:
+            yield Stretch(begin, end, sample)
 
 
 def _of_drone(samples: Sequence[Sample], poses: Sequence[Pose], ended_s: float, delta_m: float) -> Diagnostics:
@@ -132,8 +156,8 @@ def _of_drone(samples: Sequence[Sample], poses: Sequence[Pose], ended_s: float, 
 
 
 def _of(rows: Iterable[Kind], drone: int) -> list[Kind]:
-    """Return one drone's rows in the order of their times; at one instant the frame, which was judged, comes last."""
-    return sorted((row for row in rows if row.drone == drone), key=lambda row: (row.t, isinstance(row, FrameTruth)))
+    """Return one drone's rows in the order of their times; at one instant the frame, which was judged, stays last."""
+    return sorted((row for row in rows if row.drone == drone), key=attrgetter("t"))
 
 
 def _within(sample: Sample, delta_m: float) -> bool:

@@ -19,21 +19,21 @@ from foundation.protocol import CAP_S, RADIUS_M
 SURE = 2.0  # standard deviations
 
 
-def distances(logs: Logs, delta_m: float = RADIUS_M) -> Distances | None:
+def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
     """Return the distances of an estimated flight to its surveyed target, None when there is no such estimate."""
     estimate = logs.estimate
     if estimate is None or estimate.head.target is None:
         return None
-    told = [(p.distance_m, p) for p in estimate.poses if p.t <= CAP_S and p.distance_m is not None]
+    told = [(p.distance_m, p) for p in estimate.poses if p.t <= cap_s and p.distance_m is not None]
     told.sort(key=lambda each: each[1].t)
-    acted = [d for d in logs.decisions if d.t_decided <= CAP_S]
+    acted = [d for d in logs.decisions if d.t_decided <= cap_s]
     nearest = min(told, key=lambda each: each[0], default=None)
     return Distances(
         source=None if estimate.head.source is UNSET else estimate.head.source,
         target=estimate.head.target,
         closest=_told(nearest[1], delta_m) if nearest else None,
         last_action=_declared(acted[-1], estimate, delta_m) if acted else None,
-        declarations=tuple(_declared(d, estimate, delta_m) for d in finished(logs) if d.t_decided <= CAP_S),
+        declarations=tuple(_declared(d, estimate, delta_m) for d in finished(logs) if d.t_decided <= cap_s),
         dwell_s=round(_dwell([(p.t, distance_m) for distance_m, p in told], delta_m), 3),
     )
 

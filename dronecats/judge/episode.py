@@ -1,6 +1,7 @@
 """The outcome of an episode folder: success, failure, or what is nobody's score: error, censored, unknown."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from dronecats.judge import contradictions
 from dronecats.judge.commanding import commanding
 from dronecats.judge.diagnostics import of_drones, of_fleet, wide_rotations
 from dronecats.judge.distances import distances
+from dronecats.judge.host_stalls import host_stalls
 from dronecats.judge.measured import declarations, finished, last_action, reasons
 from dronecats.judge.measures import NOTHING_KNOWN, measures
 from dronecats.judge.stored import Comparison, compare
@@ -51,26 +53,27 @@ class Judged:
         }
 
 
-def outcome(logs: Logs, delta_m: float = RADIUS_M) -> Verdict:
+def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
     """Return the whole verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
     A qualifying declaration is a success however the flight ended. Without one, a flight that the logger did not see
-    end at the cap or by decision, one whose logs contradict their own end, or one with an unmeasured declaration is an
-    error of the infrastructure, never a failure; and a flight that was cut off as decided at another radius is
-    censored. Where nobody knew the truth `success` is None: the outcome is unknown, or "distance only" with
+    end at its cap or by decision, one whose logs contradict their own end, or one with an unmeasured declaration is an
+    error of the infrastructure, never a failure; and a flight that was cut off as decided at another radius, before
+    `cap_s`, is censored. Where nobody knew the truth `success` is None: the outcome is unknown, or "distance only" with
     `distances`, when the autopilot's own estimate and a surveyed target tell how near it came, though not whether the
     target was in view.
     """
-    told = declarations(logs) if logs.true else []
-    last = last_action(logs) if logs.true else None
-    verdict = judge(told, last, delta_m) if logs.true else Judgement(False, None, None)
-    estimated = distances(logs, delta_m)
+    told = declarations(logs, cap_s) if logs.true else []
+    last = last_action(logs, cap_s) if logs.true else None
+    verdict = judge(told, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
+    estimated = distances(logs, delta_m, cap_s)
     error = None if verdict.success else _fault(logs, verdict)
-    named = "error" if error else _named(logs, verdict, estimated is not None)
+    seen = logs.end is not None and (logs.end.reason == "cap" or logs.end.t >= cap_s)
+    named = "error" if error else _named(logs, verdict, seen, estimated is not None)
     scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
     claims = finished(logs)
-    drones = of_drones(logs, delta_m)
-    whole = error is None and logs.end is not None and logs.end.reason == "cap"
+    drones = of_drones(logs, delta_m, cap_s)
+    whole = error is None and seen
     return Verdict(
         outcome=named,
         success=scored.success if logs.true and named != "censored" else None,
@@ -78,23 +81,25 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M) -> Verdict:
         delta_m=delta_m,
         censored=named in ("success", "censored") and not whole,
         steps=max((d.step + 1 for d in logs.decisions), default=0),
-        declarations=sum(d.t_decided <= CAP_S for d in claims),
-        declarations_after_cap=sum(d.t_decided > CAP_S for d in claims),
-        **asdict(measures(told, delta_m, whole=whole) if logs.true else NOTHING_KNOWN),
+        declarations=sum(d.t_decided <= cap_s for d in claims),
+        declarations_after_cap=sum(d.t_decided > cap_s for d in claims),
+        **asdict(measures(told, delta_m, cap_s, whole=whole) if logs.true else NOTHING_KNOWN),
         deciding=_deciding(scored.deciding),
         error=error,
         note=_note(scored, last),
         diagnostics=of_fleet(drones),
         drones=tuple(_of_drone(drone, each, told, delta_m) for drone, each in drones.items()),
         distances=UNSET if logs.true else estimated,
-        wide_rotations=wide_rotations(logs.decisions) or UNSET,
-        commanding=commanding(logs) or UNSET,
+        wide_rotations=wide_rotations(logs.decisions, cap_s) or UNSET,
+        commanding=commanding(logs, cap_s) or UNSET,
+        host_stalls=host_stalls(logs.decisions) or UNSET,
+        cap_s=UNSET if cap_s == CAP_S else cap_s,
     )
 
 
-def succeeded(logs: Logs) -> bool:
-    """Return whether a declaration already qualifies, whatever is still to come."""
-    return logs.true and bool(judge(declarations(logs), None).success)
+def succeeded(logs: Logs) -> bool | None:
+    """Return whether a declaration already qualifies, whatever is still to come; None while one is not measured."""
+    return judge(declarations(logs), None).success if logs.true else False
 
 
 def _fault(logs: Logs, verdict: Judgement) -> str | None:
@@ -102,12 +107,12 @@ def _fault(logs: Logs, verdict: Judgement) -> str | None:
     return reasons(verdict.unknown) or contradictions.ending(logs) or contradictions.gaps(logs)
 
 
-def _named(logs: Logs, verdict: Judgement, estimated: bool) -> Outcome:
+def _named(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outcome:
     if not logs.true:
         return "distance only" if estimated else "unknown"
     if verdict.success:
         return "success"
-    return "censored" if logs.end and logs.end.reason == "decided" else "failure"
+    return "failure" if seen else "censored"
 
 
 def _note(verdict: Judgement, last: Measured | None) -> str | None:
@@ -133,14 +138,24 @@ def _of_drone(drone: int, of_it: Diagnostics, told: list[Measured], delta_m: flo
 
 
 def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None) -> Judged:
-    """Return `outcome` of an episode folder, and how it compares with what else stands there. Raises UsageError.
+    """Return `outcome` of an episode folder, and how it compares with what else stands there. Raises UsageError."""
+    logs = read(folder)
+    return beside_stored(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
+
+
+def beside_stored(
+    folder: Path,
+    logs: Logs,
+    record: Mapping[str, Any] | None,
+    verdict: Verdict,
+    reread: contradictions.Rereading | None = None,
+) -> Judged:
+    """Return the verdict of a folder's logs with how it compares with what else stands there.
 
     Replies are read again by `reread`.
     """
-    logs = read(folder)
-    verdict = outcome(logs, delta_m)
     found = contradictions.of_logs(logs)
-    found += contradictions.of_folder(folder.resolve().name, json_object(folder / layout.EPISODE))
+    found += contradictions.of_folder(folder.resolve().name, record)
     found += contradictions.of_replies(logs, reread) if reread else []
     found += _of_commander(folder, logs)
     return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(found))
@@ -158,7 +173,8 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
     stored = json_object(path)
     if stored is None:
         return Comparison((), False, damaged=True) if path.exists() else None
-    return compare(stored, verdict.as_json()) if stored.get("delta_m") == verdict.delta_m else None
+    same = stored.get("delta_m") == verdict.delta_m and stored.get("cap_s", UNSET) == verdict.cap_s
+    return compare(stored, verdict.as_json()) if same else None
 
 
 def judge_run(
@@ -168,8 +184,7 @@ def judge_run(
 
     One damaged episode is an error of its own and keeps no other from being judged. Raises UsageError.
     """
-    if not math.isfinite(delta_m) or delta_m <= 0:
-        raise UsageError(f"--delta wants a radius in metres above 0, got {delta_m:g}")
+    check_radius(delta_m)
     if not run.is_dir():
         raise UsageError(f"there is no folder {run}")
     folders = episodes(run)
@@ -183,12 +198,23 @@ def _judged(folder: Path, delta_m: float, reread: contradictions.Rereading | Non
     try:
         return judge_folder(folder, delta_m, reread)
     except UsageError as damage:
-        verdict = _damaged(damage, delta_m)
-        return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
+        return judged_damage(folder, damage, delta_m)
 
 
-def _damaged(damage: UsageError, delta_m: float) -> Verdict:
-    return replace(outcome(NOTHING, delta_m), **asdict(NOTHING_KNOWN), error=str(damage))
+def judged_damage(folder: Path, damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Judged:
+    """Return what damaged logs come to: an error that says what is damaged."""
+    verdict = _damaged(damage, delta_m, cap_s)
+    return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
+
+
+def _damaged(damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Verdict:
+    return replace(outcome(NOTHING, delta_m, cap_s), **asdict(NOTHING_KNOWN), error=str(damage))
+
+
+def check_radius(delta_m: float) -> None:
+    """Raise UsageError for what is no success radius."""
+    if not math.isfinite(delta_m) or delta_m <= 0:
+        raise UsageError(f"--delta wants a radius in metres above 0, got {delta_m:g}")
 
 
 def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:

@@ -17,17 +17,17 @@ def finished(logs: Logs) -> list[Decision]:
     return [d for d in logs.decisions if d.declares]
 
 
-def declarations(logs: Logs) -> list[Measured]:
+def declarations(logs: Logs, cap_s: float = CAP_S) -> list[Measured]:
     """Return the declarations that could count, with the truth at their frames."""
-    return [measured(d, logs) for d in finished(logs) if d.t_decided <= CAP_S]
+    return [measured(d, logs) for d in finished(logs) if d.t_decided <= cap_s]
 
 
-def last_action(logs: Logs) -> Measured | None:
+def last_action(logs: Logs, cap_s: float = CAP_S) -> Measured | None:
     """Return the last action within the cap, None without any; of a fleet, the closest of each drone's last one.
 
     Where one of them was not measured nobody knows which was the closest: its distance is None.
     """
-    newest = {d.drone: d for d in sorted(logs.decisions, key=lambda d: d.step) if d.t_decided <= CAP_S}
+    newest = {d.drone: d for d in sorted(logs.decisions, key=lambda d: d.step) if d.t_decided <= cap_s}
     last = [measured(newest[drone], logs) for drone in sorted(newest)]
     return min(last, key=lambda m: -1.0 if m.distance_m is None else m.distance_m, default=None)
 

@@ -26,7 +26,10 @@ class Comparison:
 
 def compare(stored: Mapping[str, Any], derived: Mapping[str, Any]) -> Comparison:
     """Return how two verdicts at one radius compare. What an older version did not store cannot differ."""
-    now = json.loads(json.dumps(derived))
+    told = json.dumps(derived)
+    if json.dumps(stored) == told:
+        return Comparison((), older=False)
+    now = json.loads(told)
     older = any(name not in stored for name in now)
     names = CORE if older else tuple(dict.fromkeys([*now, *stored]))
     return Comparison(tuple(d for name in names for d in _differing(name, stored.get(name), now.get(name))), older)

@@ -2,20 +2,34 @@
 
 import math
 from collections import deque
+from functools import cached_property
 from pathlib import Path
 from typing import overload
 
 from dronecats.logger.measure import Measure, TruthMeasurement
 from dronecats.rundir import layout
-from dronecats.rundir.rows import Begin, End, FrameTruth, Pose
+from dronecats.rundir.rows import Begin, End, FrameTruth, InPicture, Pose
 from dronecats.rundir.writing import LineLog, TelemetryLog
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_yaw
-from foundation.mavlink import Parser, dialect
+from foundation.mavlink import Parser, dialect, frame_of
 from foundation.protocol import POSE_PERIOD_S
 from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
 
 KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
+
+
+class HeardTruth:
+    """A truth sample that is read when it is wanted: one in twenty-five is."""
+
+    def __init__(self, message: dialect.MAVLink_message, origin: Origin) -> None:
+        self.drone, self.time_us = message.get_srcSystem() - 1, int(message.time_usec)
+        self._message, self._origin = message, origin
+
+    @cached_property
+    def sample(self) -> TruthSample:
+        """Where the vehicle was."""
+        return truth_sample(self._message, self._origin)
 
 
 class Recorder:
@@ -25,9 +39,9 @@ class Recorder:
         self._origin, self._measure, self._camera = origin, measure, camera
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
         self._truth_parser, self._telemetry_parser = Parser(), Parser()
-        self._samples: dict[int, deque[TruthSample]] = {}
+        self._samples: dict[int, deque[HeardTruth]] = {}
         self._next_pose: dict[int, int] = {}
-        self._due: deque[TruthSample] = deque()  # poses to be written once it is known where the others are
+        self._due: deque[HeardTruth] = deque()  # poses to be written once it is known where the others are
         self._t0_us: int | None = None
         self._time_us = 0
 
@@ -56,24 +70,26 @@ class Recorder:
         """Take bytes of the truth bus."""
         for message in self._truth_parser.feed(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                self._pose(truth_sample(message, self._origin))
+                self._pose(HeardTruth(message, self._origin))
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
                 self._frame(message)
-            self._raw(message)
+            self._tlog.write(self._time_us, frame_of(message))
 
     def telemetry(self, data: bytes) -> None:
         """Take bytes of an autopilot's telemetry; kept raw for the ground-station tools."""
-        for message in self._telemetry_parser.feed(data):
-            self._raw(message)
+        if not data:
+            return
+        for frame in self._telemetry_parser.frames(data):
+            self._tlog.write(self._time_us, frame)
 
-    def _pose(self, sample: TruthSample) -> None:
+    def _pose(self, sample: HeardTruth) -> None:
         self._time_us = max(self._time_us, sample.time_us)
         self._samples.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
         if self._t0_us is not None:
             self._keep(sample, self._t0_us)
             self._write_poses(waiting=True)
 
-    def _keep(self, sample: TruthSample, t0_us: int) -> None:
+    def _keep(self, sample: HeardTruth, t0_us: int) -> None:
         """Have a pose written every POSE_PERIOD_S."""
         due = self._next_pose.setdefault(sample.drone, 0)
         t = (sample.time_us - t0_us) / 1e6
@@ -88,7 +104,7 @@ class Recorder:
             reached = min(samples[-1].time_us for samples in self._samples.values())
             if waiting and reached < time_us and self._time_us - time_us <= SILENT_US:
                 return
-            self._write_pose(self._due.popleft())
+            self._write_pose(self._due.popleft().sample)
 
     def _write_pose(self, sample: TruthSample) -> None:
         m = self._measured(sample)
@@ -108,9 +124,10 @@ class Recorder:
         taken = frame_taken(message)
         if self._t0_us is None:
             return
-        sample = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
-        if sample is None:
+        heard = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
+        if heard is None:
             return  # a pose that never reached us: the verdict will find the frame's record missing and say so
+        sample = heard.sample
         m = self._measured(sample)
         self._rows.write(
             FrameTruth(
@@ -126,18 +143,17 @@ class Recorder:
                 visible_fraction=_rounded(m.visible_fraction),
                 bearing_deg=_rounded(m.bearing_deg),
                 oracle_depth_m=_rounded(m.oracle_depth_m),
+                target_frd=_place(m.target_frd),
+                target_box=_box(m.target_box),
             )
         )
 
     def _measured(self, sample: TruthSample) -> TruthMeasurement:
-        others = [nearest(heard, sample.time_us) for k, heard in self._samples.items() if k != sample.drone]
+        others = [nearest(heard, sample.time_us).sample for k, heard in self._samples.items() if k != sample.drone]
         return self._measure(self._t(sample.time_us), sample, self._camera, others)
 
     def _t(self, time_us: int) -> float:
         return round((time_us - (self._t0_us or 0)) / 1e6, 6)
-
-    def _raw(self, message: dialect.MAVLink_message) -> None:
-        self._tlog.write(self._time_us, bytes(message.get_msgbuf()))
 
 
 # Truth travels with a centimetre's resolution; four digits keep all of it without printing noise.
@@ -157,3 +173,8 @@ def _place(place: Vec3) -> Vec3: ...
 def _place(place: Vec3 | None) -> Vec3 | None: ...
 def _place(place: Vec3 | None) -> Vec3 | None:
     return None if place is None else (_rounded(place[0]), _rounded(place[1]), _rounded(place[2]))
+
+
+def _box(box: InPicture | None) -> InPicture | None:
+    """A picture's thousandth is a pixel or more; two digits are a hundredth of one."""
+    return None if box is None else (round(box[0], 2), round(box[1], 2), round(box[2], 2), round(box[3], 2))

@@ -1,1 +1,1 @@
-"""Pilots that are no models: vision, oracle, blind, recorded, failing; each behind the interface a model has."""
+"""Pilots that are no models: vision, oracle, noisy, blind, recorded, failing; each behind the interface a model has."""

@@ -9,13 +9,14 @@ from dronecats.pilots import briefing, oracle, places
 from dronecats.pilots import reply as reply_text
 from dronecats.pilots.sight import Knowing, TrueSight
 from episodes.check.candidates import centre
+from episodes.fleet import DronePose
 from episodes.record import StartPose
 from episodes.scene import Instance
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import ModelError
 from foundation.frames import quat_yaw, wrap_pi
-from foundation.truth import NewestTruth, Origin
+from foundation.truth import KEPT, NewestTruth, Origin, TruthSample
 
 AHEAD_S = 0.5  # s, over which the target's velocity is taken
 
@@ -31,12 +32,23 @@ class OracleModel:
         listen: Callable[[], None],
         name: str = "oracle",
         pilot: Knowing = oracle.nearest_flies,
+        *,
+        kept: int = KEPT,
+        obeys: bool = True,
+        looks: bool = False,
     ) -> None:
-        """`listen` is called before each answer, to read what is waiting on the bus into `feed`."""
+        """`listen` is called before each answer, to read what is waiting on the bus into `feed`.
+
+        `kept`: how many samples of the truth of each drone are remembered, for pictures that come late. `obeys`: a
+        drone that is asked for alone goes where its command says. `looks`: the pilot asks whether the target is
+        visible, which has to be measured.
+        """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
-        self._truth = NewestTruth(origin)
+        self._truth = NewestTruth(origin, kept)
+        self._taken: dict[int, int] = {}  # drone → µs, when the picture was taken that it is asked for on
         self.feed = self._truth.feed  # bytes of the truth bus go in here
+        self._obeys, self._looks = obeys, looks
         self._t0_us: int | None = None
 
     def begin(self, t0_us: int) -> None:
@@ -46,9 +58,10 @@ class OracleModel:
         """Answer for every picture's drone."""
         self._listen()
         drones = range(request.drone, request.drone + len(request.images_jpeg))
-        if len(drones) == 1 and self._pilot is oracle.nearest_flies:
-            return Reply(self._alone(request.drone, briefing.read(request.text).command), 0.0)
-        return Reply(self._pilot([self._sight(drone) for drone in drones]), 0.0)
+        self._taken = dict(zip(drones, request.taken_us, strict=False))
+        if len(drones) == 1 and self._obeys:
+            return Reply(self._alone(request.drone, request.step, briefing.read(request.text).command), 0.0)
+        return Reply(self._pilot([self._sight(drone, request.step) for drone in drones]), 0.0)
 
     def check(self) -> None:
         """It is here."""
@@ -56,12 +69,12 @@ class OracleModel:
     def close(self) -> None:
         pass
 
-    def _alone(self, drone: int, command: str) -> str:
+    def _alone(self, drone: int, step: int, command: str) -> str:
         """Return the action of one drone that is asked for alone: it goes to the candidate that its command points to.
 
         At one that is not the target it stops and says nothing, as whoever had read its inscription would.
         """
-        place, sight = places.told(command), self._sight(drone)
+        place, sight = places.told(command), self._sight(drone, step)
         row = in_a_row(self._world, self._world.record.starts[drone])
         if place is None or place > len(row) or row[place - 1] is self._world.target:
             return self._pilot([sight])
@@ -69,16 +82,26 @@ class OracleModel:
         said = self._pilot([there])
         return reply_text.think() if said == reply_text.finished() else said
 
-    def _sight(self, drone: int) -> TrueSight:
-        sample = self._truth.of(drone)
+    def _sight(self, drone: int, step: int) -> TrueSight:
+        taken_us = self._taken.get(drone)
+        known = None if taken_us is None else self._truth.at(drone, taken_us)
+        sample = known[0] if known else self._truth.of(drone)
         if sample is None:
             raise ModelError(f"the {self.name} has not heard where drone {drone} is")
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
         north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
         return TrueSight(
-            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera
-        )
+            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera,
+            drone, step, self._visible(sample, t_s) if self._looks else True,
+        )  # fmt: skip
+
+    def _visible(self, sample: TruthSample, t_s: float) -> bool:
+        """Return whether the target is visible from there, by the logger's own measure, the other drones around."""
+        known = self._truth.at(sample.drone, sample.time_us)
+        others = known[1].values() if known else ()
+        around = [DronePose(one.position_ned, one.attitude) for one in others]
+        return self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, around).visible
 
 
 def in_a_row(world: World, start: StartPose) -> list[Instance]:

@@ -8,6 +8,7 @@ picture's edge the prediction is cut off there too, so a close thing is not take
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,10 @@ class Range:
     spread_m: float  # standard deviation of distance_m
     fit: float  # 0 … 1: how well the best assumption explains the rectangle; small = not this kind of thing
 
+    def scaled(self, factor: float) -> "Range":
+        """Return it so much farther off."""
+        return Range(self.depth_m * factor, self.distance_m * factor, self.spread_m * factor, self.fit)
+
 
 def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
@@ -76,6 +81,14 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     return Range(float((weight * depth).sum()), mean, spread, math.exp(-0.5 * max(0.0, best) / 4.0))
 
 
+def half_depth_m(box: BoundingBox, there: Range, size: Size) -> float:
+    """Return how far (m) a thing reaches towards the camera from its middle: half its width where it shows its side."""
+    seen = (box.right - box.left) * there.depth_m / FOCAL_PER_WIDTH
+    span = size.length_m - size.width_m
+    sideways = min(1.0, max(0.0, (seen - size.width_m) / span)) if span > 0.0 else 1.0
+    return 0.5 * (size.length_m - sideways * span)
+
+
 def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
     """Return how far the predictions move sideways to lie on the seen rectangle, by the sides that are not cut off."""
     cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
@@ -91,6 +104,24 @@ def _mismatch(seen: float, predicted: NDArray[np.float64]) -> NDArray[np.float64
     return (seen - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
+def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (P,) m forward, right and up on the outside of the paint: the catalogue's where it has the kind."""
+    if size.outline:
+        with np.load(Path(__file__).with_name("outlines.npz")) as kept:
+            x, y, z = kept[size.outline].astype(np.float64).T
+        return x, y, z
+    along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
+    across = np.tile((0.5, -0.5), 6) * size.width_m
+    waist = size.paint_from_m + 0.5 * size.paint_height_m
+    # sill and waist over the whole footprint, the roof over a smaller one: the outline of a vehicle from any side;
+    # points along the sides, so that what is cut off below leaves the part behind it
+    return (
+        np.concatenate((along, along, 0.7 * along)),
+        np.concatenate((across, across, 0.85 * across)),
+        np.repeat((size.paint_from_m, waist, size.paint_to_m), len(along)),
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class _Grid:
     """Predicted rectangles (depth, heading, camera height), fractions of the picture width, thing straight ahead."""
@@ -103,14 +134,7 @@ class _Grid:
 
 @lru_cache(maxsize=16)
 def _grid(size: Size, half: float) -> _Grid:
-    along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
-    across = np.tile((0.5, -0.5), 6) * size.width_m
-    waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # sill and waist over the whole footprint, the roof over a smaller one: the outline of a vehicle from any side;
-    # points along the sides, so that what is cut off below leaves the part behind it
-    x = np.concatenate((along, along, 0.7 * along))
-    y = np.concatenate((across, across, 0.85 * across))
-    z = np.repeat((size.paint_from_m, waist, size.paint_to_m), len(along))
+    x, y, z = outline(size)
     c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
     ahead, right = c * x - s * y, s * x + c * y  # (headings, points)
     depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)

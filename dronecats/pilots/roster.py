@@ -10,8 +10,8 @@ from foundation.errors import UsageError
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
 RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"
-ORACLE = "oracle"
-NAMES = (*SERVED, ORACLE)
+ORACLE, NOISY = "oracle", "noisy"
+NAMES = (*SERVED, ORACLE, NOISY)
 COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)"}
 
 
@@ -55,7 +55,7 @@ def looks(name: str) -> bool:
 
 def knows(name: str | None) -> bool:
     """Return whether a pilot is told the truth, and flies only where that is known."""
-    return name is not None and (name == ORACLE or name.startswith(FAILING))
+    return name is not None and (name in (ORACLE, NOISY) or name.startswith(FAILING))
 
 
 def answer(name: str) -> Callable[[str, list[bytes]], str]:

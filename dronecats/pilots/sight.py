@@ -18,6 +18,9 @@ class TrueSight:
     target_ned: Vec3  # m, centre
     target_velocity_ned: Vec3  # m/s
     camera: CameraModel
+    drone: int = 0  # which one this is
+    step: int = 0  # of its questions, from 0
+    visible: bool = True  # whether the picture shows the target; True of what is not looked at
 
     @property
     def distance_m(self) -> float:

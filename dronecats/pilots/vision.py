@@ -15,11 +15,14 @@ import numpy as np
 from dronecats.pilots import (
     briefing,
     expression,
+    flank,
     fleet,
     inscription,
+    lead,
     paint,
     ranging,
     referent,
+    refused,
     reply,
     search,
     seeking,
@@ -27,18 +30,19 @@ from dronecats.pilots import (
 )  # fmt: skip
 from dronecats.pilots.briefing import PastAction
 from foundation.errors import UsageError
-from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, STRIDE_MAX_M, STRIDE_MIN_M
+from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, RADIUS_M, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M
 
 _WIDTH = 640  # px, what the agent sends and what the thresholds in pixels are made for
 
 # Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
-_ARRIVED_M = 4.7
-_TARGET_M = 4.2  # where strides are meant to end; a body in flight runs on for about half a metre after one
+ARRIVED_M = 4.6
+_TARGET_M = 3.8  # where strides are meant to end; a body in flight runs on for about half a metre after one
 _CAREFUL_M = 9.0  # within this, only short strides: the estimate may be off, and a target may come towards the drone
-_CLAIMS = 2  # so many claims in a row from the outer part of the radius, and it comes closer for the next
 _FILLS = 0.6  # of the picture's width
 _EDGE = 0.015  # of the picture's width: so near the edge a thing is cut off by it
-_ROOM_M = 1.75  # between the drone and the nearest the thing's end can be, for coming closer
+_AHEAD_M = 6.0  # what must be farther off than this and is not seen is gone on to once
+_LOST_M = 12.0  # what is claimed does not get so far away between two pictures
+_SURE = 0.6  # how good a sighting has to be in the first circle: what is to be looked for stands in plain view there
 
 # How a `go` is flown
 _SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01
@@ -81,15 +85,67 @@ def decode(jpeg: bytes) -> paint.Picture:
 
 def decide(picture: paint.Picture, named: referent.Referent, past: tuple[PastAction, ...]) -> str:
     """Return the action for one picture, given what is looked for and what was done before."""
-    seen = sighting.find(picture, named)
+    expected = _expected(past)
+    seen = sighting.find(picture, named, expected)
+    aspect = picture.shape[0] / picture.shape[1]
+    if past and past[-1].kind == FINISHED:
+        return _doubt(seen, aspect, named.size, past)
+    if seen is not None and refused.is_it(seen, past):
+        seen = None
     if seen is None:
-        return reply.finished() if _was_before_it(past) else search.search(picture, past)
-    if _fills(seen.box, picture.shape[0] / picture.shape[1]):
+        return _look(picture, expected, past)
+    if past and search.trailing(past, ROTATE) == len(past) and seen.score < _SURE:
+        return search.search(picture, past)
+    before_it = named.size.length_m < flank.LONG_M or flank.is_before(seen, past)
+    if seen.range.distance_m <= ARRIVED_M or (_fills(seen.box, aspect) and before_it):
         return reply.finished()
-    doubted = search.trailing(past, FINISHED) >= _CLAIMS and seen.range.distance_m > 0.5 * named.size.length_m + _ROOM_M
-    if seen.range.distance_m <= _ARRIVED_M and not doubted:
+    return flank.beside(seen, past) if flank.is_way(seen, named.size) else _approach(seen, aspect, past)
+
+
+def _expected(past: tuple[PastAction, ...]) -> sighting.Expected | None:
+    """Return where what was gone for or claimed must be: after a short stride or a claim, before the drone."""
+    if flank.turned(past):
+        return sighting.Expected(0.0, flank.OFF_M)
+    if not past or past[-1].kind not in (GO, FINISHED) or search.wanders(past):
+        return None
+    if past[-1].kind == GO and (past[-1].x_px, past[-1].y_px) == lead.BLIND_PX:
+        return sighting.Expected(0.0, max(2.0, past[-1].depth_m - STRIDE_MAX_M))
+    return lead.expected(past) or sighting.Expected(0.0, _TARGET_M)
+
+
+def _look(picture: paint.Picture, expected: sighting.Expected | None, past: tuple[PastAction, ...]) -> str:
+    """Return what follows where nothing is seen: once on to where it must be, then a search."""
+    if _was_before_it(past):
         return reply.finished()
-    return _approach(seen, picture.shape[0] / picture.shape[1])
+    if refused.leaving(past):
+        return refused.away(picture)
+    passed = flank.turn(past)
+    if passed:
+        return passed
+    if expected is not None and expected.depth_m > _AHEAD_M and (past[-1].x_px, past[-1].y_px) != lead.BLIND_PX:
+        return reply.go(500.0, 500.0, min(expected.depth_m, search.WANDER_M - 1.0))
+    return search.search(picture, past)
+
+
+def _doubt(seen: sighting.Sighting | None, aspect: float, size: referent.Size, past: tuple[PastAction, ...]) -> str:
+    """Return what follows a claim: the flight would have ended with it, so it is farther off than it looks, or not it.
+
+    So it comes nearer and claims again; and goes elsewhere when that has brought nothing either.
+    """
+    if seen is None or seen.range.distance_m > _LOST_M or refused.again(past):
+        return refused.turn(past)
+    if size.length_m >= flank.LONG_M:
+        along = flank.along(seen, past)
+        if along:
+            return along
+        if flank.is_way(seen, size):
+            return flank.beside(seen, past)
+    if seen.range.distance_m > ARRIVED_M:
+        return _approach(seen, aspect, past)
+    room = max(seen.range.distance_m, RADIUS_M) - ranging.half_depth_m(seen.box, seen.range, size) - refused.ROOM_M
+    if room < 0.5 * STRIDE_MIN_M:
+        return refused.turn(past)
+    return _toward(seen, aspect, _depth_of(min(room, refused.NEARER_M)))
 
 
 def _fills(box: ranging.BoundingBox, aspect: float) -> bool:
@@ -108,14 +164,26 @@ def _was_before_it(past: tuple[PastAction, ...]) -> bool:
     return bool(past) and past[-1].kind == GO and past[-1].depth_m <= _SHORTEST_DEPTH_M + 0.1
 
 
-def _approach(seen: sighting.Sighting, aspect: float) -> str:
-    """Go to the sighting, with strides that end short of it."""
-    x = 0.5 * (seen.box.left + seen.box.right)
+def _approach(seen: sighting.Sighting, aspect: float, past: tuple[PastAction, ...]) -> str:
+    """Go to the sighting, or ahead of it where it moves across, with strides that end short of it."""
+    if seen.range.distance_m < _CAREFUL_M:
+        return _toward(seen, aspect, _depth_for(seen.range))
+    aside = lead.ahead(seen, past)
+    return _toward(seen, aspect, lead.coded(_depth_for(seen.range), aside), aside)
+
+
+def _depth_of(stride_m: float) -> float:
+    """Return the depth for a stride of 1.2 m to almost 3 m."""
+    return min(max(stride_m / NEAR_SCALE + 0.01, _SHORTEST_DEPTH_M), NEAR_M - 0.05)
+
+
+def _toward(seen: sighting.Sighting, aspect: float, depth_m: float, aside: float = 0.0) -> str:
+    x = 0.5 * (seen.box.left + seen.box.right) + aside
     y = 0.5 * (seen.box.top + seen.box.bottom)
     slope = y / math.hypot(ranging.FOCAL_PER_WIDTH, x)
     if seen.range.distance_m < _LEVEL_WITHIN_M and abs(slope) < _LEVEL_BELOW:
         y *= min(1.0, _LEVEL / max(abs(slope), 1e-6))
-    return reply.go(500.0 + 1000.0 * x, 500.0 + 1000.0 * y / aspect, _depth_for(seen.range))
+    return reply.go(500.0 + 1000.0 * x, 500.0 + 1000.0 * y / aspect, depth_m)
 
 
 def _depth_for(there: ranging.Range) -> float:
@@ -127,5 +195,4 @@ def _depth_for(there: ranging.Range) -> float:
     longest = NEAR_SCALE * STRIDE_MAX_M
     # what two short strides can cover is halved, so that the last one is not too short to be flown
     stride = travel if travel <= longest else 0.5 * travel
-    depth = min(stride, longest) / NEAR_SCALE + 0.01
-    return min(max(depth, _SHORTEST_DEPTH_M), NEAR_M - 0.05)
+    return _depth_of(min(stride, longest))

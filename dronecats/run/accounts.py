@@ -7,11 +7,11 @@ from pathlib import Path
 
 from dronecats.agent.models.budget import Budget, BudgetedModel, told
 from dronecats.agent.models.cache import CachedModel, ReplyCache
-from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.ledger import Books, Ledger, Spent
 from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.flight.spec import Accounts
+from dronecats.flight.spec import ON_CLUSTER, Accounts
 from dronecats.rundir.layout import LEDGER
 
 
@@ -27,7 +27,7 @@ class AccountedModel:
 def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[AccountedModel]:
     """Open a model for a flight of the run in a folder. Raises UsageError, BudgetError, InfrastructureError."""
     with ExitStack() as opened:
-        ledger = Ledger(_ledger(accounts, run))
+        ledger = _books(accounts, run)
         opened.callback(ledger.close)
         budget = _budget(accounts)
         budget.check(ledger.spent())
@@ -45,16 +45,39 @@ def check_budget(accounts: Accounts, run: Path) -> None:
     """Raise BudgetError when a run has nothing left to fly on with: before anything is started."""
     if accounts.cost_limit_usd is None and accounts.token_limit is None:
         return
-    ledger = Ledger(_ledger(accounts, run))
+    ledger = _books(accounts, run)
     try:
         _budget(accounts).check(ledger.spent())
     finally:
         ledger.close()
 
 
-def _ledger(accounts: Accounts, run: Path) -> Path:
-    return run / LEDGER if accounts.ledger is None else Path(accounts.ledger)
+def _books(accounts: Accounts, run: Path) -> Books:
+    if accounts.ledger is not None and accounts.ledger.startswith(ON_CLUSTER):
+        from dronecats.run.ledger_actor import RemoteLedger
+
+        return RemoteLedger(accounts.ledger.removeprefix(ON_CLUSTER))
+    return Ledger(run / LEDGER if accounts.ledger is None else Path(accounts.ledger))
 
 
 def _budget(accounts: Accounts) -> Budget:
     return Budget(accounts.cost_limit_usd, accounts.token_limit)
+
+
+class Spending:
+    """What all runs of a benchmark have spent together, as their ledger says; nothing where nobody is paid."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / LEDGER
+        self._ledger: Ledger | None = None
+
+    def spent(self) -> Spent | None:
+        """Return it, None while there is no ledger. Raises InfrastructureError."""
+        if self._ledger is None and self._path.exists():
+            self._ledger = Ledger(self._path)
+        return self._ledger.spent() if self._ledger else None
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._ledger is not None:
+            self._ledger.close()

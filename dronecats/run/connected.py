@@ -1,5 +1,6 @@
 """A flight of a vehicle that we did not start: the same episode code. Without truth there is no verdict."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ from dronecats.pilots import roster
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
+from dronecats.run.instruments import UNWATCHED, Instruments
 from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
-from dronecats.run.pilot import AgentMaker, opened, papers_agent
+from dronecats.run.pilot import opened
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
@@ -30,9 +32,9 @@ SILENCE_S = 30.0  # wall seconds that a cable may be out; what the vehicle does 
 
 
 def fly_connected(
-    spec: FlightSpec, vehicle: Connected, out: Path | None, say: Say, agent: AgentMaker = papers_agent
+    spec: FlightSpec, vehicle: Connected, out: Path | None, say: Say, instruments: Instruments = UNWATCHED
 ) -> dict[str, Any]:
-    """Return what `fly --json` prints, with `status` and `reason`.
+    """Return what `fly --json` prints, with `status` and `reason`. `instruments` look on.
 
     Everything that can be refused is refused before the run folder is made: UsageError.
     """
@@ -53,7 +55,6 @@ def fly_connected(
             "hfov_deg": round(camera.model.hfov_deg, 3),
             "url": shown(vehicle.camera or ""),
         },
-        agent,
     )
     folder = folders.create(out, spec.pilot_name, EPISODE, found)
     folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
@@ -61,9 +62,12 @@ def fly_connected(
     def fly_it() -> Flown:
         stage = ConnectedStage(link, camera, folder)
         try:
-            with opened(flight, stage, folder) as pilot:
+            instruments.watch(link, camera, folder.parent)
+            with opened(flight, stage, folder) as opened_pilot:
+                pilot = replace(opened_pilot, model=instruments.model(opened_pilot.model))
+                make_agent = instruments.agent(pilot.agent(flight))
                 return fly(
-                    stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], pilot.agent(flight, agent), folder,
+                    stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
                     check=pilot.check, on_step=progress(say, camera.model, pilot.spent), say=say,
                 )  # fmt: skip

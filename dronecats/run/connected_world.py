@@ -12,7 +12,6 @@ from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
 from dronecats.run.oracle import opened_in
 from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
-from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.run.simulated import draw
 from dronecats.rundir import folder as folders
@@ -25,14 +24,7 @@ from foundation.errors import UsageError
 from hil.link.envelope import Limits
 
 
-def fly_world(
-    spec: FlightSpec,
-    vehicle: Connected,
-    truth: str,
-    out: Path | None,
-    say: Say,
-    agent: AgentMaker = papers_agent,
-) -> dict[str, Any]:
+def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None, say: Say) -> dict[str, Any]:
     """Return what `fly --json` prints, with `status` and `reason`. `truth`: URL of the vehicle's true poses.
 
     Everything that can be refused is refused before the run folder is made: UsageError.
@@ -53,7 +45,7 @@ def fly_world(
     finally:
         source.close()
     link = open_link(vehicle, spec.envelope)
-    found = settings(flight, CAMERA, agent)
+    found = settings(flight, CAMERA)
     folder = folders.create(out, spec.pilot_name, record.id, found)
     drawn = folder / (layout.EPISODE if judged else layout.WORLD)
     drawn.write_text(record.to_json(), encoding="utf-8")
@@ -69,7 +61,7 @@ def fly_world(
             start = StartOffset(start_of(record.starts[0], ground).offset_ned, stage.yaw)
             with opened_in(world, flight, stage, folder) as pilot:
                 return fly(
-                    stage, [start], pilot.agent(flight, agent), folder,
+                    stage, [start], pilot.agent(flight), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
                     check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
                 )  # fmt: skip

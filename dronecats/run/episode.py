@@ -7,6 +7,8 @@ from pathlib import Path
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.host_pace import HostPace
+from dronecats.agent.pictures import PicturePath
 from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
 from dronecats.run.ascent import StartOffset, ascend
@@ -45,12 +47,14 @@ def fly(
     full: bool = False,
     cap_s: float = CAP_S,
     authority: Authority = EVERYTHING,
+    pictures: PicturePath | None = None,
     check: Callable[[], None] = lambda: None,
     on_step: Callable[[Decision], None] = lambda decision: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Flown:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
+    `pictures`: what is done to those of the camera on purpose.
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
     Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
     """
@@ -71,7 +75,7 @@ def fly(
             link.settle_envelope()
             if link.limits and (what := unwatched(link.state, link.limits)):
                 say(f"      envelope: {what}")
-        agent = _begin(stage, make_agent, folder, log, on_step, check, cap_s, seed)
+        agent = _begin(stage, make_agent, folder, log, on_step, check, cap_s, seed, pictures)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
@@ -87,6 +91,7 @@ def fly(
         reason, error = "error", unexpected(bug, folder)
     flown_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
+    stage.mend()
     error = finish(stage, reason, error, authority.then, say) or error
     log.close()
     ended = "error" if error and reason not in ("takeover", "budget") else reason
@@ -123,6 +128,7 @@ def _begin(
     check: Callable[[], None],
     cap_s: float,
     seed: tuple[int, ...],
+    pictures: PicturePath | None,
 ) -> Agent:
     for link in stage.links:
         if not link.streaming:  # one that we have brought to its start pose goes on being held there
@@ -135,9 +141,13 @@ def _begin(
     for link in stage.links:  # from now on the agent ticks them all in turn
         link.on_wait = stage.check
 
+    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # wall time is the subject: who was late
+
     def on_tick() -> None:
         stage.check()
         check()
+        if host:
+            host.tick(max(link.time_us for link in stage.links) / 1e6)
 
     return make_agent(
         Cockpit(
@@ -152,6 +162,8 @@ def _begin(
             seed=seed,
             on_step=on_step,
             on_tick=on_tick,
+            pictures=pictures,
+            host=host,
         )
     )
 
@@ -159,18 +171,20 @@ def _begin(
 class VerdictWatch:
     """Looks, after each declaration, whether the verdict is decided: what the first qualifying one settles is settled.
 
-    It reads the logger's files with the verifier's own function. The agent learns nothing of it but that time is up.
+    And again at each decision until the logger has measured it, which in real time it may do later. It reads the
+    logger's files with the verifier's own function. The agent learns nothing of it but that time is up.
     """
 
     def __init__(self, folder: Path, full: bool) -> None:
         self._folder, self._full = folder, full
-        self._declared = False
+        self._unsettled = False
         self.success = False
 
     def decided(self, decision: Decision) -> bool:
         """Return whether the flight may end."""
-        self._declared |= decision.declares
-        if self._full or not self._declared:
+        self._unsettled |= decision.declares
+        if self._full or not self._unsettled:
             return False
-        self.success = succeeded(read(self._folder))
+        succeeds = succeeded(read(self._folder))
+        self.success, self._unsettled = bool(succeeds), succeeds is None
         return self.success

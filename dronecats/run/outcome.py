@@ -3,7 +3,7 @@
 import signal
 import statistics
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from dronecats.agent.action import action_from
 from dronecats.agent.history import compact
 from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.run.episode import Flown
+from dronecats.run.identity import write_identity
 from dronecats.run.landing import unexpected
 from dronecats.rundir import folder as folders
 from dronecats.rundir.layout import DECISIONS
@@ -36,10 +37,12 @@ def fly_and_judge(
     episode: str,
     pilot_name: str,
     afterwards: Callable[[Flown], None] = lambda flown: None,
+    pace: Callable[[], Mapping[str, float] | None] = lambda: None,
 ) -> dict[str, Any]:
     """Fly, and whatever comes of it leave a judged folder; return the JSON object of `fly`.
 
-    `afterwards` writes what else belongs to the flight; like the verdict, it is not disturbed by a Ctrl-C.
+    `afterwards` writes what else belongs to the flight; like the verdict, it is not disturbed by a Ctrl-C. `pace` is
+    asked after the flight how well it held real time.
     """
     try:
         flown = flight()
@@ -55,10 +58,11 @@ def fly_and_judge(
     except Exception as bug:
         flown = Flown("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with undisturbed():
+        _, unidentified = _kept(lambda: write_identity(folder, pace()), folder)  # a verdict says that all else is there
         verdict, unkept = _kept(lambda: write_verdict(folder), folder)
         _, unwritten = _kept(lambda: afterwards(flown), folder)
     verdict = verdict or verdict_of(folder)
-    if fault := flown.error or unkept or unwritten:
+    if fault := flown.error or unkept or unidentified or unwritten:
         flown = replace(flown, error=fault)
     status = {"cap": 0, "decided": 0, "interrupted": 130}.get(flown.reason, 3)
     if flown.error:
@@ -85,6 +89,7 @@ def fly_and_judge(
         error=str(flown.error) if flown.error else verdict.error if flown.reason != "interrupted" else None,
         reason=flown.reason,
         status=status,
+        host_stalls=verdict.host_stalls,
     )
     return result.as_json()
 

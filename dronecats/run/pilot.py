@@ -22,32 +22,39 @@ from dronecats.pilots.config import PilotConfig
 from dronecats.pilots.server import PilotServer
 from dronecats.processes.supervisor import ChildKind, Supervisor
 from dronecats.run.accounts import accounted
+from dronecats.run.agents import agent_maker
 from dronecats.stages.parts import COMMANDER, PILOT
 from dronecats.stages.stage import Stage
-
-AgentMaker = Callable[[Flight, Model], AgentFactory]
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:
     """Return how a flight's pilot is asked."""
     spec = flight.spec
+    served = spec.model is not None and spec.replay is None
+    waits = spec.simulated is not None and spec.simulated.speed is None
     return Questions(
         model,
         flight.prompt,
         flight.instruction,
         flight.latency,
-        axis_order=spec.model.axis_order if spec.model else "xy",
+        axis_order=asked.axis_order if (asked := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
+        beside=served and waits and spec.command == "flat",  # several at a time would be asked in no certain order
         last_reply=flight.scored,  # where nothing is scored, nothing is worth staying up for
     )
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
     """Return what makes the paper's agent: one decider for all drones, which asks the model; or one for each."""
-    alone = flight.record is not None and flight.spec.command == "solo"
-    groups = [[drone] for drone in range(len(flight.record.starts))] if flight.record and alone else None
-    return partial(PaperAgent, questions_of(flight, model), groups=groups)
+    return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
+
+
+def groups_of(flight: Flight) -> list[list[int]] | None:
+    """Return the drones that are decided for together, None where all are."""
+    if flight.record is None or flight.spec.command != "solo":
+        return None
+    return [[drone] for drone in range(len(flight.record.starts))]
 
 
 def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFactory:
@@ -77,8 +84,9 @@ class OpenPilot:
     spent: Callable[[], str] = lambda: ""  # what the run has cost so far, in a few words; nothing where nobody is paid
     commander: Model | None = None
 
-    def agent(self, flight: Flight, maker: AgentMaker) -> AgentFactory:
-        """Return what makes an agent of it: a commander's, where there is one, or whoever's `maker` is."""
+    def agent(self, flight: Flight) -> AgentFactory:
+        """Return what makes the flight's agent of it; of the paper's, where there is a commander, that hierarchy's."""
+        maker = agent_maker(flight.spec.agent)
         if self.commander is not None and maker is papers_agent:
             make = commanded_agent(flight, self.model, self.commander)
         else:
@@ -103,6 +111,8 @@ def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
     spec = flight.spec
     if spec.replay:
         yield OpenPilot(ReplayModel(spec.replay))
+    elif flight.outside is not None:
+        yield OpenPilot(flight.outside)
     elif spec.model:
         with accounted(spec.model, spec.accounts, folder.parent) as asked:
             yield OpenPilot(asked.model, spent=asked.spent)

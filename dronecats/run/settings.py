@@ -3,23 +3,32 @@
 from typing import Any
 
 from dronecats.agent.command_prompt import CommandPrompt
+from dronecats.flight.disturbed import disturbed
 from dronecats.flight.file import as_kept
 from dronecats.flight.flight import Flight, map_digest
 from dronecats.flight.spec import Simulated
-from dronecats.run.pilot import AgentMaker, papers_agent
+from dronecats.run.agents import agent_maker
+from dronecats.run.identity import code_digest, protocol_numbers
 
 
-def settings(flight: Flight, camera: dict[str, Any] | None, agent: AgentMaker = papers_agent) -> dict[str, Any]:
-    """Return the contents of run.json but for versions, and for what only the flight tells. No key is in it."""
-    of_map = map_digest(flight.record)
+def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the contents of run.json but for versions, and for what only the flight tells. No key is in it.
+
+    Raises UsageError for an agent that there is not.
+    """
+    agent = agent_maker(flight.spec.agent)
+    of_map, on_purpose = map_digest(flight.record), disturbed(flight.spec.disturbances)
     return {
         "flight": as_kept(flight.spec),
+        **({"disturbed": on_purpose} if on_purpose else {}),
         "agent": f"{agent.__module__}.{agent.__qualname__}",
         **({"map_sha256": of_map} if of_map else {}),
         "prompt_sha256": flight.prompt.digest,
         **({"commander_prompt_sha256": CommandPrompt.load().digest} if flight.spec.command == "hierarchical" else {}),
         "clock": _clock(flight.spec.simulated),
         "camera": camera,
+        "code_sha256": code_digest(),
+        "protocol": protocol_numbers(),
     }
 
 

@@ -2,29 +2,32 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from dronecats.agent.pictures import PicturePath
+from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.flight import Flight, look_up
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.accounts import check_budget
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
 from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
-from dronecats.run.pilot import AgentMaker, papers_agent
 from dronecats.run.settings import settings
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
 from episodes.record import EpisodeRecord
+from foundation.camera import Frame
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from vehicles import airframe as airframes
 
 
-def fly_simulated(spec: FlightSpec, out: Path | None, say: Say, agent: AgentMaker = papers_agent) -> dict[str, Any]:
+def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any]:
     """Return what `fly --json` prints, with the exit `status` and the `reason` the flight ended. Raises UsageError."""
     flight = look_up(spec)
     record = _record(flight)
-    found = settings(flight, flight.camera, agent)
+    found = settings(flight, flight.camera)
     folder = folders.create(out, spec.pilot_name, record.id, found)
     disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
     say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
@@ -34,7 +37,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say, agent: AgentMake
         if flown.steps:
             draw(folder)
 
-    return fly_in(folder, flight, say, found, afterwards, agent)
+    return fly_in(folder, flight, say, found, afterwards)
 
 
 def fly_in(
@@ -43,7 +46,6 @@ def fly_in(
     say: Say,
     found: dict[str, Any],
     afterwards: Callable[[Flown], None] = lambda flown: None,
-    agent: AgentMaker = papers_agent,
 ) -> dict[str, Any]:
     """Fly in an episode folder that stands, judge it, and return what `fly --json` prints.
 
@@ -55,8 +57,9 @@ def fly_in(
     except OSError as full:
         raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
     return fly_and_judge(
-        lambda: _fly(flight, record, folder, say, found, agent), folder, record.id, flight.spec.pilot_name, afterwards
-    )
+        lambda: _fly(flight, record, folder, say, found), folder, record.id, flight.spec.pilot_name, afterwards,
+        pace=lambda: found.get("pace"),
+    )  # fmt: skip
 
 
 def _record(flight: Flight) -> EpisodeRecord:
@@ -65,9 +68,7 @@ def _record(flight: Flight) -> EpisodeRecord:
     return flight.record
 
 
-def _fly(
-    flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: dict[str, Any], agent: AgentMaker
-) -> Flown:
+def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: dict[str, Any]) -> Flown:
     from dronecats.run.oracle import opened_in
     from dronecats.sitl.scenario import world_of
     from dronecats.stages.stage import TruthfulStage
@@ -76,25 +77,29 @@ def _fly(
     spec, simulated = flight.spec, flight.spec.simulated or Simulated()
     check_budget(spec.accounts, folder.parent)
     pace: Callable[[], dict[str, float]] | None = None
+    recall: Callable[[int, int], Frame]
     if simulated.speed is None:
         say("lockstep: loading the flight core and the camera; the first run compiles them, about a minute …")
         from dronecats.stages.lockstep import LockstepStage
 
         world = world_of(record, simulated.airframe)
-        stage: TruthfulStage = LockstepStage(flight, simulated, folder, world)
+        stage: TruthfulStage
+        stage = lockstep = LockstepStage(flight, simulated, folder, world)
+        recall = lockstep.camera.at
     else:
         from dronecats.stages.realtime import RealtimeStage
 
         world = World(record)
         stage = realtime = RealtimeStage(flight, simulated, folder, say)
-        pace = realtime.pace
+        pace, recall = realtime.pace, realtime.camera.at
     try:
         standing_m = airframes.load(simulated.airframe).standing_m
         starts = [start_of(s, world.ground_down(*s.position_ned[:2]), standing_m) for s in record.starts]
         with opened_in(world, flight, stage, folder) as pilot:
             return fly(
-                stage, starts, pilot.agent(flight, agent), folder,
+                stage, starts, pilot.agent(flight), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
+                pictures=_pictures(spec.disturbances.frame, recall),
                 check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
             )  # fmt: skip
     finally:
@@ -104,6 +109,11 @@ def _fly(
                     found["pace"] = pace()
         finally:
             stage.close()
+
+
+def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> PicturePath | None:
+    """Return what is done to a flight's pictures on purpose, None where that is nothing."""
+    return None if faults == FrameFaults() else PicturePath(**asdict(faults), recall=recall)
 
 
 def draw(folder: Path) -> None:

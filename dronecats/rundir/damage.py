@@ -31,11 +31,11 @@ def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[Non
     names = (field.name for field in fields(row))  # type: ignore[arg-type]
     if large := next((name for name in names if _too_large(getattr(made, name))), None):
         return None, _wrong(row, large)
-    fault = _impossible(made) if isinstance(made, Decision) else None
+    fault = impossible(made) if isinstance(made, Decision) else None
     return (None, fault) if fault else (made, None)
 
 
-def _impossible(decision: Decision) -> str | None:
+def impossible(decision: Decision) -> str | None:
     """Return what no decision can be, None when this one can."""
     if decision.action is not None and not isinstance(decision.action.get("action"), str):
         return "its action is not an action"

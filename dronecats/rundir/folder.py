@@ -7,17 +7,27 @@ import re
 from collections.abc import Mapping
 from datetime import datetime
 from importlib import metadata
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
 from dronecats.rundir import layout
-from dronecats.rundir.reading import SCHEMA, check_version, run_configuration
+from dronecats.rundir.reading import SCHEMA, check_version, json_object, run_configuration
 from foundation.errors import UsageError
 from foundation.json_file import write_json as write_json
 
 OURS = ("foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil")
-SIMULATION = ("numba", "embreex", "matplotlib")
+SIMULATION = ("numba", "embreex", "matplotlib", "PIL")
+QUERY = ("duckdb",)
+EXPORTS = {  # package → the extra that brings it
+    "mcap": "export",
+    "mcap_protobuf": "export",
+    "foxglove_schemas_protobuf": "export",
+    "google": "export",
+    "rerun": "rerun",
+    "pyarrow": "lerobot",
+}
 PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
 PER_SITTING = ("accounts",)  # in which a run may be gone on with
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
@@ -26,19 +36,23 @@ PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "e
 def create(out: Path | None, pilot_name: str, episode_id: str, configuration: dict[str, Any]) -> Path:
     """Return a new episode folder inside a run folder, with its empty logs and the run's run.json.
 
-    The run folder is `out`, or a new one named after the time and the pilot. Raises UsageError when `out` holds that
-    episode already or belongs to another configuration, or when nothing can be written there.
+    The run folder is `out`, or a new one named after the time and the pilot. A flight there that was an error, and so
+    nobody's score, is kept under UNFINISHED and flown again. Raises UsageError when `out` holds that episode otherwise
+    or belongs to another configuration, or when nothing can be written there.
     """
     try:
         run = out or fresh_run(pilot_name)
         folder = run / episode_id
-        if (folder / layout.DECISIONS).exists():
+        again = (folder / layout.DECISIONS).exists()
+        if again and not _is_nobodys(folder):
             raise UsageError(f"{folder} already holds a flight; choose another --out")
         before = run_configuration(run)
         if before is not None and differences(before, configuration):
             raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
+        if again:
+            _set_aside(run, folder)
         prepare(folder)
-        write_run(run, configuration if before is None else of_several(configuration))
+        write_run(run, configuration)
     except OSError as error:
         raise UsageError(_unwritable(out or Path("runs"), error)) from None
     return folder
@@ -52,6 +66,19 @@ def prepare(folder: Path) -> None:
     (folder / layout.FRAMES).mkdir(parents=True, exist_ok=True)
     for log in (layout.DECISIONS, layout.TRUTH):
         (folder / log).touch()
+
+
+def _is_nobodys(folder: Path) -> bool:
+    """Return whether the flight in a folder is over and was an error; one that was killed has no verdict."""
+    verdict = json_object(folder / layout.VERDICT)
+    return verdict is not None and verdict.get("outcome") == "error"
+
+
+def _set_aside(run: Path, folder: Path) -> None:
+    kept = run / layout.UNFINISHED
+    kept.mkdir(exist_ok=True)
+    number = next(n for n in count(1) if not (kept / f"{folder.name}-{n}").exists())
+    folder.rename(kept / f"{folder.name}-{number}")
 
 
 def fresh_run(pilot_name: str) -> Path:
@@ -96,15 +123,23 @@ def missing_package(error: ImportError) -> str | None:
         return f"{error.name or 'a package'} cannot be loaded ({error}); install dronecats again with pip"
     if top in SIMULATION:
         return f"simulation needs {error.name}, which is not installed: pip install 'dronecats[sim]'"
+    if top in QUERY:
+        return f"SQL needs {error.name}, which is not installed: pip install 'dronecats[query]'"
+    if top in EXPORTS:
+        return f"the export needs {error.name}, which is not installed: pip install 'dronecats[{EXPORTS[top]}]'"
     return f"{error.name or error} is not installed; install dronecats again with pip"
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:
     """Write run.json: the resolved configuration with the versions of everything that matters to a number.
 
-    Raises UsageError when a newer version wrote the one that stands there, OSError.
+    Where the one that stands there is of another episode, it is that of several from now on. Raises UsageError when a
+    newer version wrote that, OSError.
     """
     check_version(run)
+    before, flight = run_configuration(run), configuration.get("flight", {})
+    if before is not None and any(before.get("flight", {}).get(key) != flight.get(key) for key in PER_EPISODE):
+        configuration = of_several(configuration)
     versions = {"dronecats": __version__, "python": platform.python_version()}
     for package in PACKAGES:
         try:

@@ -3,6 +3,12 @@
 # of the run
 RUN = "run.json"
 LEDGER = "ledger.sqlite"  # what its models have cost, and whose turn it is
+UNFINISHED = "unfinished"  # folder of what was broken off or was nobody's score, for whoever wants to look at it
+RETRIES = "retries.json"  # which episodes did not move, and were flown once more
+
+# of a benchmark, above its runs
+BENCH = "bench.json"  # what it consists of
+STUDY = "study.json"  # of a study: which of the runs was flown at which levels
 
 # of an episode
 EPISODE = "episode.json"  # the record that was flown
@@ -12,6 +18,7 @@ COMMANDER = "commander.jsonl"  # by the agent, of a hierarchy: every exchange wi
 TRUTH = "truth.jsonl"  # by the logger
 ESTIMATE = "estimate.jsonl"  # derived after a flight without truth
 VERDICT = "verdict.json"
+IDENTITY = "identity.json"  # what was really flown
 TLOG = "flight.tlog"  # raw MAVLink
 FRAMES = "frames"  # folder of what the pilot saw
 INTENT = "intent"  # folder of what a dry run meant

@@ -1,4 +1,4 @@
-"""The one reader of the logs. Strict about what it knows, patient with what it does not.
+"""The one reader of the logs. Strict about what it knows, patient with what it does not. Good lines go by `quick.py`.
 
 A torn last line is what a kill leaves, and is skipped; a value that cannot be is damage, named in one sentence; fields
 and kinds of rows that a later version added are passed over.
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from dronecats.rundir import layout
 from dronecats.rundir.damage import taken
+from dronecats.rundir.quick import quick, quick_of_kinds
 from dronecats.rundir.results import Result
 from dronecats.rundir.rows import (
     ESTIMATE_ROWS,
@@ -66,13 +67,15 @@ class Logs:
 def read(folder: Path) -> Logs:
     """Return the logs of an episode folder. Raises UsageError when a file is missing or a line in it is damaged."""
     check_version(folder.resolve().parent)
-    told = list(truth(folder))
+    told: dict[type, list[Any]] = {kind: [] for kind in TRUTH_ROWS.values()}
+    for row in truth(folder):
+        told[type(row)].append(row)
     logs = Logs(
         decisions=tuple(rows(folder / layout.DECISIONS, Decision)),
-        frames=_frames([row for row in told if isinstance(row, FrameTruth)], folder / layout.TRUTH),
-        poses=tuple(row for row in told if isinstance(row, Pose)),
-        begin=next((row for row in told if isinstance(row, Begin)), None),
-        end=next((row for row in told if isinstance(row, End)), None),
+        frames=_frames(told[FrameTruth], folder / layout.TRUTH),
+        poses=tuple(told[Pose]),
+        begin=next(iter(told[Begin]), None),
+        end=next(iter(told[End]), None),
         record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))
@@ -104,8 +107,16 @@ def exchanges(folder: Path) -> tuple[Exchange, ...]:
 
 def rows(path: Path, row: type[Row]) -> Iterator[Row]:
     """Yield the lines of a file that holds one kind of row. Raises UsageError naming the file and the line."""
-    for number, value in _objects(path):
-        yield _whole(path, number, value, row)
+    at_once = quick(row)
+    for number, text in _lines(path):
+        if (made := at_once(text)) is not None:
+            yield made
+            continue
+        line = LogLine(path, number, text)
+        value = line.value()
+        if value is None:
+            return
+        yield line.whole(value, row)
 
 
 def episode_folder(path: Path) -> Path:
@@ -166,21 +177,22 @@ def json_object(path: Path) -> dict[str, Any] | None:
 
 def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
     """Yield the rows of these kinds; others are passed over, but for one that must not be."""
-    for number, value in _objects(path):
+    at_once = quick_of_kinds(kinds)
+    for number, text in _lines(path):
+        if (made := at_once(text)) is not None:
+            yield made
+            continue
+        line = LogLine(path, number, text)
+        value = line.value()
+        if value is None:
+            return
         kind = value.get("kind")
         if not isinstance(kind, str):
-            raise _damaged(path, number, "it has no kind")
+            raise line.damaged("it has no kind")
         if kind == never:
-            raise _damaged(path, number, f"there is no {never} of what it tells")
+            raise line.damaged(f"there is no {never} of what it tells")
         if kind in kinds:
-            yield _whole(path, number, value, kinds[kind])
-
-
-def _whole(path: Path, number: int, value: dict[str, Any], row: type[Row]) -> Row:
-    made, fault = taken(value, row)
-    if made is None:
-        raise _damaged(path, number, str(fault))
-    return made
+            yield line.whole(value, kinds[kind])
 
 
 Framed = TypeVar("Framed", FrameTruth, EstimatedFrame)
@@ -189,34 +201,53 @@ Framed = TypeVar("Framed", FrameTruth, EstimatedFrame)
 def _frames(told: list[Framed], path: Path) -> dict[tuple[int, int], Framed]:
     frames: dict[tuple[int, int], Framed] = {}
     for row in told:
-        if frames.setdefault((row.drone, row.frame_id), row) != row:
+        first = frames.setdefault((row.drone, row.frame_id), row)
+        if first is not row and first != row:
             raise UsageError(f"{path} is damaged: it tells two truths of frame {row.frame_id} of drone {row.drone}")
     return frames
 
 
-def _objects(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield (line number, object) of a JSON-lines file; a torn last line is left out."""
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """A line of a file of JSON lines, read strictly."""
+
+    path: Path
+    number: int  # 1 is the first; below 0: the last, after which there is no newline, so that it may be torn
+    text: bytes
+
+    def value(self) -> dict[str, Any] | None:
+        """Return the object that it holds, None where it is torn. Raises UsageError."""
+        try:
+            value = json.loads(self.text, parse_constant=_refuse)
+        except (ValueError, RecursionError):
+            if self.number < 0:
+                return None
+            raise self.damaged("it is not JSON") from None
+        if not isinstance(value, dict):
+            raise self.damaged("it is not a JSON object")
+        return value
+
+    def whole(self, value: dict[str, Any], row: type[Row]) -> Row:
+        """Return the row that its object is. Raises UsageError."""
+        made, fault = taken(value, row)
+        if made is None:
+            raise self.damaged(str(fault))
+        return made
+
+    def damaged(self, reason: str) -> UsageError:
+        return UsageError(f"{self.path} line {abs(self.number)} is damaged: {reason}")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the lines in which something stands, with their numbers as `LogLine` has them. Raises UsageError."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}; is this the folder of an episode?") from None
-    lines = data.split(b"\n")
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        try:
-            value = json.loads(line, parse_constant=_refuse)
-        except (ValueError, RecursionError):
-            if number == len(lines):
-                return  # no newline after it: the write was cut short
-            raise _damaged(path, number, "it is not JSON") from None
-        if not isinstance(value, dict):
-            raise _damaged(path, number, "it is not a JSON object")
-        yield number, value
-
-
-def _damaged(path: Path, number: int, reason: str) -> UsageError:
-    return UsageError(f"{path} line {number} is damaged: {reason}")
+    texts = data.split(b"\n")
+    for number, text in enumerate(texts, 1):
+        if text and not text.isspace():
+            yield (number if number < len(texts) else -number), text
 
 
 def _refuse(constant: str) -> Any:

@@ -145,6 +145,8 @@ class Verdict:
     distances: Annotated[Distances | UnsetType | None, _of("only where nobody measured the truth")] = UNSET
     wide_rotations: Annotated[Whole, _of("turns of more than 90°, within the cap; only if any")] | UnsetType = UNSET
     commanding: Annotated[CommandingDiagnostics | UnsetType, _of("only of a commanding episode")] = UNSET
+    cap_s: Annotated[float | UnsetType, _of("s, what is declared later does not count; only where not 300")] = UNSET
+    host_stalls: Annotated[Whole, _of("steps that the host delayed; only if any")] | UnsetType = UNSET
 
     def as_json(self) -> dict[str, Any]:
         """Return it as verdict.json holds it."""
@@ -175,6 +177,7 @@ class Result:
     distances: Annotated[Distances | UnsetType | None, _of("of a flight whose truth nobody measured")] = UNSET
     reason: Annotated[str | UnsetType, _of("cap, decided, budget, interrupted, takeover or error")] = UNSET
     status: Annotated[int | UnsetType, _of("exit status of the command")] = UNSET
+    host_stalls: Annotated[Whole, _of("steps that the host delayed; only if any")] | UnsetType = UNSET
 
     def as_json(self) -> dict[str, Any]:
         """Return it as the commands print it."""

@@ -22,10 +22,12 @@ DRONES = 255  # as many as MAVLink has system ids
 Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
 DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is the first",
                                   extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
-Seconds = Annotated[float, Meta(description="s of vehicle time since the episode began")]
-Distance = Annotated[float, Meta(ge=0.0, extra={"wrong": "is not a distance"})]
-Deviation = Annotated[float, Meta(ge=0.0, extra={"wrong": "is not a standard deviation"})]
-Place = Annotated[tuple[float, float, float], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
+Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
+Seconds = Annotated[float, Meta(gt=-LARGE, lt=LARGE, description="s of vehicle time since the episode began")]
+Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
+Deviation = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a standard deviation"})]
+Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
+InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]
 Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: nobody measured it",
                                       extra={"wrong": "is neither true nor false"})]  # fmt: skip
 ActionObject = Annotated[
@@ -35,9 +37,9 @@ ActionObject = Annotated[
         extra_json_schema={"properties": {"action": {"type": "string"}}, "required": ["action"]},
     ),
 ]
-Cap = Annotated[float, Meta(gt=0.0, extra={"wrong": "is not a time"})]
+Cap = Annotated[float, Meta(gt=0.0, lt=LARGE, extra={"wrong": "is not a time"})]
 TraceSource = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
-Surveyed = Annotated[dict[str, float | None], Meta(extra={"wrong": "is not a surveyed place"})]
+Surveyed = Annotated[dict[str, Number | None], Meta(extra={"wrong": "is not a surveyed place"})]
 
 
 def _of(description: str) -> Meta:
@@ -54,6 +56,21 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeIdentity:
+    """What was really flown: identity.json. Episodes that differ in it are not of one kind."""
+
+    code_sha256: Annotated[str, _of("of the sources that decide what is flown and how it is judged")]
+    record_sha256: Annotated[str | None, _of("of the bytes of episode.json; null: there is none")]
+    frames: Annotated[Whole, _of("pictures that the pilot was shown")]
+    frames_sha256: Annotated[str | None, _of("of their JPEG bytes in the order of their names; null: none was taken")]
+    served: Annotated[
+        tuple[str, ...],
+        _of("models as the vendor's answers name them, and its version of each; empty: nothing but what was asked for"),
+    ]
+    pace: Annotated[dict[str, float], _of("how well a real-time flight held it")] | UnsetType = UNSET
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
     """What the pilot decided, on which frame, when: a line of decisions.jsonl, by the agent."""
 
@@ -66,11 +83,11 @@ class Decision:
     action: Annotated[ActionObject | None, _of("parsed, point in [x, y]; null: the reply holds no valid action")]
     error: Annotated[str | None, _of("why there is no action")] = None
     mended: Annotated[tuple[str, ...], _of("what was mended in the reply, codes: docs/replies.md")] | UnsetType = UNSET
-    latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")] = None
+    latency_s: Annotated[Number | None, _of("s of vehicle time that the reply took")] = None
     tokens_in: int | None = None
     tokens_out: int | None = None
     thinking: Annotated[bool | None, _of("whether the model was let to reason at length")] = None
-    rate_hz: Annotated[float | None, _of("decisions per s of vehicle time since the last; null: the first")] = None
+    rate_hz: Annotated[Number | None, _of("decisions per s of vehicle time since the last; null: the first")] = None
     finish: (
         Annotated[str, _of("why the reply ends: length, filtered, refusal, …; missing: it was done")] | UnsetType
     ) = UNSET
@@ -79,6 +96,20 @@ class Decision:
     )
     confirmed_by: (
         Annotated[Whole, _of("number of the commander's exchange that declares, on the frame that it saw")] | UnsetType
+    ) = UNSET
+    served: (
+        Annotated[str, _of("what answered, in the vendor's words; missing: as before, at first the name asked for")]
+        | UnsetType
+    ) = UNSET
+    host_lag_s: (
+        Annotated[
+            Number, _of("s of wall time × speed by which the vehicle's clock fell behind since the last decision")
+        ]
+        | UnsetType
+    ) = UNSET  # in lockstep and on a vehicle of its own there is no such thing
+    frame_wait_s: (
+        Annotated[Number, _of("s of wall time × speed for which the picture was waited for, of a fleet for each")]
+        | UnsetType
     ) = UNSET
 
     @property
@@ -122,10 +153,14 @@ class Exchange:
     orders: Annotated[tuple[Order, ...], _of("those that were carried out")]
     confirms: Annotated[tuple[DroneNumber, ...], _of("drones whose report was confirmed: a decision each")]
     error: Annotated[str | None, _of("why the reply, or a part of it, changed nothing")] = None
-    latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")] = None
+    latency_s: Annotated[Number | None, _of("s of vehicle time that the reply took")] = None
     tokens_in: int | None = None
     tokens_out: int | None = None
     model: Annotated[str, _of("its name")]
+    served: (
+        Annotated[str, _of("what answered, in the vendor's words; missing: as before, at first the name asked for")]
+        | UnsetType
+    ) = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +182,7 @@ class Pose:
     t: Seconds
     drone: DroneNumber
     position_ned: Annotated[Place, _of("m, NED, of the body")]
-    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
     target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
     distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
     visible: Visible
@@ -162,14 +197,23 @@ class FrameTruth:
     t: Seconds
     drone: DroneNumber
     position_ned: Annotated[Place | None, _of("m, NED, of the body")] = None
-    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
     target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
     distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
     distance_box_m: Annotated[Distance | None, _of("m, body to the nearest point of the target's box")] = None
     visible: Visible
-    visible_fraction: Annotated[float | None, _of("share of the target's silhouette that is open to view")] = None
-    bearing_deg: Annotated[float | None, _of("°, of the target's centre from the nose, + right")] = None
-    oracle_depth_m: Annotated[float | None, _of("m along the optical axis, to the target's centre")] = None
+    visible_fraction: Annotated[Number | None, _of("share of the target's silhouette that is open to view")] = None
+    bearing_deg: Annotated[Number | None, _of("°, of the target's centre from the nose, + right")] = None
+    oracle_depth_m: Annotated[
+        Number | None, _of("m along the optical axis, median of the target's surface that is seen; null: none is")
+    ] = None
+    target_frd: Annotated[
+        Place | None, _of("m, of the target's centre from the optical centre: forward, right, down of the camera")
+    ] = None
+    target_box: Annotated[
+        InPicture | None,
+        _of("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,7 +246,7 @@ class EstimatedPose:
     drone: DroneNumber
     position_ned: Annotated[Place, _of("m, NED in the autopilot's local frame")]
     position_std_m: Annotated[Place | None, _of("m, standard deviation per axis")] = None
-    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
     target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
     distance_m: Annotated[Distance | None, _of("m to the surveyed target, horizontally where it has no altitude")]
     distance_std_m: Annotated[Deviation | None, _of("m, standard deviation of that")] = None
@@ -219,7 +263,7 @@ class EstimatedFrame:
     drone: DroneNumber
     position_ned: Annotated[Place | None, _of("m, NED in the autopilot's local frame")] = None
     position_std_m: Annotated[Place | None, _of("m, standard deviation per axis")] = None
-    yaw_deg: Annotated[float | None, _of("°, of the nose, from north, + east")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
     target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
     distance_m: Annotated[Distance | None, _of("m to the surveyed target, horizontally where it has no altitude")]
     distance_std_m: Annotated[Deviation | None, _of("m, standard deviation of that")] = None

@@ -8,19 +8,24 @@ from typing import Any
 import msgspec
 
 from dronecats.rundir import layout
+from dronecats.rundir.benchmark import Benchmark
 from dronecats.rundir.results import Result, Verdict
-from dronecats.rundir.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, Exchange, Run
+from dronecats.rundir.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, Run
+from dronecats.rundir.study import Study
 
 FOLDER = Path(__file__).with_name("schemas")
 SAYS = "https://json-schema.org/draft/2020-12/schema"
 EMPTY = {"type": "object", "maxProperties": 0}
 FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name -> (what it is of, the rows that it may be)
     "run": (layout.RUN, (Run,)),
+    "bench": (layout.BENCH, (Benchmark,)),
+    "study": (layout.STUDY, (Study,)),
     "decisions": ("A line of decisions.jsonl", (Decision,)),
     "commander": ("A line of commander.jsonl", (Exchange,)),
     "truth": ("A line of truth.jsonl", tuple(TRUTH_ROWS.values())),
     "estimate": ("A line of estimate.jsonl", tuple(ESTIMATE_ROWS.values())),
     "verdict": (layout.VERDICT, (Verdict,)),
+    "identity": (layout.IDENTITY, (EpisodeIdentity,)),
     "result": ("What `dronecats fly --json` prints", (Result,)),
 }
 

@@ -10,23 +10,29 @@ from typing import Any, BinaryIO, TextIO
 
 from msgspec import UNSET
 
+_TIME = struct.Struct(">Q")
+PLAIN = frozenset((float, int, str, bool, type(None)))
+
 
 def as_json(value: Any) -> Any:
     """Return a row as JSON has it: fields in their order, a class's own before those that it inherits, UNSET left out.
 
     Anything else than a row, or a list of rows, is returned as it is.
     """
-    if is_dataclass(value) and not isinstance(value, type):
-        told = ((name, getattr(value, name)) for name in _names(type(value)))
-        return {name: as_json(each) for name, each in told if each is not UNSET}
     if isinstance(value, tuple | list):
         return [as_json(each) for each in value]
-    return value
+    names = _names(value.__class__)
+    if not names:
+        return value
+    told = [(name, getattr(value, name)) for name in names]
+    return {name: each if type(each) in PLAIN else as_json(each) for name, each in told if each is not UNSET}
 
 
 @cache
-def _names(row: type) -> tuple[str, ...]:
-    return tuple(name for each in row.__mro__ if "__dataclass_fields__" in vars(each) for name in each.__annotations__)
+def _names(kind: type) -> tuple[str, ...]:
+    """Return the fields of a row, nothing of anything else."""
+    bases = (each for each in kind.__mro__ if "__dataclass_fields__" in vars(each)) if is_dataclass(kind) else ()
+    return tuple(name for each in bases for name in each.__annotations__)
 
 
 class LineLog:
@@ -53,7 +59,7 @@ class TelemetryLog:
 
     def write(self, time_us: int, frame: bytes) -> None:
         """Append a frame that was heard at `time_us` (µs, vehicle clock)."""
-        self._file.write(struct.pack(">Q", time_us) + frame)
+        self._file.write(_TIME.pack(time_us) + frame)
 
     def close(self) -> None:
         self._file.close()

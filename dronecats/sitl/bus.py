@@ -13,6 +13,8 @@ class Tap:
 
     def take(self) -> bytes:
         """Return everything that came since the last take."""
+        if not self._queue:
+            return b""
         data = bytes(self._queue)
         self._queue.clear()
         return data
@@ -42,6 +44,8 @@ class TruthBus:
         return bool(self._taps)
 
     def publish(self, data: bytes, but: Tap | None = None) -> None:
+        if not data:
+            return
         for tap in self._taps:
             if tap is not but:
                 tap.put(data)

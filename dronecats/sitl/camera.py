@@ -18,10 +18,12 @@ from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError
 from foundation.frames import Vec3, quat_conjugate, quat_multiply
 from foundation.mavlink import Packer, dialect
-from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message
+from foundation.truth import KEPT, FrameTaken, NewestTruth, TruthSample, frame_message
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
 STALE_S = 0.5  # samples farther apart say nothing about rates
+_warm: set[type] = set()  # the kinds of renderers that have drawn in this process
+_warm_lock = threading.Lock()
 
 
 class WorldCamera:
@@ -35,10 +37,12 @@ class WorldCamera:
         *,
         rendered: bool = True,
         optics: Optics | None = None,
+        kept: int = KEPT,
     ) -> None:
         """`rendered` False: every frame is plain grey, taken and announced like any other.
 
-        `optics` changes the pictures and nothing else; None is the benchmark's camera.
+        `optics` changes the pictures and nothing else; None is the benchmark's camera. `kept`: samples of the truth
+        of each drone that `at` can go back to.
         """
         self.world, self.camera = world, camera
         self._announce = announce
@@ -48,7 +52,7 @@ class WorldCamera:
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
-        self._truth = NewestTruth(self._origin)
+        self._truth = NewestTruth(self._origin, kept)
         self._before: dict[int, tuple[TruthSample, TruthSample]] = {}  # drone → the two newest samples
         self._t0_us: int | None = None
         self._frames = 0
@@ -62,21 +66,27 @@ class WorldCamera:
 
     def _remember(self) -> None:
         """Keep the sample before the newest, from which the body rates are known."""
-        for drone in range(len(self.world.record.starts)):
-            sample = self._truth.of(drone)
-            if sample is not None:
-                _, last = self._before.get(drone, (sample, sample))
-                if sample.time_us != last.time_us:
-                    self._before[drone] = (last, sample)
-                else:
-                    self._before.setdefault(drone, (sample, sample))
+        with self._lock:
+            for drone in range(len(self.world.record.starts)):
+                sample = self._truth.of(drone)
+                if sample is not None:
+                    _, last = self._before.get(drone, (sample, sample))
+                    if sample.time_us != last.time_us:
+                        self._before[drone] = (last, sample)
+                    else:
+                        self._before.setdefault(drone, (sample, sample))
 
     def begin(self, t0_us: int) -> None:
         """From this vehicle time on the target moves."""
         self._t0_us = t0_us
 
     def warm_up(self) -> None:
-        """Render once, for nobody: what has to be compiled is compiled now."""
+        """Render once, for nobody: what has to be compiled is compiled now, once for all cameras of a process."""
+        with _warm_lock:
+            kind = type(self._renderer)
+            if kind in _warm:
+                return
+            _warm.add(kind)
         spawn = self.world.scene.spawn_ned
         place = (spawn[0], spawn[1], spawn[2] - 2.0)
         with self._lock:
@@ -89,16 +99,30 @@ class WorldCamera:
         Raises CameraError while nothing is known of the drone.
         """
         with self._lock:
-            known = self._truth.together(drone)
-            if known is None:
-                raise CameraError(f"the camera has not heard where drone {drone} is")
-            sample, others = known
-            t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
-            image = self._picture(sample, others, t_s, self._frames)
-            taken = FrameTaken(drone, self._frames, sample.time_us)
-            self._frames += 1
-            self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
-            return Frame(taken.frame_id, drone, taken.time_us, image)
+            return self._taken(drone, self._truth.together(drone))
+
+    def at(self, time_us: int, drone: int = 0) -> Frame:
+        """Return a frame of a moment ago (µs, vehicle clock): of the first truth at that time or after it.
+
+        Raises CameraError while nothing is known of the drone.
+        """
+        with self._lock:
+            known = self._truth.at(drone, time_us)
+            if known and isinstance(self._renderer, OpticalRenderer):
+                self._before[drone] = self._truth.before(known[0]), known[0]
+            return self._taken(drone, known)
+
+    def _taken(self, drone: int, known: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
+        """Return a frame of a sample and the others' of its time, and say that it was taken."""
+        if known is None:
+            raise CameraError(f"the camera has not heard where drone {drone} is")
+        sample, others = known
+        t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
+        image = self._picture(sample, others, t_s, self._frames)
+        taken = FrameTaken(drone, self._frames, sample.time_us)
+        self._frames += 1
+        self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
+        return Frame(taken.frame_id, drone, taken.time_us, image)
 
     def _picture(
         self, sample: TruthSample, others: Mapping[int, TruthSample], t_s: float, frame_id: int
@@ -108,7 +132,7 @@ class WorldCamera:
             return self._grey
         if isinstance(self._renderer, Renderer):
             pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
-            return self._renderer.render(pose, self.world.moved(t_s, _after(others, 0.0))).rgb
+            return self._renderer.picture(pose, self.world.moved(t_s, _after(others, 0.0)))
         rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
         motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
         return self._renderer.picture(

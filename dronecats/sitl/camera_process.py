@@ -29,7 +29,7 @@ class CameraPart:
     def __init__(self, config: CameraConfig) -> None:
         optics = optics_of(config.optics, "optics") if config.optics else None
         world = load_world(config.episode, config.airframe, config.count)
-        self._camera = WorldCamera(world, CameraModel(), self._announce, optics=optics)
+        self._camera = WorldCamera(world, CameraModel(), self._announce, optics=optics, kept=config.kept)
         self._bus = Listener(config.truth, self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
         host, port = "127.0.0.1", int(config.port)
@@ -62,7 +62,7 @@ class CameraPart:
 
 
 def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
-    """Return the request handler that serves the camera's newest frame."""
+    """Return the request handler that serves the camera's newest frame, or with `at` that of a vehicle time in µs."""
 
     class FrameHandler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
@@ -74,8 +74,9 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
                 self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg and /frame.png\n", {})
                 return
             try:
-                drone = int(parse_qs(parts.query).get("drone", ["0"])[0])
-                frame = camera.newest(drone)
+                asked = parse_qs(parts.query)
+                drone = int(asked.get("drone", ["0"])[0])
+                frame = camera.at(int(asked["at"][0]), drone) if "at" in asked else camera.newest(drone)
             except (ValueError, DronecatsError) as error:
                 self._send(503, "text/plain", f"{error}\n".encode(), {})
                 return

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from foundation.frames import Vec3, wrap_pi
 from foundation.mavlink import dialect
 from vehicles.collision import BOX
-from vehicles.encounter import DRONE, meet
+from vehicles.encounter import DRONE, ball, girth, meet
 from vehicles.multirotor import Multirotor
 
 SAID_AGAIN_US = 1_000_000  # µs, a vehicle that scrapes along a wall says so once a second
@@ -45,7 +45,8 @@ class Encounters:
     """Lets the vehicles of a fleet push one another away."""
 
     def __init__(self, vehicles: Sequence[Multirotor]) -> None:
-        self._pairs = tuple(itertools.combinations(vehicles, 2))
+        self._pairs = tuple(itertools.combinations(range(len(vehicles)), 2))
+        self._radii_m = tuple(girth(vehicle) for vehicle in vehicles)
         self._pushed: set[int] = set()
         self._vehicles = vehicles
 
@@ -54,10 +55,11 @@ class Encounters:
         for k in self._pushed:
             self._vehicles[k].state["external_force"] = self._vehicles[k].state["external_torque"] = 0.0
         self._pushed.clear()
-        for (i, j), (one, other) in zip(
-            itertools.combinations(range(len(self._vehicles)), 2), self._pairs, strict=True
-        ):
-            if meet(one, other, tick_s):
+        if not self._pairs:
+            return
+        balls = [ball(vehicle, radius_m) for vehicle, radius_m in zip(self._vehicles, self._radii_m, strict=True)]
+        for i, j in self._pairs:
+            if balls[i].may_touch(balls[j], tick_s) and meet(self._vehicles[i], self._vehicles[j], tick_s):
                 self._pushed |= {i, j}
 
 

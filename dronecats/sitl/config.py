@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from dronecats.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.sitl.host_stalls import NO_STALLS, HostStalls
+from foundation.truth import KEPT
+
 AIRFRAME = "x500"  # if none is named
 
 
@@ -16,8 +20,10 @@ class SimulatorConfig:
     speed: float | None = 1.0  # × real time; None: nobody paces it
     instance: int | None = None  # added to every port; None: ports that the system chose
     count: int | None = None  # vehicles; None: as many as the record has starts
-    wind: tuple[float, float] = (0.0, 0.0)  # m/s, to the north and to the east
-    gusts: float = 0.0  # m/s, the wind at 20 ft that the turbulence belongs to
+    payload_kg: float = 0.0
+    conditions: FlightConditions = AS_EVER  # from boot
+    disturbed: FlightConditions | None = None  # from the episode's beginning on; None: the same
+    stalls: HostStalls = NO_STALLS  # of a simulator that is paced
     faults: str | None = None  # file of a fault script
     state_dir: str | None = None  # where parameters, plans and logs stay; None: nowhere
     autopilot: Literal["ours", "px4"] = "ours"
@@ -37,6 +43,7 @@ class CameraConfig:
     count: int | None = None
     port: int = 0  # TCP; 0: one that the system chose
     optics: dict[str, Any] | None = None
+    kept: int = KEPT  # samples of the truth of each drone, of which pictures can be had
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

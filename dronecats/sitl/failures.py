@@ -84,7 +84,7 @@ class Failures:
             (*self._faults.values(), *self._scripted),  # the first that names a part holds
             len(self._plant.airframe.rotors),
             int(suite["gps_period_us"]),
-            int(suite["gps_latency_us"]),
+            int(suite["gps_latency_us"] + suite["gps_late_us"]),
         )
         for field in FAULTS.names or ():
             self._plant.faults[field] = record[field]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Generic
 
 from dronecats.sitl.simulation import SimulatedVehicle, Simulation, V
+from hil.impairment.stepped import SteppedWire
 from hil.link.transport import MemoryTransport, Transport
 
 
@@ -27,6 +28,15 @@ class TurnOrder(ABC, Generic[V]):
     @abstractmethod
     def transport(self, vehicle: int) -> Transport:
         """Return the agent's end of the MAVLink of one vehicle's autopilot."""
+
+    @abstractmethod
+    def wire(self, vehicle: int, seed: int) -> SteppedWire:
+        """Return the agent's end of the same over a wire that can be impaired, by the fates of `seed`."""
+
+    @property
+    def time_s(self) -> float:
+        """s of vehicle time."""
+        return self.simulation.time_us / 1e6
 
     def follow(self, feed: Callable[[bytes], None]) -> Callable[[bytes], None]:
         """Let `feed` have the truth bus after every tick; return the function that speaks on it."""
@@ -48,3 +58,9 @@ class Lockstep(TurnOrder[SimulatedVehicle]):
         """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
         port = self.simulation.vehicles[vehicle].open_port(profile)
         return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)
+
+    def wire(self, vehicle: int, seed: int) -> SteppedWire:
+        port = self.simulation.vehicles[vehicle].open_port("minimal")
+        wire = SteppedWire(f"lockstep://{vehicle}", port.take, port.receive, self.pump, lambda: self.time_s, seed)
+        self.followers.append(wire.step)
+        return wire

@@ -9,6 +9,7 @@ import numpy as np
 
 from dronecats.sitl.collisions import Traffic
 from dronecats.sitl.config import AIRFRAME
+from dronecats.sitl.flight_conditions import AS_EVER, FlightConditions
 from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation, V
 from dronecats.sitl.vehicle import Physics
 from episodes import catalogue
@@ -20,7 +21,6 @@ from foundation.airframe import Airframe
 from foundation.truth import Origin
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
-from vehicles.wind import CALM, Wind
 
 
 def origin(world: World) -> Origin:
@@ -44,7 +44,9 @@ def build(
     seed: int = 0,
     count: int | None = None,
     state_dir: Path | None = None,
-    wind: Wind = CALM,
+    payload_kg: float = 0.0,
+    conditions: FlightConditions = AS_EVER,
+    disturbed: FlightConditions | None = None,
     faults: Sequence[Fault] = (),
 ) -> Simulation[SimulatedVehicle]:
     """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
@@ -53,7 +55,17 @@ def build(
         folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
         return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
 
-    return built_of(make, world, airframe=airframe, seed=seed, count=count, wind=wind, faults=faults)
+    return built_of(
+        make,
+        world,
+        airframe=airframe,
+        seed=seed,
+        count=count,
+        payload_kg=payload_kg,
+        conditions=conditions,
+        disturbed=disturbed,
+        faults=faults,
+    )
 
 
 def built_of(
@@ -63,13 +75,17 @@ def built_of(
     airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
-    wind: Wind = CALM,
+    payload_kg: float = 0.0,
+    conditions: FlightConditions = AS_EVER,
+    disturbed: FlightConditions | None = None,
     faults: Sequence[Fault] = (),
 ) -> Simulation[V]:
     """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
 
-    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All are in
-    one wind and have the same faults. Raises UsageError for an unknown airframe or an impossible fault.
+    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All carry
+    the same, are in the same conditions, and in the same others once the episode has begun where these are `disturbed`,
+    and have the same faults. Raises UsageError for an unknown airframe, a payload that it cannot
+    carry or an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
@@ -88,12 +104,14 @@ def built_of(
                 origin=origin(world),
                 terrain=world.scene.terrain,
                 obstacles=solid,
-                wind=wind,
+                payload_kg=payload_kg,
+                conditions=conditions,
                 faults=faults,
             )
             for index, pose in enumerate(poses[:count])
         ],
         Traffic(world.target_pose) if solid.moving else None,
+        disturbed,
     )
 
 

@@ -9,6 +9,7 @@ from autopilot.flight_core import FlightCore
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.collisions import Encounters, Traffic
 from dronecats.sitl.failures import Failures
+from dronecats.sitl.flight_conditions import FlightConditions
 from dronecats.sitl.fused import Fused
 from dronecats.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
 from dronecats.sitl.vehicle_port import VehiclePort
@@ -59,7 +60,7 @@ class SimulatedVehicle(Vehicle):
         self._fused.advance(step_us // STEP_US)
 
     def _boot(self) -> None:
-        airframe, folder = self.plant.airframe, self._state_dir
+        airframe, folder = self.airframe, self._state_dir
         self.core = FlightCore(airframe)
         self.autopilot = Autopilot(
             airframe,
@@ -97,17 +98,24 @@ class SimulatedVehicle(Vehicle):
 class Simulation(Generic[V]):
     """A fleet on one clock, what moves in its world, and the bus its truth goes out on."""
 
-    def __init__(self, vehicles: Sequence[V], traffic: Traffic | None = None) -> None:
+    def __init__(
+        self, vehicles: Sequence[V], traffic: Traffic | None = None, disturbed: FlightConditions | None = None
+    ) -> None:
+        """`disturbed`: in what the vehicles are from the episode's beginning on, None: what they booted in."""
         self.vehicles = tuple(vehicles)
+        self._disturbed = disturbed
         self.bus = TruthBus()
         self.traffic = traffic
         self._plants = tuple(vehicle.plant for vehicle in vehicles)
         self._encounters = Encounters(self._plants)
 
     def begin(self, t0_us: int) -> None:
-        """From this vehicle time on the target moves."""
+        """From this vehicle time on the target moves, and what is to be disturbed is."""
         if self.traffic:
             self.traffic.begin(t0_us)
+        if self._disturbed:
+            for vehicle in self.vehicles:
+                vehicle.meet(self._disturbed)
 
     @property
     def time_us(self) -> int:

@@ -5,13 +5,13 @@ from typing import Any
 
 from dronecats.processes.child import Part
 from dronecats.sitl.config import SimulatorConfig
+from dronecats.sitl.host_stalls import Staller
 from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.ports import Ports
-from dronecats.sitl.scenario import build, load_world
+from dronecats.sitl.scenario import build, load_world, noise_seed
 from dronecats.sitl.simulation import TICK_US
 from vehicles import airframe as airframes
 from vehicles import fault_script
-from vehicles.wind import Wind
 
 
 class Simulator:
@@ -21,14 +21,15 @@ class Simulator:
         world = load_world(config.episode)
         script = config.faults
         rotors = len(airframes.load(config.airframe).rotors)
-        north, east = config.wind
         self.simulation = build(
             world,
             airframe=config.airframe,
             seed=config.seed,
             count=config.count,
             state_dir=Path(config.state_dir) if config.state_dir else None,
-            wind=Wind((north, east, 0.0), config.gusts),
+            payload_kg=config.payload_kg,
+            conditions=config.conditions,
+            disturbed=config.disturbed,
             faults=fault_script.load(Path(script), rotors) if script else (),
         )
         self.simulation.advance()  # compiles, on the first run of an installation
@@ -36,6 +37,7 @@ class Simulator:
         self.speed = 1.0 if config.speed is None else config.speed
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
         self.pace = PaceReport(self._keeper)
+        self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
 
     def ready(self) -> dict[str, Any]:
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
@@ -49,6 +51,7 @@ class Simulator:
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
             self.simulation.begin(arguments["t0_us"])
+            self._staller.begin(arguments["t0_us"])
         if command == "pace":
             return self._keeper.figures()
         return None
@@ -59,6 +62,7 @@ class Simulator:
         self.simulation.advance()
         for port in self.ports.all():
             port.exchange()
+        self._staller.turn(self.simulation.time_us)
         self._keeper.wait()
 
     def close(self) -> None:

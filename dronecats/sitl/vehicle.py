@@ -4,16 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Required, TypedDict, Unpack
 
+import numpy as np
+
 from dronecats.sitl.collisions import CollisionReport
+from dronecats.sitl.flight_conditions import AS_EVER, FlightConditions
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.mavlink import Packer
-from foundation.obstacles import Obstacles
-from foundation.terrain import HeightField
+from foundation.obstacles import OPEN, Obstacles
+from foundation.terrain import FLAT, HeightField
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
+from vehicles.payload import laden
 from vehicles.sensors import Suite
 from vehicles.wind import Wind
 
@@ -36,7 +40,8 @@ class Physics(TypedDict, total=False):
     origin: Required[Origin]
     terrain: HeightField
     obstacles: Obstacles
-    wind: Wind
+    payload_kg: float
+    conditions: FlightConditions
     faults: Sequence[Fault]
     suite: Suite
 
@@ -47,16 +52,37 @@ class Vehicle:
     def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
         """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
         self.index = index
+        self.airframe = airframe  # as those who fly it know it
         self.origin = physics["origin"]
+        self._suite = physics.get("suite", Suite())
+        conditions = physics.get("conditions", AS_EVER)
         self.plant = Multirotor(
-            airframe,
+            laden(airframe, physics.get("payload_kg", 0.0)),
+            seed=physics["seed"],
+            origin=physics["origin"],
+            terrain=physics.get("terrain", FLAT),
+            obstacles=physics.get("obstacles", OPEN),
             camera_frd=CameraModel().offset_frd,
             position_ned=pose.position_ned,
             yaw=pose.yaw,
-            **physics,
+            wind=_wind(conditions),
+            suite=self._sensing(conditions),
+            faults=physics.get("faults", ()),
         )
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
+        # position to acceleration of TRUTH as one array of numbers: a record's fields are slow to read one by one
+        self._numbers = np.frombuffer(self.plant.truth, np.float64)[1:17]
         self._collisions = CollisionReport(self.plant)
+
+    def meet(self, conditions: FlightConditions) -> None:
+        """From now on fly in these. Raises UsageError for sensors that cannot be."""
+        self.plant.meet(_wind(conditions))
+        self.plant.sense(self._sensing(conditions))
+
+    def _sensing(self, conditions: FlightConditions) -> Suite:
+        return self._suite.worsened(
+            gps_delay_s=conditions.gps_delay_s, gps_noise=conditions.gps_noise, noise=conditions.sensor_noise
+        )
 
     def advance(self) -> None:
         """Advance by one tick."""
@@ -71,20 +97,18 @@ class Vehicle:
 
     def truth(self) -> bytes:
         """Return HIL_STATE_QUATERNION as bytes."""
-        truth = self.plant.truth
+        n, e, d, vn, ve, vd, w, x, y, z, p, q, r, ax, ay, az = self._numbers.tolist()
         return self._packer.pack(
             truth_message(
-                int(truth["time_us"]),
-                tuple(truth["position_ned"].tolist()),
-                tuple(truth["velocity_ned"].tolist()),
-                tuple(truth["attitude"].tolist()),
-                tuple(truth["rates_frd"].tolist()),
-                tuple(truth["accel_frd"].tolist()),
-                self.origin,
+                self.time_us, (n, e, d), (vn, ve, vd), (w, x, y, z), (p, q, r), (ax, ay, az), self.origin,
             )
-        )
+        )  # fmt: skip
 
     def collisions(self) -> bytes:
         """Return a STATUSTEXT about what was hit since the last call as bytes, empty when nothing was."""
         message = self._collisions.message()
         return self._packer.pack(message) if message else b""
+
+
+def _wind(conditions: FlightConditions) -> Wind:
+    return Wind(conditions.wind_ned, conditions.gusts_w20)

@@ -16,6 +16,7 @@ class ConnectedStage:
     """The link's bytes are copied to the logger, which is a process of its own here as well."""
 
     lockstep = False
+    speed = None
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
         """`folder` is the episode's, for the logs. Raises InfrastructureError."""
@@ -36,6 +37,9 @@ class ConnectedStage:
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+    def mend(self) -> None:
+        """Nothing is disturbed on purpose here."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)

@@ -18,17 +18,21 @@ from dronecats.sitl.px4.simulator import Px4Simulator
 from dronecats.sitl.scenario import build, origin
 from dronecats.sitl.simulation import SimulatedVehicle
 from dronecats.sitl.vehicle_port import VehiclePort
-from dronecats.stages.parts import simulator_config
+from dronecats.stages.disturbed import DisturbedLinks
+from dronecats.stages.parts import conditions_of, simulator_config, truth_kept
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.mavlink import dialect
 from hil.link.link import Link
+
+SPARE_S = 1.0  # s after its cap for which an agent that hears nothing is left waiting for it
 
 
 class LockstepStage:
     """The same parts as in real time, without the sockets between them."""
 
     lockstep = True
+    speed = None
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, world: World) -> None:
         """`folder` is the episode's, for the logs. Raises UsageError, InfrastructureError."""
@@ -41,7 +45,16 @@ class LockstepStage:
             self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
             clock = Px4Lockstep(self._px4)
         else:
-            clock = Lockstep(build(world, airframe=simulated.airframe, seed=spec.seed))
+            faults = spec.disturbances.vehicle
+            clock = Lockstep(
+                build(
+                    world,
+                    airframe=simulated.airframe,
+                    seed=spec.seed,
+                    payload_kg=faults.payload_kg,
+                    disturbed=conditions_of(faults),
+                )
+            )
             ours = clock.simulation.vehicles
         self._clock, self._simulation = clock, clock.simulation
         self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
@@ -51,12 +64,30 @@ class LockstepStage:
             subscribe(port.receive, vehicle.index + 1)
             clock.followers.append(partial(self._log, port))
         self.camera = WorldCamera(
-            world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics
-        )
+            world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics,
+            kept=truth_kept(spec.disturbances.frame),
+        )  # fmt: skip
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
         drones = range(len(self._simulation.vehicles))
-        self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
+        self._disturbed = disturbed = DisturbedLinks(flight)
+        if disturbed.wired:
+            wires = [clock.wire(index, disturbed.seed(index)) for index in drones]
+            # a wire that is silent is so in vehicle time, which goes on meanwhile
+            self.links = [
+                Link(
+                    wire,
+                    silence_s=disturbed.silence_s,
+                    wall_s=lambda: clock.time_s,
+                    limits=spec.envelope,
+                    simulated=True,
+                )
+                for wire in wires
+            ]
+            disturbed.take(self.links, wires)
+        else:
+            self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
+            disturbed.take(self.links, ())
         if self._px4:
             for link in self.links:
                 link.listeners.append(self._keep)
@@ -77,6 +108,10 @@ class LockstepStage:
         self._simulation.begin(t0_us)
         self._recorder.begin(t0_us, cap_s)
         self.camera.begin(t0_us)
+        self._disturbed.begin(cap_s + SPARE_S)
+
+    def mend(self) -> None:
+        self._disturbed.mend()
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._recorder.end(reason, error)

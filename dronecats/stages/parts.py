@@ -1,13 +1,18 @@
 """The child processes that a flight may stand on, each the module whose `create` makes it."""
 
+import math
 from pathlib import Path
 
+from dronecats.flight.disturbances import FrameFaults, VehicleFaults
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.pilots.config import PilotConfig
 from dronecats.processes.supervisor import ChildKind
 from dronecats.rundir import layout
 from dronecats.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig
+from dronecats.sitl.flight_conditions import FlightConditions
+from dronecats.sitl.host_stalls import HostStalls
+from foundation.truth import KEPT
 
 SIMULATOR = ChildKind("simulator", "dronecats.sitl.simulator_process", SimulatorConfig)
 CAMERA = ChildKind("camera", "dronecats.sitl.camera_process", CameraConfig)
@@ -16,6 +21,7 @@ LOGGER = ChildKind("logger", "dronecats.logger.logger_process", LoggerConfig)
 ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.logger.estimate_process", EstimateLoggerConfig)
 COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process", PilotConfig)
 PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
+TRUTH_HZ = 50.0
 
 
 def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> SimulatorConfig:
@@ -28,4 +34,23 @@ def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> Si
         autopilot=simulated.autopilot,
         px4=simulated.px4,
         log_dir=str(folder),
+        payload_kg=spec.disturbances.vehicle.payload_kg,
+        disturbed=conditions_of(spec.disturbances.vehicle),
+        stalls=HostStalls(share=spec.disturbances.vehicle.stalled, seconds=spec.disturbances.vehicle.stall_s),
     )
+
+
+def conditions_of(faults: VehicleFaults) -> FlightConditions:
+    """Return in what they are flown from the episode's beginning on."""
+    return FlightConditions(
+        wind_ned=faults.wind_ned,
+        gusts_w20=faults.gusts_w20,
+        gps_delay_s=faults.gps_delay_s,
+        gps_noise=faults.gps_noise,
+        sensor_noise=faults.estimator_noise,
+    )
+
+
+def truth_kept(faults: FrameFaults) -> int:
+    """Return how many samples of the truth a camera remembers, so that it can show what was to be seen a moment ago."""
+    return KEPT + math.ceil(faults.reach_s * TRUTH_HZ)

@@ -12,11 +12,14 @@ from dronecats.processes.bus_listener import Listener
 from dronecats.processes.supervisor import Supervisor
 from dronecats.sitl.config import CameraConfig
 from dronecats.stages import parts
-from dronecats.stages.parts import simulator_config
+from dronecats.stages.disturbed import DisturbedLinks
+from dronecats.stages.parts import simulator_config, truth_kept
 from foundation.camera import CameraModel
 from hil.cameras.snapshot import HttpCamera
+from hil.impairment.one_way import PERFECT
+from hil.impairment.wire import ImpairedWire
 from hil.link.link import Link
-from hil.link.transport import UdpTransport, connect
+from hil.link.transport import Transport, UdpTransport, connect
 
 
 class RealtimeStage:
@@ -27,7 +30,9 @@ class RealtimeStage:
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
         """`folder` is the episode's, with its record. Raises UsageError, InfrastructureError."""
         self._supervisor = Supervisor(folder)
+        self.speed = simulated.speed
         self._copies: list[Copy] = []
+        self._wires: list[ImpairedWire] = []
         self.executor = DaemonExecutor()
         self.camera_model = CameraModel()
         try:
@@ -43,13 +48,26 @@ class RealtimeStage:
         ports = simulator.ready(patience)
         self._truth = f"udpout://127.0.0.1:{ports['truth']}"
         direction = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
+        self._disturbed = DisturbedLinks(flight)
         self.links = [
-            Link(connect(f"{direction}://127.0.0.1:{port}"), limits=flight.spec.envelope, simulated=True)
-            for port in ports["agent"]
+            Link(
+                self._transport(f"{direction}://127.0.0.1:{port}", drone, speaks_first=px4),
+                silence_s=self._disturbed.silence_s,
+                limits=flight.spec.envelope,
+                simulated=True,
+            )
+            for drone, port in enumerate(ports["agent"])
         ]
+        self._disturbed.take(self.links, self._wires)
         camera = self._camera_process = self._supervisor.start(
             parts.CAMERA,
-            CameraConfig(episode=config.episode, airframe=config.airframe, truth=self._truth, optics=simulated.optics),
+            CameraConfig(
+                episode=config.episode,
+                airframe=config.airframe,
+                truth=self._truth,
+                optics=simulated.optics,
+                kept=truth_kept(flight.spec.disturbances.frame),
+            ),
         )
         if px4:
             self._await_px4(ports["px4"], say)
@@ -69,6 +87,20 @@ class RealtimeStage:
         self._logger.ready(patience)
         for copy in self._copies:
             copy.begin()
+
+    def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
+        """Return the agent's end of a vehicle's MAVLink, over a wire in between where that is to be disturbed."""
+        if not self._disturbed.wired:
+            return connect(url)
+        ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
+        other = connect(f"udpout://127.0.0.1:{ends.port}")
+        # whoever speaks first on the vehicle's own port does so on ours
+        agent, near = (ends, other) if speaks_first else (other, ends)
+        speed = self.speed or 1.0
+        seed = self._disturbed.seed(drone)
+        wire = ImpairedWire(near, connect(url), PERFECT, PERFECT, seed, lambda: time.monotonic() * speed)
+        self._wires.append(wire.start())
+        return agent
 
     def tap(self, feed: Callable[[bytes], None]) -> Listener:
         """Have the truth bus fed to somebody, who reads it."""
@@ -91,6 +123,10 @@ class RealtimeStage:
         self._simulator.do("begin", t0_us=t0_us)
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+        self._disturbed.begin()
+
+    def mend(self) -> None:
+        self._disturbed.mend()
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -101,11 +137,13 @@ class RealtimeStage:
 
     def check(self) -> None:
         self._supervisor.check()
+        for wire in self._wires:
+            wire.check()
 
     def close(self) -> None:
         if hasattr(self, "camera"):
             self.camera.close()
-        for part in (*getattr(self, "links", []), *self._copies):
+        for part in (*getattr(self, "links", []), *self._wires, *self._copies):
             part.close()
         self._supervisor.close()
 

@@ -37,11 +37,20 @@ class Stage(Protocol):
         """Whether the vehicle's clock waits, and everything is in this process."""
         ...
 
+    @property
+    def speed(self) -> float | None:
+        """The factor on real time that the vehicle's clock is held to; None: it waits, or it is not ours to hold."""
+        ...
+
     def begin(self, t0_us: int, cap_s: float) -> None:
         """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets.
 
         `cap_s`: the length of the flight in seconds, for the log.
         """
+        ...
+
+    def mend(self) -> None:
+        """What is disturbed on purpose between agent and vehicles is not from now on: they are told to land."""
         ...
 
     def end(self, reason: str, error: str | None = None) -> None:

@@ -21,6 +21,7 @@ class WorldStage:
     """The truth comes over a bridge onto a bus of our own, where camera, logger and oracle listen as they always do."""
 
     lockstep = False
+    speed = None
 
     def __init__(
         self,
@@ -83,6 +84,9 @@ class WorldStage:
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+    def mend(self) -> None:
+        """Nothing is disturbed on purpose here."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)

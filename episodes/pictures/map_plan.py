@@ -33,7 +33,7 @@ def map_plan(name: str, out: Path, seed: int = 1) -> None:
     places = np.array([i.position_ned[:2] for i in named] or [scene.spawn_ned[:2]])
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
     half = float(np.ptp(places, axis=0).max()) / 2 + MARGIN_M
-    picture = _from_above(scene, float(middle[0]), float(middle[1]), half)
+    picture = from_above(scene, float(middle[0]), float(middle[1]), half)
     picture = np.asarray(picture * (1.0 - PALE) + 255.0 * PALE, np.uint8)
     taken: list[Rect] = []
     for one in named:
@@ -49,9 +49,9 @@ def map_plan(name: str, out: Path, seed: int = 1) -> None:
         raise UsageError(f"the picture '{out}' cannot be written: {error.strerror}.") from None
 
 
-def _from_above(scene: Scene, north: float, east: float, half: float) -> NDArray[np.uint8]:
-    """Return the square (SIDE_PX, SIDE_PX, 3) of ground around a place, `half` metres to each side."""
-    camera = CameraModel(SIDE_PX, SIDE_PX, HFOV_DEG, (0.0, 0.0, 0.0))
+def from_above(scene: Scene, north: float, east: float, half: float, side_px: int = SIDE_PX) -> NDArray[np.uint8]:
+    """Return the square (side_px, side_px, 3) RGB of ground around a place, north up, `half` metres to each side."""
+    camera = CameraModel(side_px, side_px, HFOV_DEG, (0.0, 0.0, 0.0))
     height = half / math.tan(math.radians(HFOV_DEG / 2))
     eye = (north, east, scene.terrain.at(north, east) - height)
     renderer = Renderer(scene, camera)

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +16,7 @@ from episodes.render.layout import Laid, laid_out, lay_out
 from episodes.render.pose import depth_per_metre, eye_of
 from episodes.render.resolve import resolve_rows
 from episodes.render.shading import shade_rows
-from episodes.render.shadow import CELLS, SunMap, cast_movable, restore, sun_map
+from episodes.render.shadow import CELLS, Shadows, SunMap, fits, sun_map, things_between
 from episodes.render.sky import daylight, display_table
 from episodes.render.triangles import SceneArrays, place_all
 from episodes.scene import Moved, Scene
@@ -24,6 +24,7 @@ from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 
 NOTHING_MOVED: Moved = MappingProxyType({})
+NO_DEPTH, NO_IDS = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +58,14 @@ class Renderer:
         of_map = laid_out(scene.base) if scene.base else None
         self._layout = lay_out(scene, of_map)
         place_all(self._layout, NOTHING_MOVED)
-        self._sun = _shadows(scene, self._layout, of_map, shadow_cells)
+        self._shadows = _shadows(scene, self._layout, of_map, shadow_cells)
         self._day = daylight(scene.sun)
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
-        self._samples = np.empty((2 * camera.height + 1, 2 * camera.width + 1), np.int32)
-        self._light = np.empty((camera.height, camera.width, 3), np.float32)
-        self._per_metre = depth_per_metre(camera)
+        self._sheet = _sheet(camera)
         self._table = display_table()
         self._threads = max(1, threads)
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
-        self._turn = threading.Lock()
 
     def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
         """Return what the camera at `pose` sees.
@@ -76,15 +74,25 @@ class Renderer:
         they are not there; those it leaves out stand where the scene has them. Raises UsageError when it names an
         instance that cannot be moved.
         """
-        eye = eye_of(pose, self.camera)
         shape = (self.camera.height, self.camera.width)
-        rgb = np.empty((*shape, 3), np.uint8)
         depth = np.empty(shape, np.float32)
         ids = np.empty(shape, np.int32)
-        with self._turn:
-            triangles, drawn, samples, light = self._layout.triangles, self._drawn, self._samples, self._light
-            covered = cast_movable(self._sun, triangles, place_all(self._layout, moved))
-            try:
+        return View(rgb=self._draw(pose, moved, depth, ids), depth=depth, ids=ids)
+
+    def picture(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> NDArray[np.uint8]:
+        """Return the picture alone, (H, W, 3) sRGB, of what `render` returns. Raises UsageError as it does."""
+        return self._draw(pose, moved, NO_DEPTH, NO_IDS)
+
+    def _draw(
+        self, pose: CameraPose, moved: Moved, depth: NDArray[np.float32], ids: NDArray[np.int32]
+    ) -> NDArray[np.uint8]:
+        """Return the picture; fill `depth` and `ids` where they have rows."""
+        eye = eye_of(pose, self.camera)
+        rgb = np.empty((self.camera.height, self.camera.width, 3), np.uint8)
+        sheet = self._sheet
+        with sheet.turn:
+            triangles, drawn, samples, light = self._layout.triangles, self._drawn, sheet.samples, sheet.light
+            with self._shadows.cast(triangles, place_all(self._layout, moved)) as sun:
                 self._together(set_up, triangles, eye, drawn)
                 start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
                 self._together(draw_bands, drawn, start, items, samples)
@@ -95,18 +103,16 @@ class Renderer:
                     triangles,
                     self._layout.surfaces,
                     self._layout.atlas,
-                    self._sun,
+                    sun,
                     self._day,
-                    self._per_metre,
+                    sheet.per_metre,
                     samples,
                     light,
                     depth,
                     ids,
                 )
                 self._together(resolve_rows, samples, triangles.plane, light, self._table, rgb)
-            finally:
-                restore(self._sun, covered)
-        return View(rgb=rgb, depth=depth, ids=ids)
+        return rgb
 
     def close(self) -> None:
         """Let the helper threads go."""
@@ -122,17 +128,40 @@ class Renderer:
                 other.result()
 
 
-def _shadows(scene: Scene, layout: SceneArrays, of_map: Laid | None, cells: int) -> SunMap:
-    """Return the shadows of what never moves in a scene; those of its map are kept where that is laid out."""
-    if scene.base is None or of_map is None:
-        return sun_map(layout, scene.sun, _ground(scene), cells)
-    before = _shadows_of_map(scene.base, cells)
-    return sun_map(layout, scene.sun, _ground(scene), cells, before, of_map.arrays.static_count)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sheet:
+    """What a picture is drawn on, by one renderer at a time."""
+
+    samples: NDArray[np.int32]  # (2 H + 1, 2 W + 1) which triangle
+    light: NDArray[np.float32]  # (H, W, 3)
+    per_metre: NDArray[np.float32]  # (H, W), of `depth_per_metre`
+    turn: threading.Lock = field(default_factory=threading.Lock)
+
+
+@once(2)
+def _sheet(camera: CameraModel) -> _Sheet:
+    """Return the one on which all renderers of this process draw for such a camera: 30 MB at 1280×720."""
+    height, width = camera.height, camera.width
+    return _Sheet(
+        samples=np.empty((2 * height + 1, 2 * width + 1), np.int32),
+        light=np.empty((height, width, 3), np.float32),
+        per_metre=depth_per_metre(camera),
+    )
+
+
+def _shadows(scene: Scene, layout: SceneArrays, of_map: Laid | None, cells: int) -> Shadows:
+    """Return the shadows of a scene, those of its map shared where that is laid out."""
+    if scene.base is not None and of_map is not None:
+        shared, turn = _shadows_of_map(scene.base, cells)
+        if fits(layout, scene.sun, _ground(scene), shared):
+            more = things_between(layout.triangles, of_map.arrays.static_count, layout.static_count)
+            return Shadows(shared, turn, more)
+    return Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
 
 
 @once(3)
-def _shadows_of_map(scene: Scene, cells: int) -> SunMap:
-    return sun_map(lay_out(scene), scene.sun, _ground(scene), cells)
+def _shadows_of_map(scene: Scene, cells: int) -> tuple[SunMap, threading.Lock]:
+    return sun_map(lay_out(scene), scene.sun, _ground(scene), cells), threading.Lock()
 
 
 def _ground(scene: Scene) -> frozenset[int]:

@@ -38,8 +38,10 @@ def shade_rows(
 
     Only the sample at the middle of each pixel is looked at. What belongs to the whole triangle is found when the row
     enters it; how its texture is read is found every FRESH pixels.
+    `depth` and `ids` without rows are left out.
     """
-    height, width = depth.shape
+    height, width = light.shape[:2]
+    measured = len(depth) > 0
     per_px = 1.0 / eye.focal
     e = np.zeros(9)
     uv = np.zeros(6)
@@ -54,7 +56,7 @@ def shade_rows(
         j = 2.0 * y + 1.0
         ry = (y + 0.5 - eye.center_y) * per_px
         last = -2
-        seen, shown, far, named = samples[2 * y + 1], light[y], depth[y], ids[y]
+        seen, shown = samples[2 * y + 1], light[y]
         cosine = per_metre[y]
         for x in range(width):
             i = 2.0 * x + 1.0
@@ -67,8 +69,9 @@ def shade_rows(
             if t < 0:
                 r, g, b = sky_color(day, dn * per, de * per, dd * per)
                 shown[x, 0], shown[x, 1], shown[x, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
-                far[x] = np.inf
-                named[x] = 0
+                if measured:
+                    depth[y, x] = np.inf
+                    ids[y, x] = 0
                 continue
 
             entered = t != last
@@ -101,8 +104,9 @@ def shade_rows(
             w2 = e[6] * i + e[7] * j + e[8]
             share = 1.0 / max(w0 + w1 + w2, 1e-7 * volume)  # rounding must not put a sliver at infinity
             z = volume * share
-            far[x] = z
-            named[x] = triangles.instance[t]
+            if measured:
+                depth[y, x] = z
+                ids[y, x] = triangles.instance[t]
             w0 *= share
             w1 *= share
             w2 *= share

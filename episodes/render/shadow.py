@@ -1,11 +1,14 @@
 """What the sun sees: for each ray of a fine grid of parallel rays, how far towards the sun the first surface lies.
 
-The map of everything that stands still is drawn once. Movable things are drawn into the same map for one picture and
-the places they covered are put back afterwards.
+The map of what stands still is drawn once, for all scenes of a map what the map has. Movable things, and what a scene
+adds to its map, are drawn into the same one for one picture, and the places they covered are put back afterwards.
 """
 
+import itertools
 import math
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -38,18 +41,19 @@ class SunMap(NamedTuple):
     per_cell: float  # 1/m
 
 
-def sun_map(
-    layout: SceneArrays,
-    sun: Sun,
-    ground_ids: frozenset[int],
-    cells: int = CELLS,
-    before: SunMap | None = None,
-    drawn: int = 0,
-) -> SunMap:
-    """Return the map of the things that never move, fitted around what stands on the ground and its shadows.
+def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
+    """Return the map of the things that never move, fitted around what stands on the ground and its shadows."""
+    result = _grid(layout, sun, ground_ids, cells, np.full((cells, cells), -1e30, np.float32))
+    draw_heights(result, layout.triangles.position, 0, layout.static_count)
+    return result
 
-    `before` is that of the first `drawn` triangles alone: where its grid is this one, what it has is not drawn again.
-    """
+
+def fits(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], before: SunMap) -> bool:
+    """Return whether `before`, of a part of its triangles, has the grid that `sun_map` would give this layout."""
+    return _grid(layout, sun, ground_ids, before.height.shape[0], before.height)[1:] == before[1:]
+
+
+def _grid(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int, height: NDArray[np.float32]) -> SunMap:
     toward = np.asarray(sun.toward_ned, float) / np.linalg.norm(sun.toward_ned)
     helper = np.array([1.0, 0.0, 0.0]) if abs(toward[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     across = np.cross(helper, toward)
@@ -58,15 +62,13 @@ def sun_map(
     triangles = layout.triangles
     # a thing and its shadow lie on the same rays: the bounds of the things are enough
     casts = ~np.isin(triangles.instance, sorted(ground_ids))
-    corners = triangles.position[casts if casts.any() else slice(None)].reshape(-1, 3)
-    if not len(corners):
-        corners = np.zeros((1, 3), np.float32)
-    flat = corners @ np.column_stack((across, up))
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    low, high = np.zeros(2), np.zeros(2)
+    if len(casts):
+        _bounds(triangles.position, casts if casts.any() else ~casts, across, up, low, high)
     cell = max(float((high - low).max()) / (cells - 1 - 2 * MARGIN_CELLS), 0.005)
     low = 0.5 * (low + high) - 0.5 * (cells - 1) * cell
-    result = SunMap(
-        height=np.full((cells, cells), -1e30, np.float32),
+    return SunMap(
+        height=height,
         across=(float(across[0]), float(across[1]), float(across[2])),
         up=(float(up[0]), float(up[1]), float(up[2])),
         toward=(float(toward[0]), float(toward[1]), float(toward[2])),
@@ -75,33 +77,73 @@ def sun_map(
         cell=cell,
         per_cell=1.0 / cell,
     )
-    if before is not None and before.height.shape == result.height.shape and before[1:] == result[1:]:
-        np.copyto(result.height, before.height)
-        draw_heights(result, triangles.position, drawn, layout.static_count)
-    else:
-        draw_heights(result, triangles.position, 0, layout.static_count)
-    return result
 
 
-def cast_movable(
-    sun: SunMap, triangles: Triangles, movable: Iterable[MovablePart]
+@njit(cache=True, nogil=True)
+def _bounds(
+    position: NDArray[np.float32],
+    casts: NDArray[np.bool_],
+    across: NDArray[np.float64],
+    up: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> None:
+    """Fill `low` and `high` (2,), m along `across` and `up`, with the bounds of what `casts` (T,) names."""
+    low[:], high[:] = np.inf, -np.inf
+    for t in range(len(casts)):
+        if casts[t]:
+            for k in range(3):
+                n, e, d = float(position[t, k, 0]), float(position[t, k, 1]), float(position[t, k, 2])
+                x = n * across[0] + e * across[1] + d * across[2]
+                y = n * up[0] + e * up[1] + d * up[2]
+                low[0], high[0] = min(low[0], x), max(high[0], x)
+                low[1], high[1] = min(low[1], y), max(high[1], y)
+
+
+class Shadows:
+    """The shadows of one scene. Its map's are shared with all other scenes of that map, 64 MB: one draws at a time."""
+
+    def __init__(self, sun: SunMap, turn: threading.Lock, standing: Sequence[slice] = ()) -> None:
+        """`turn` is for who draws into `sun`; `standing`: triangles of things that never move, and are not in it."""
+        self._sun, self._turn, self._standing = sun, turn, standing
+
+    @contextmanager
+    def cast(self, triangles: Triangles, movable: Iterable[MovablePart]) -> Iterator[SunMap]:
+        """Give the map with the movable things that are there in it, for as long as the block lasts."""
+        with self._turn:
+            covered = draw_things(self._sun, triangles, [*self._standing, *(part.triangles for part in movable)])
+            try:
+                yield self._sun
+            finally:
+                restore(self._sun, covered)
+
+
+def things_between(triangles: Triangles, first: int, stop: int) -> list[slice]:
+    """Return the triangles first … stop - 1 in pieces, each of one instance."""
+    of = triangles.instance[first:stop]
+    ends = [first, *(first + 1 + np.flatnonzero(np.diff(of))).tolist(), stop]
+    return [slice(a, b) for a, b in itertools.pairwise(ends) if b > a]
+
+
+def draw_things(
+    sun: SunMap, triangles: Triangles, things: Iterable[slice]
 ) -> list[tuple[slice, slice, NDArray[np.float32]]]:
-    """Draw the movable things that are there into the map; return what `restore` needs to take them out again."""
+    """Draw things, each so many triangles, into the map; return what `restore` needs to take them out again."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
-    for part in movable:
-        flat = triangles.position[part.triangles].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
+    for thing in things:
+        flat = triangles.position[thing].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
         low = np.clip(np.floor(flat.min(axis=0) / sun.cell), 0, cells).astype(int)
         high = np.clip(np.ceil(flat.max(axis=0) / sun.cell) + 1, 0, cells).astype(int)
         where = (slice(low[1], high[1]), slice(low[0], high[0]))
         covered.append((*where, sun.height[where].copy()))
-        draw_heights(sun, triangles.position, part.triangles.start, part.triangles.stop)
+        draw_heights(sun, triangles.position, thing.start, thing.stop)
     return covered
 
 
 def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
-    """Undo `cast_movable`, last thing first because two may overlap."""
+    """Undo `draw_things`, last thing first because two may overlap."""
     for rows, columns, heights in reversed(covered):
         sun.height[rows, columns] = heights
 

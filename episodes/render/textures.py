@@ -1,11 +1,11 @@
 """All textures of a scene in one array of texels with their smaller copies, and how a kernel reads them.
 
 A texel packs three ten-bit channels, each the square root of a linear value: ten bits are enough in the dark where
-eight bits of linear light are not, and squaring is cheaper than the sRGB curve. uv (0, 0) is the top-left corner of the
-picture, u to the right, v down; beyond 0 … 1 the picture repeats.
+eight bits of linear light are not, and squaring is cheaper than the sRGB curve. The channels lie 21 bits apart, so that
+a texel can be multiplied by a weight as it is. uv (0, 0) is the top-left corner of the picture, u to the right, v down;
+beyond 0 … 1 the picture repeats, for which every level has a border of one texel from its other side.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,16 +23,15 @@ WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # the float 1.0
 SHARPEN = -0.35  # levels; a little under the strict limit keeps lettering readable and is hidden by later smoothing
 
-LOW_10, MIDDLE_10, HIGH_10 = np.uint64(0x3FF), np.uint64(0xFFC00), np.uint64(0x3FF00000)
-SHIFT_1, SHIFT_2 = np.uint64(11), np.uint64(22)
 LANE_1, LANE_2, LANE_MASK = np.uint64(21), np.uint64(42), np.uint64((1 << 21) - 1)
+NEXT = np.uint64(1)
 
 
 class Atlas(NamedTuple):
-    """Texels of every level of every texture. A level's rows lie one after the other from its offset."""
+    """Texels of every level of every texture. A level's rows lie one after the other, each with its border."""
 
-    texels: NDArray[np.uint32]  # (N,) r << 20 | g << 10 | b
-    levels: NDArray[np.int64]  # (L, 3) first texel, width and height of each level
+    texels: NDArray[np.uint64]  # (N,) r << 42 | g << 21 | b
+    levels: NDArray[np.int64]  # (L, 3) first texel (of the border), width and height (without it) of each level
     first_level: NDArray[np.int32]  # (K,) the full-size level of each texture
     depth: NDArray[np.int32]  # (K,) how many levels it has
 
@@ -49,7 +48,9 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = No
     Raises UsageError for what is no such picture.
     """
     if before is None or not len(before.first_level):
-        before = Atlas(np.zeros(0, np.uint32), np.zeros((0, 3), np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
+        before = Atlas(np.zeros(0, np.uint64), np.zeros((0, 3), np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
+    elif not pictures:
+        return before
     curve = srgb_to_linear(np.arange(256, dtype=np.float32) / 255.0)
     texels, filled = [before.texels], len(before.texels)
     levels = [(int(first), int(width), int(height)) for first, width, height in before.levels]
@@ -64,13 +65,12 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = No
         depth.append(len(pyramid))
         for level in pyramid:
             levels.append((filled, level.shape[1], level.shape[0]))
-            code = np.rint(np.sqrt(np.clip(level, 0.0, 1.0)) * 1023.0).astype(np.uint32)
-            texels.append(
-                ((code[..., 0] << 20) | (code[..., 1] << 10) | code[..., 2]).ravel().astype(np.uint32, copy=False)
-            )
+            code = np.rint(np.sqrt(np.clip(level, 0.0, 1.0)) * 1023.0).astype(np.uint64)
+            lanes = code[..., 0] << LANE_2 | code[..., 1] << LANE_1 | code[..., 2]
+            texels.append(np.pad(lanes, 1, mode="wrap").ravel())
             filled += texels[-1].size
     return Atlas(
-        texels=np.concatenate(texels) if filled else np.zeros(1, np.uint32),
+        texels=np.concatenate(texels) if filled else np.zeros(1, np.uint64),
         levels=np.array(levels, np.int64).reshape(-1, 3),
         first_level=np.array(first_level, np.int32),
         depth=np.array(depth, np.int32),
@@ -131,23 +131,31 @@ def texture_color(
 
     Where one read is enough both levels are read, where there are several they take turns.
     """
+    texels, levels = atlas.texels, atlas.levels
+    first, w, h = levels[level, 0], levels[level, 1], levels[level, 2]
     if doublings == 0:
-        lanes = _bilinear(atlas.texels, atlas.levels, level, u, v, WEIGHT - mix)
+        lanes = _bilinear(texels, first, w, h, u, v, WEIGHT - mix)
         if mix > 0:
-            lanes += _bilinear(atlas.texels, atlas.levels, level + 1, u, v, mix)
+            lanes += _bilinear(texels, levels[level + 1, 0], levels[level + 1, 1], levels[level + 1, 2], u, v, mix)
     else:
         pairs = 1 << (doublings - 1)
         part = mix >> (doublings - 1)
         rest = (WEIGHT >> (doublings - 1)) - part
-        upper = level + 1 if part > 0 else level
         tu = u - (pairs - 0.5) * step_u
         tv = v - (pairs - 0.5) * step_v
         lanes = np.uint64(0)
-        for _ in range(pairs):
-            lanes += _bilinear(atlas.texels, atlas.levels, level, tu, tv, rest)
-            lanes += _bilinear(atlas.texels, atlas.levels, upper, tu + step_u, tv + step_v, part)
-            tu += 2.0 * step_u
-            tv += 2.0 * step_v
+        if part > 0:
+            first1, w1, h1 = levels[level + 1, 0], levels[level + 1, 1], levels[level + 1, 2]
+            for _ in range(pairs):
+                lanes += _bilinear(texels, first, w, h, tu, tv, rest)
+                lanes += _bilinear(texels, first1, w1, h1, tu + step_u, tv + step_v, part)
+                tu += 2.0 * step_u
+                tv += 2.0 * step_v
+        else:
+            for _ in range(pairs):
+                lanes += _bilinear(texels, first, w, h, tu, tv, rest)
+                tu += 2.0 * step_u
+                tv += 2.0 * step_v
     k = 1.0 / (1023.0 * WEIGHT)
     r = k * np.int64(lanes >> LANE_2)
     g = k * np.int64((lanes >> LANE_1) & LANE_MASK)
@@ -155,45 +163,30 @@ def texture_color(
     return r * r, g * g, b * b
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _bilinear(
-    texels: NDArray[np.uint32], levels: NDArray[np.int64], level: np.int64, u: float, v: float, weight: int
+    texels: NDArray[np.uint64], offset: np.int64, w: np.int64, h: np.int64, u: float, v: float, weight: int
 ) -> np.uint64:
     """Return one level's code at (u, v) times `weight`, the three channels side by side in one integer.
 
     Positions have eight binary places and weights are whole numbers, so that multiplying and adding the integer serves
     all channels at once. A channel has 21 bits: room for 1023 · WEIGHT.
     """
-    offset = levels[level, 0]
-    w = levels[level, 1]
-    h = levels[level, 2]
-    x = np.int64((u - math.floor(u)) * (w * 256.0)) - 128
-    y = np.int64((v - math.floor(v)) * (h * 256.0)) - 128
-    x = x + (w << 8) if x < 0 else x
-    y = y + (h << 8) if y < 0 else y
-    x0 = x >> 8
-    y0 = y >> 8
+    x = np.int64((u - np.floor(u)) * (w * 256.0)) + 128  # half a texel to the left, and one to the right for the border
+    y = np.int64((v - np.floor(v)) * (h * 256.0)) + 128
     right = x & 255
     lower = (y & 255) * weight
     w11 = (lower * right) >> 16
     w10 = (lower >> 8) - w11
     w01 = (weight * right >> 8) - w11
     w00 = weight - w11 - w10 - w01
-    x1 = x0 + 1 if x0 + 1 < w else 0
-    row0 = offset + y0 * w
-    row1 = row0 + w if y0 + 1 < h else offset
-    lanes = _lanes(texels[np.uint64(row0 + x0)]) * np.uint64(w00)
-    lanes += _lanes(texels[np.uint64(row0 + x1)]) * np.uint64(w01)
-    lanes += _lanes(texels[np.uint64(row1 + x0)]) * np.uint64(w10)
-    lanes += _lanes(texels[np.uint64(row1 + x1)]) * np.uint64(w11)
+    row = np.uint64(w + 2)
+    at = np.uint64(offset + (y >> 8) * (w + 2) + (x >> 8))
+    lanes: np.uint64 = texels[at] * np.uint64(w00)
+    lanes += texels[at + NEXT] * np.uint64(w01)
+    lanes += texels[at + row] * np.uint64(w10)
+    lanes += texels[at + row + NEXT] * np.uint64(w11)
     return lanes
-
-
-@njit(cache=True, nogil=True)
-def _lanes(texel: np.uint32) -> np.uint64:
-    """Return the three ten-bit channels of a texel moved 21 bits apart."""
-    t = np.uint64(texel)
-    return (t & LOW_10) | ((t & MIDDLE_10) << SHIFT_1) | ((t & HIGH_10) << SHIFT_2)
 
 
 @njit(cache=True, nogil=True)

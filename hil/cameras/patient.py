@@ -23,6 +23,11 @@ class PatientCamera:
         """The pinhole that the frames are pictures of. Raises CameraError."""
         return self._camera.model
 
+    @property
+    def stamps(self) -> bool:
+        """Whether it stamped its newest picture itself, with the vehicle's clock; else that is when it arrived."""
+        return self._camera.stamps
+
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame that is young enough. Raises CameraError when none has come for too long."""
         began_s, told = time.monotonic(), False

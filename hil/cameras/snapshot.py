@@ -55,8 +55,15 @@ class HttpCamera:
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError when none comes."""
+        return self._frame(drone, {"drone": drone} if drone else None)
+
+    def at(self, time_us: int, drone: int = 0) -> Frame:
+        """Return a frame of a moment ago (µs, vehicle clock), which a simulated camera can give. Raises CameraError."""
+        return self._frame(drone, {"drone": drone, "at": time_us})
+
+    def _frame(self, drone: int, asked: dict[str, int] | None) -> Frame:
         try:
-            response = self._caller.get(self._timeout_s, {"drone": drone} if drone else None)
+            response = self._caller.get(self._timeout_s, asked)
             if response.headers.get("content-type", "").startswith("multipart/"):
                 response.close()
                 raise CameraError("it sends a stream where a picture was asked for")

@@ -53,6 +53,8 @@ class Shot:
 class StreamCamera:
     """Frames of one source, for one drone. What is older than `max_age_s` is an error and never a frame."""
 
+    stamps = False  # none of these sources says when a picture was taken
+
     def __init__(
         self,
         source: Source,

@@ -7,43 +7,10 @@ from dataclasses import replace
 
 from foundation.errors import LinkError
 from hil.impairment.channel import Channel, Impairment
+from hil.impairment.one_way import OneWay
 from hil.link.transport import Transport
 
 LOOK_S = 0.001  # s of waiting at one end before it is the other's turn: what comes is carried on within two
-MAVLINK1, MAVLINK2, SIGNED, SIGNATURE_BYTES = 0xFE, 0xFD, 0x01, 13
-
-
-class Frames:
-    """Cuts a stream of bytes where its MAVLink frames begin and end, whatever they hold: a wire reads no messages."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """Return the whole frames, in order; bytes that belong to none form units of their own."""
-        data = self._rest + data
-        units, at = [], 0
-        while at < len(data):
-            length = _frame_length(data, at)
-            if length is None or at + length > len(data):
-                break
-            units.append(data[at : at + length])
-            at += length
-        self._rest = data[at:]
-        return units
-
-
-def _frame_length(data: bytes, at: int) -> int | None:
-    """Return the bytes of the unit that begins at `at`, None while its header is not all there."""
-    magic = data[at]
-    if magic not in (MAVLINK1, MAVLINK2):
-        starts = [i for i in (data.find(MAVLINK1, at), data.find(MAVLINK2, at)) if i >= 0]
-        return min(starts, default=len(data)) - at
-    if len(data) < at + 3:
-        return None
-    if magic == MAVLINK1:
-        return 8 + data[at + 1]
-    return 12 + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & SIGNED else 0)
 
 
 class ImpairedWire:
@@ -56,14 +23,29 @@ class ImpairedWire:
         up: Impairment,
         down: Impairment,
         seed: int = 0,
-        clock: Callable[[], float] = time.monotonic,  # s; a wire is impaired in wall time, as a real one is
+        clock: Callable[[], float] = time.monotonic,  # s; a wire is impaired in wall time, as a real one is, or faster
     ) -> None:
         self._agent, self._autopilot = agent, autopilot
         self._clock, self._zero_s = clock, clock()
-        self.up, self.down = Channel(up, seed, "up"), Channel(down, seed, "down")
+        self._up, self._down = OneWay(up, seed, "up"), OneWay(down, seed, "down")
         self.fault: LinkError | None = None  # what ended the wire, None while it works
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._carry, name="impaired-wire", daemon=True)
+
+    @property
+    def up(self) -> Channel:
+        """The way to the autopilot."""
+        return self._up.channel
+
+    @property
+    def down(self) -> Channel:
+        """The way from the autopilot."""
+        return self._down.channel
+
+    def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
+        """From now on and for so long (s of `clock`) be impaired like this, and after that perfect."""
+        self._up.impair(up, seconds)
+        self._down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
         """Carry from now on, which is second 0 of the cuts; return self."""
@@ -102,18 +84,12 @@ class ImpairedWire:
         self.close()
 
     def _carry(self) -> None:
-        ways = (
-            (self._agent, self._autopilot, self.up, Frames()),
-            (self._autopilot, self._agent, self.down, Frames()),
-        )
+        ways = ((self._agent, self._autopilot, self._up), (self._autopilot, self._agent, self._down))
         try:
             while not self._ending.is_set():
-                for source, sink, channel, frames in ways:
-                    units = frames.feed(source.receive(LOOK_S))
-                    now_s = self.time_s
-                    for unit in units:
-                        channel.put(now_s, unit)
-                    for unit in channel.arrived(now_s):
+                for source, sink, way in ways:
+                    data = source.receive(LOOK_S)
+                    for unit in way.carry(self.time_s, data):
                         sink.send(unit)
         except LinkError as fault:
             self.fault = fault

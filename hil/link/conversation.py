@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
-from foundation.mavlink import Packer, Parser, dialect
+from foundation.mavlink import Packer, Parser, dialect, frame_of
 from hil.link.family import Family
 from hil.link.firmware import Firmware, firmware, kind_name
 from hil.link.px4 import PX4
@@ -40,8 +40,13 @@ ZERO_FILLED = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MES
 class Conversation:
     """Telemetry in, commands out, on the vehicle's clock. The clock moves only inside this class."""
 
-    def __init__(self, transport: Transport, *, silence_s: float = SILENCE_S) -> None:
+    def __init__(
+        self, transport: Transport, *, silence_s: float = SILENCE_S, wall_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        """`wall_s` reads the clock by which the other side is silent; where vehicle time waits for us, that is it."""
         self.transport = transport
+        self.behind_us = 0  # µs by which telemetry is known to come late, as a time synchronisation would tell
+        self.tick_us = TICK_US  # µs of vehicle time between two words of ours
         self.state = VehicleState()
         self.clock = VehicleClock()
         self.track = Track()
@@ -53,14 +58,14 @@ class Conversation:
         self.texts = StatusTexts()
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
-        self._silence_s = silence_s
+        self._silence_s, self._wall_s = silence_s, wall_s
         self._parser = Parser()
         self._packer = Packer(SYSTEM, COMPONENT)
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
         self._gap_us = 0  # when telemetry came back after its last gap
         self._boots = 0
-        self._spoke_s = time.monotonic()
+        self._spoke_s = wall_s()
         self._ack: dialect.MAVLink_message | None = None
 
     # -- the wire ------------------------------------------------------------------------------------------------
@@ -120,7 +125,7 @@ class Conversation:
             self._meet(message)
         if message.get_srcSystem() != self.system:
             return
-        self.streams.saw(kind, len(message.get_msgbuf()))
+        self.streams.saw(kind, len(frame_of(message)))
         if kind not in HEARD:
             return
         if kind == COMMAND_ACK:
@@ -139,11 +144,11 @@ class Conversation:
                 self._gap_us = self.time_us
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
-        self.state = update(self.state, message, self.family.mode_name, self.time_us)
+        self.state = update(self.state, message, self.family.mode_name, self.clock.time_us, self.time_us)
         if kind in STAMPED:
             self._track()
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
-            self.track.range(self.time_us, self.state.range_m)
+            self.track.range(self.clock.time_us, self.state.range_m)
         self._noticed()
 
     def _track(self) -> None:
@@ -152,6 +157,7 @@ class Conversation:
             self.track.place(state.position_us, state.position_ned, state.velocity_ned)
         if state.euler is not None:
             self.track.heading(state.attitude_us, state.euler[2], state.yaw_rate or 0.0)
+            self.track.tilt(state.attitude_us, state.euler[0], state.euler[1])
 
     def _meet(self, heartbeat: dialect.MAVLink_message) -> None:
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID:
@@ -191,8 +197,8 @@ class Conversation:
 
     @property
     def time_us(self) -> int:
-        """µs, the vehicle's clock at its newest telemetry."""
-        return self.clock.time_us
+        """µs, the vehicle's clock when its newest telemetry came."""
+        return self.clock.time_us + self.behind_us
 
     def listen(self) -> None:
         """Take in what has already arrived, without waiting."""
@@ -201,9 +207,9 @@ class Conversation:
 
     def tick(self) -> None:
         """Wait until a tick of vehicle time has passed, then send what is due. Raises LinkError."""
-        if self._tick_due_us < self.time_us - 4 * TICK_US:  # we were away, for instance drawing a frame
+        if self._tick_due_us < self.time_us - 4 * self.tick_us:  # we were away, for instance drawing a frame
             self._tick_due_us = self.time_us
-        self._tick_due_us += TICK_US
+        self._tick_due_us += self.tick_us
         self._wait_until(self._due)
         self._speak()
 
@@ -211,16 +217,16 @@ class Conversation:
         """Take in what has arrived and send what is due, without waiting: for a link whose turn it is not."""
         self.listen()
         if self._due():
-            self._tick_due_us = self.time_us + TICK_US
+            self._tick_due_us = self.time_us + self.tick_us
             self._speak()
 
     def _due(self) -> bool:
         # half a tick of grace: a stream of exactly 20 Hz must not be missed by a rounded millisecond
-        return self.time_us >= self._tick_due_us - TICK_US // 2
+        return self.time_us >= self._tick_due_us - self.tick_us // 2
 
     def _speak(self) -> None:
         """Send the heartbeat and requests when they are due, and what else a subclass has to say."""
-        now_s = time.monotonic()
+        now_s = self._wall_s()
         if now_s - self._spoke_s > AWAY_S:
             self.listen()  # after a pause of ours the state is old news: what has changed meanwhile comes first
         self._spoke_s = now_s
@@ -238,7 +244,7 @@ class Conversation:
         return self.state.mode_us >= self._gap_us
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
-        patience_s, moved_s, moved_us, reads = 0.5, time.monotonic(), self.time_us, 0
+        patience_s, moved_s, moved_us, reads = 0.5, self._wall_s(), self.time_us, 0
         while not reached():
             heard = self._receive(patience_s)
             if self.clock.reboots != self._boots:
@@ -248,9 +254,9 @@ class Conversation:
             self.on_wait()
             reads += 1
             if self.time_us != moved_us:
-                moved_s, moved_us, reads = time.monotonic(), self.time_us, 0
+                moved_s, moved_us, reads = self._wall_s(), self.time_us, 0
             # wall time is the subject here; several reads, so that one long pause of our own is not held against it
-            elif reads >= 5 and time.monotonic() - moved_s >= self._silence_s:
+            elif reads >= 5 and self._wall_s() - moved_s >= self._silence_s:
                 what = "sends no telemetry any more" if heard else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
 

@@ -94,13 +94,18 @@ def unwatched(state: VehicleState, limits: Limits) -> str | None:
     return None
 
 
-def admit(setpoint: OffboardSetpoint, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int) -> Admitted:
-    """Return the setpoint as the envelope lets it pass. `state` needs position, velocity and attitude."""
+def admit(
+    setpoint: OffboardSetpoint, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int, behind_us: int = 0
+) -> Admitted:
+    """Return the setpoint as the envelope lets it pass. `state` needs position, velocity and attitude.
+
+    A position is no staler for the `behind_us` by which all telemetry is known to come late.
+    """
     assert state.position_ned is not None
     assert state.euler is not None
     if not _is_a_number(setpoint):
         return Admitted(STANDING, ("not a number",))
-    if time_us - state.position_us > STALE_US:
+    if time_us - behind_us - state.position_us > STALE_US:
         return Admitted(STANDING, ("stale position",))
     if time_us - state.heartbeat_us > limits.heartbeat_s * 1e6:
         return Admitted(STANDING, ("lost heartbeat",))

@@ -1,6 +1,7 @@
 """The link to any MAVLink autopilot, ours or PX4: one class through which every flight goes."""
 
 import math
+import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
@@ -12,6 +13,7 @@ from hil.link.conversation import SILENCE_S, Conversation
 from hil.link.course import Turning
 from hil.link.envelope import Limits, admit, broken_off, placed
 from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream
+from hil.link.streams import TICK_US, SetpointRate
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport
 
@@ -19,9 +21,9 @@ BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us be
 ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
 GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
 OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
-UNTOLD_US = 1_500_000  # µs in which a heartbeat tells whether a failsafe is behind a mode
 ARMED_S = 10.0  # s for which arming is asked for again: a pre-arm check may flicker
 OFFERED_S = 2.0  # s for which offboard is asked for again while it is temporarily refused
+TOLD_US = 2_000_000  # µs before a change of mode in which a failsafe is told that has brought it about
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
 
@@ -44,6 +46,7 @@ class Link(Conversation):
         transport: Transport,
         *,
         silence_s: float = SILENCE_S,
+        wall_s: Callable[[], float] = time.monotonic,
         limits: Limits | None = None,
         mute: bool = False,
         simulated: bool = False,
@@ -53,12 +56,13 @@ class Link(Conversation):
         `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
         does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
         """
-        super().__init__(transport, silence_s=silence_s)
+        super().__init__(transport, silence_s=silence_s, wall_s=wall_s)
         self.limits = limits
         self.mute = mute
         self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not
         self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: None  # hears what limits act, at each change
         self._stream = OffboardStream()
+        self._rate = SetpointRate()
         self._offboard = False  # whether offboard is ours
         self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
         self._leaving: str | None = None  # the mode before that order, until it has been obeyed for a moment
@@ -170,8 +174,7 @@ class Link(Conversation):
         """Return whether it was, or for want of a heartbeat may have been, a failsafe that has changed the mode."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
-        untold = self.state.heartbeat_us <= self._strayed_us and self.time_us < self._strayed_us + UNTOLD_US
-        return self._failed or untold
+        return self._failed or self.state.heartbeat_us <= self._strayed_us  # it may take its time on a bad wire
 
     def tick(self) -> None:
         """Wait for the next tick of vehicle time (20 Hz), then send the setpoint.
@@ -188,7 +191,10 @@ class Link(Conversation):
         self._tried_to_arm = False
         said = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
         what = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
-        return TakeoverError(f"the vehicle was {what} by another hand, which has it now{said}")
+        of_late = self.texts.since(self.time_us - TOLD_US)
+        failsafe = self.state.system_status >= dialect.MAV_STATE_CRITICAL or "failsafe" in of_late.lower()
+        whose = "by a failsafe of its own" if failsafe else "by another hand, which has it now"
+        return TakeoverError(f"the vehicle was {what} {whose}{said}")
 
     def _watch(self, limits: Limits) -> None:
         """Raise EnvelopeError, once, when the flight has to end."""
@@ -228,6 +234,18 @@ class Link(Conversation):
         if state.position_ned is None or state.euler is None:
             return False
         return self._stream.steady(state.position_ned, state.euler[2], state.yaw_rate or 0.0)
+
+    def stream_at(self, hz: float | None) -> None:
+        """From now on send `hz` setpoints a second of vehicle time; None: one at every tick, as ever.
+
+        More than the ticks' rate asks for telemetry as often, and ticks with it.
+        """
+        tick_us = min(TICK_US, round(1e6 / hz)) if hz else TICK_US
+        self._rate = SetpointRate(hz if tick_us == TICK_US else None)
+        if tick_us != self.tick_us:
+            self.tick_us = tick_us
+            for interval in self.streams.quicken(tick_us):
+                self._request(interval.message_id, interval.interval_us)
 
     def start_offboard(self) -> None:
         """Enter offboard with the setpoint given to `fly`, which is streamed before. Raises LinkError when refused."""
@@ -297,7 +315,7 @@ class Link(Conversation):
     def _speak(self) -> None:
         super()._speak()
         setpoint = self._setpoint(self.state) if self._taken_by is None else None
-        if setpoint is None or not self.mode_is_known():
+        if setpoint is None or not self.mode_is_known() or not self._rate.due(self.time_us):
             return
         self.on_setpoint(setpoint)
         if not self.mute:
@@ -309,7 +327,7 @@ class Link(Conversation):
         setpoint = self._stream.streamed(state.position_ned, state.velocity_ned, state.euler[2], self.time_us)
         if setpoint is None or self.limits is None:
             return setpoint
-        admitted = admit(setpoint, state, self._home(state), self.limits, self.time_us)
+        admitted = admit(setpoint, state, self._home(state), self.limits, self.time_us, self.behind_us)
         if admitted.limited != self._limited:
             self._limited = admitted.limited
             self.on_limit(admitted.limited)

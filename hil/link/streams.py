@@ -28,6 +28,7 @@ ONCE = (  # asked for as single messages until they have come
 )
 CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
 SHORT = 0.6  # of what was asked for: below it the wire or the autopilot does not keep up
+STAMP_US = 1_000  # µs to which the vehicle's stamps are rounded
 DOUBLINGS = 2  # of the fast messages' interval, down to 5 Hz: PX4's offboard wants more than 2 Hz of setpoints
 SMALL = 0.05  # share of the bytes under which a foreign stream is not worth silencing
 KEEP = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_STATUSTEXT})
@@ -69,6 +70,15 @@ class Streams:
         """Return the single messages that have not come yet."""
         return [message_id for message_id in ONCE if message_id in self._missing]
 
+    def quicken(self, interval_us: int) -> list[Interval]:
+        """Have place and attitude come every `interval_us`; return what has to be asked for."""
+        self._seen.clear()
+        self._bytes.clear()
+        self._since_us = None  # counted anew
+        for i in FAST:
+            self.wanted[i] = interval_us
+        return [Interval(i, interval_us) for i in FAST]
+
     def check(self, time_us: int) -> list[Interval]:
         """Return what has to be asked for again, at most every three seconds of vehicle time.
 
@@ -108,3 +118,21 @@ class Streams:
         for i in FAST:
             self.wanted[i] *= 2
         return [Interval(i, self.wanted[i]) for i in FAST]
+
+
+class SetpointRate:
+    """Says at which ticks a setpoint is sent: at all of them, or so many times a second of vehicle time."""
+
+    def __init__(self, hz: float | None = None) -> None:
+        self._period_us = round(1e6 / hz) if hz else 0
+        self._due_us = 0
+
+    def due(self, time_us: int) -> bool:
+        """Return whether one is due, and take it for sent."""
+        early_us = self._due_us - time_us
+        if STAMP_US < early_us <= self._period_us:
+            return False
+        # in step with when it was due, or the rate would sink to a divisor of the ticks'; after a pause from now
+        in_step = -self._period_us < early_us <= STAMP_US
+        self._due_us = (self._due_us if in_step else time_us) + self._period_us
+        return True

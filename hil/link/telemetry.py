@@ -56,11 +56,11 @@ class VehicleState(NamedTuple):
     heartbeat_us: int = 0  # µs, vehicle clock at the last heartbeat
     system_status: int = 0
     position_ned: Vec3 | None = None  # m, local frame of the autopilot
-    position_us: int = 0  # µs, vehicle clock of the position
+    position_us: int = 0  # µs, vehicle clock of the position, however late it came
     velocity_ned: Vec3 | None = None  # m/s
     euler: Vec3 | None = None  # rad, roll pitch yaw
     yaw_rate: float | None = None  # rad/s, + right
-    attitude_us: int = 0  # µs, vehicle clock of the attitude
+    attitude_us: int = 0  # µs, vehicle clock of the attitude, however late it came
     landed: bool | None = None
     healthy: bool = False  # ready to arm: the pre-arm check and the sensors that flying needs
     origin: Vec3 | None = None  # lat °, lon °, alt m of the local frame
@@ -94,12 +94,19 @@ TOLD = frozenset(  # the messages that tell something of the state
 
 
 def update(
-    state: VehicleState, message: dialect.MAVLink_message, mode_name: Callable[[int], str], time_us: int = 0
+    state: VehicleState,
+    message: dialect.MAVLink_message,
+    mode_name: Callable[[int], str],
+    time_us: int = 0,
+    heard_us: int | None = None,
 ) -> VehicleState:
-    """Return the state after a message of the autopilot component, heard at `time_us` of the vehicle's clock.
+    """Return the state after a message of the autopilot component, of `time_us` by the vehicle's clock.
 
+    `heard_us` is when it was heard by that clock, where it is known to come late; None: at once. Where the vehicle was
+    counts from the one, how long ago it spoke from the other.
     A place or an attitude that is no number has not been told: it grows stale, instead of passing every comparison.
     """
+    heard_us = time_us if heard_us is None else heard_us
     match message.get_msgId():
         case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             if not _finite(message.x, message.y, message.z, message.vx, message.vy, message.vz):
@@ -121,12 +128,12 @@ def update(
             return state._replace(
                 armed=bool(message.base_mode & 128),
                 mode=mode_name(message.custom_mode),
-                mode_us=time_us,
-                heartbeat_us=time_us,
+                mode_us=heard_us,
+                heartbeat_us=heard_us,
                 system_status=message.system_status,
             )
         case dialect.MAVLINK_MSG_ID_CURRENT_MODE:
-            return state._replace(mode=mode_name(message.custom_mode), mode_us=time_us)
+            return state._replace(mode=mode_name(message.custom_mode), mode_us=heard_us)
         case dialect.MAVLINK_MSG_ID_SYS_STATUS:
             health = message.onboard_control_sensors_health
             return state._replace(

@@ -7,7 +7,7 @@ from typing import TypeVar
 from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Sight
 
-KEPT_US = 10_000_000  # µs; frames are younger
+KEPT_US = 75_000_000  # µs; frames are younger, which on purpose come up to a minute late
 AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
 
 Report = TypeVar("Report", tuple[int, Vec3, Vec3], tuple[int, float, float], tuple[int, float])
@@ -19,6 +19,7 @@ class Track:
     def __init__(self) -> None:
         self._places: deque[tuple[int, Vec3, Vec3]] = deque()  # µs, m, m/s
         self._headings: deque[tuple[int, float, float]] = deque()  # µs, rad, rad/s
+        self._tilts: deque[tuple[int, float, float]] = deque()  # µs, rad roll, rad pitch
         self._ranges: deque[tuple[int, float]] = deque()  # µs, m
 
     def place(self, time_us: int, position_ned: Vec3, velocity_ned: Vec3) -> None:
@@ -28,6 +29,10 @@ class Track:
     def heading(self, time_us: int, yaw: float, yaw_rate: float) -> None:
         """Take note of a heading (rad) and its rate (rad/s)."""
         _keep(self._headings, (time_us, yaw, yaw_rate))
+
+    def tilt(self, time_us: int, roll: float, pitch: float) -> None:
+        """Take note of how the body leans (rad)."""
+        _keep(self._tilts, (time_us, roll, pitch))
 
     def range(self, time_us: int, range_m: float) -> None:
         """Take note of what the rangefinder measures (m)."""
@@ -44,7 +49,15 @@ class Track:
         place = tuple(b + share * (a - b) + ahead_s * v for b, a, v in zip(before[1], after[1], after[2], strict=True))
         first, second, part, on_s = _around(self._headings, time_us)
         heading = first[1] + part * wrap_pi(second[1] - first[1]) + on_s * second[2]
-        return Sight((place[0], place[1], place[2]), wrap_pi(heading))
+        roll, pitch = self._tilt(time_us)
+        return Sight((place[0], place[1], place[2]), wrap_pi(heading), roll, pitch)
+
+    def _tilt(self, time_us: int) -> tuple[float, float]:
+        """Return roll and pitch (rad) at a time, level while nothing is known; never carried on."""
+        if not self._tilts:
+            return 0.0, 0.0
+        before, after, share, _ = _around(self._tilts, time_us)
+        return before[1] + share * (after[1] - before[1]), before[2] + share * (after[2] - before[2])
 
     def mean_place(self, seconds: float) -> Vec3 | None:
         """Return the mean place (m, local frame) over the last `seconds`, None while nothing is known."""

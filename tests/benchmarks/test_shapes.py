@@ -75,6 +75,7 @@ def test_a_window_holds_what_stands_in_its_middle_at_its_distance(depth, right, 
     assert (said[middle] == shapes.KINDS.index("planter")) == held
 
 
+@pytest.mark.slow
 def test_the_command_runs_and_writes_only_where_it_is_told(tmp_path):
     shipped = Path(shapes.__file__).with_name("shapes.npz")
     before, file = shipped.read_bytes(), tmp_path / "network.npz"

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 # which the others are made of: no command
 PARTS = {"machine", "stand_in", "flight_peers", "render_peers", "render_export"}
@@ -42,6 +44,15 @@ def assert_figures(found: dict[str, Any], names: set[str]) -> None:
 def test_every_benchmark_is_looked_at_here():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem for path in (ROOT / "benchmarks").glob("[a-z]*.py")} - PARTS <= tested
+
+
+def test_page():
+    if not (shutil.which("chromium") and shutil.which("chromedriver")):
+        pytest.skip("no Chromium with chromedriver here: apt install chromium chromium-driver")
+    for embed in ((), ("--embed",)):
+        (found,) = printed("page", *embed)
+        assert_figures(found, {"shown_ms", "interactive_ms", "flight_ms", "page_mb"})
+        assert (found["flights"], found["embedded"]) == (18, bool(embed))
 
 
 def test_flight(tmp_path):
@@ -81,6 +92,12 @@ def test_steps(tmp_path):
     assert (tmp_path / "steps.png").stat().st_size > 0
 
 
+def test_bench():
+    (found,) = printed("bench")
+    assert_figures(found, {"episodes_per_hour", "cpu_s_per_episode", "again_s"})
+    assert found["episodes"] == found["solved"] == 2
+
+
 def test_bad_wire():
     perfect, lossy = printed("bad_wire")
     for flown in (perfect, lossy):
@@ -105,3 +122,26 @@ def test_reading():
     assert {row["kind"] for row in found["rows"]} == {"sign", "plate"}
     assert all(row["package"] == row["pictures"] == 1 for row in found["rows"])
     assert found["cpu_ms_per_line"] > 0.0
+
+
+def test_judge():
+    (found,) = printed("judge")
+    assert_figures(found, {"judge_s", "cpu_ms_per_episode", "cpu_ms_per_episode_per_loop", "megabytes"})
+    assert (found["episodes"], found["doubtful"]) == (10, 0)
+
+
+def test_study():
+    (found,) = printed("study", "--suite", "quick")
+    assert_figures(found, {"minutes_for_2000", "two_jobs_over_one"})
+    for figures in (*found["undrawn"].values(), found["drawn"]):
+        assert_figures(figures, {"episodes_per_core_hour", "episodes_per_hour", "cpu_s_per_episode"})
+    for share in (found["parts"], found["phases"]):
+        assert sum(share.values()) == pytest.approx(1.0, abs=0.01)
+    assert {"episode", "landing", "ascent to the start pose"} <= set(found["phases"])
+    assert "plant, estimator and inner loops (compiled)" in found["parts"]
+
+
+def test_film():
+    (found,) = printed("film")
+    assert_figures(found, {"wall_s", "cpu_s", "shared_out_s", "cpu_ms_per_picture", "megabytes"})
+    assert (found["pictures"], found["read_back"], found["film_s"]) == (10, 10, 1.0)

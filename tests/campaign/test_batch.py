@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from dronecats.campaign.audit import pars, table, text
-from dronecats.campaign.batch import UNFINISHED, Batch
+from dronecats.campaign.batch import Batch
+from dronecats.rundir import layout
 from dronecats.rundir.results import Result
 from episodes import catalogue
 from foundation.errors import UsageError
@@ -54,7 +55,7 @@ def test_a_second_attempt_keeps_the_first(tmp_path):
     batch = Batch(tmp_path / "run", {})
     for attempt in ("one", "two", "three"):
         (batch.fresh(FIRST) / "decisions.jsonl").write_text(attempt)
-    kept = sorted((tmp_path / "run" / UNFINISHED).glob(f"{FIRST}-*/decisions.jsonl"))
+    kept = sorted((tmp_path / "run" / layout.UNFINISHED).glob(f"{FIRST}-*/decisions.jsonl"))
     assert [path.read_text() for path in kept] == ["one", "two"]
     assert (tmp_path / "run" / FIRST / "decisions.jsonl").read_text() == "three"
 

@@ -7,7 +7,9 @@ import pytest
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.campaign.batch import Batch
-from dronecats.campaign.runner import Runner
+from dronecats.campaign.campaign import Came, Campaign, OpenRun
+from dronecats.campaign.local import LocalEngine
+from dronecats.campaign.matrix import BenchEntry
 from dronecats.flight.flight import look_up
 from dronecats.flight.spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster
@@ -30,16 +32,20 @@ def test_an_episode_that_cost_too_much_is_flown_again_under_a_greater_limit(tmp_
         flight = look_up(each)
         batch = Batch(tmp_path / "run", settings(flight, flight.camera))
         try:
-            return Runner(batch, each, 1).fly(batch.left([EASY])), batch.left([EASY])
+            came: list[Came] = []
+            run = OpenRun(entry=BenchEntry(name="run", flight=each, episodes=(EASY,)), batch=batch, part=(EASY,))
+            ending = Campaign([run], jobs=1).fly(LocalEngine(tmp_path / "worker.log", 1), came.append)
+            return ending, [one.result for one in came], batch.left([EASY])
         finally:
             batch.close()
 
-    (spent,), left = flown(spec)
+    ending, (spent,), left = flown(spec)
+    assert ending == "budget"
     assert (spent.outcome, spent.reason, left) == ("error", "budget", [EASY])
     assert spent.error is not None
     assert "the limit of 2,000 tokens is spent" in spent.error
-    (again,), left = flown(replace(spec, accounts=Accounts(token_limit=10**6)))
-    assert (again.outcome, left) == ("success", [])
+    ending, (again,), left = flown(replace(spec, accounts=Accounts(token_limit=10**6)))
+    assert (ending, again.outcome, left) == ("flown", "success", [])
     ledger = Ledger(tmp_path / "run" / LEDGER)
     assert ledger.spent().questions == spent.steps + again.steps
     ledger.close()

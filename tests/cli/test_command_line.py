@@ -10,6 +10,8 @@ from episodes import catalogue
 from tests.support.command_line import DRONECATS
 
 CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to the van"]
+MODEL = ["--model", "local/m", "--base-url", "http://127.0.0.1:1/v1"]
+LIMITS = {"--cost-limit": "a number of $ above 0", "--token-limit": "a whole number of tokens, 1 or more"}
 
 
 @pytest.mark.parametrize(
@@ -26,7 +28,7 @@ CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to th
         (["fly", "--sitl", "--speed", "fast"], "--speed wants"),
         (["fly", "--sitl", "--speed", "0"], "--speed wants"),
         (["fly", "--sitl", "--speed", "max", "--latency", "real"], "no meaning with --speed max"),
-        (["fly", "--sitl", "--latency", "fixed:x"], "--latency wants"),
+        (["fly", "--sitl", "--latency", "fixed:x"], "--latency fixed:SECONDS wants"),
         (["fly", "--sitl", "--airframe", "x50"], "x500"),
         (["fly", "--connect", "udpin://127.0.0.1:0"], "--camera URL and --instruction"),
         (["fly", "--sitl", "--seed", "-1"], "--seed wants"),
@@ -43,6 +45,15 @@ CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to th
         (["fly", "--sitl", "--dry-run"], "--dry-run goes with --connect"),
         (["fly", "--sitl", "--no-envelope", "--envelope", "x.toml"], "choose one"),
         (["fly", "--sitl", "--prompt", "/nowhere/prompt.txt"], "cannot be read"),
+        *(
+            (
+                ["fly", "--sitl", *MODEL, option, value],
+                f"{option} wants {wanted}, got '{value}'; without a limit, leave it out",
+            )
+            for option, wanted in LIMITS.items()
+            for value in ("inf", "nan", "-1", "0", "much", "1e999", "")
+        ),
+        (["fly", "--sitl", *MODEL, "--token-limit", "2.5"], "--token-limit wants a whole number of tokens"),
         (["judge", "/nowhere"], "there is no folder"),
         (["judge", ".", "--delta", "-1"], "--delta wants"),
         (["sitl", "--instance", "1000"], "--instance wants"),

@@ -21,6 +21,7 @@ def after_one_line(command, **streams):
     return process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stderr", [subprocess.PIPE, subprocess.STDOUT])
 def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
     process = after_one_line([*FLY, str(tmp_path / "run")], stderr=stderr)

@@ -10,6 +10,7 @@ from dronecats.rundir.folder import missing_package
     ("error", "said"),
     [
         (ModuleNotFoundError("No module named 'numba'", name="numba"), "pip install 'dronecats[sim]'"),
+        (ModuleNotFoundError("No module named 'duckdb'", name="duckdb"), "pip install 'dronecats[query]'"),
         (ModuleNotFoundError("No module named 'cv2.aruco'", name="cv2.aruco"), "cv2.aruco is not installed"),
         (ImportError("libGL.so.1: cannot open", name="cv2"), "cv2 cannot be loaded (libGL.so.1: cannot open)"),
         (ImportError("half a package"), "a package cannot be loaded (half a package)"),

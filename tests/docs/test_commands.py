@@ -88,6 +88,9 @@ def workplace(tmp_path, flown) -> Path:
     (tmp_path / "benchmarks").mkdir()
     for copied in ("docs/airframes.md", "benchmarks/square.jsonl"):
         shutil.copy(ROOT / copied, tmp_path / copied)
+    own = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert own
+    (tmp_path / "own.py").write_text(own[1], encoding="utf-8")
     return Path(tmp_path)
 
 
@@ -121,11 +124,8 @@ def lines(slow: bool) -> dict[str, list[str]]:
     return {page: [line for line, of in found.items() if of == page] for page in dict.fromkeys(found.values())}
 
 
-LONG = {"docs/episodes.md", "docs/benchmarks.md"}  # pages whose short commands alone take a minute
-PAGE_RUNS = [pytest.param(page, marks=pytest.mark.slow if page in LONG else ()) for page in lines(slow=False)]
-
-
-@pytest.mark.parametrize("page", PAGE_RUNS)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", lines(slow=False))
 def test_the_commands_of_a_page_run(page, workplace):
     for line in lines(slow=False)[page]:
         shell(line, workplace)

@@ -13,6 +13,7 @@ LINK = re.compile(r"\]\(([^()\s]+)\)")
 ELSEWHERE = re.compile(r"[a-z]+:")  # another site
 ROOMS = ("autopilot", "benchmarks", "docs", "dronecats", "episodes", "foundation", "hil", "tests", "vehicles")
 NAMED = re.compile(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})(?:/[\w.-]*\w)+)")  # a path of ours, from the root
+NO_PATHS = ("dronecats/dronecats",)  # the task, as Inspect names it
 SOURCE = re.compile(r"`([\w/-]+\.py)`")  # a source file, by its path or by its name alone
 
 
@@ -38,7 +39,7 @@ def missing(page: Path, text: str) -> list[str]:
         found = (page.parent / path).resolve() if path else page
         if not found.exists() or (anchor and anchor not in anchors(found)):
             wrong.append(f"{path}#{anchor}" if anchor else path)
-    wrong += [name for name in NAMED.findall(text) if not (ROOT / name).exists()]
+    wrong += [name for name in NAMED.findall(text) if name not in NO_PATHS and not (ROOT / name).exists()]
     return wrong + [name for name in SOURCE.findall(text) if name not in wrong and not _is_there(name)]
 
 

@@ -1,47 +1,23 @@
 """A real browser without a window, and a small map that its software renderer draws at once."""
 
-import shutil
 import socket
 
 import numpy as np
 import pytest
 
 from episodes.maps import user
+from tests.support.browser import chromium
 from tests.support.ports import free_port
 
-BROWSER = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--window-size=1300,800",
-)
+# what draws without a graphics card
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
 
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory):
     """Return a headless Chromium with a profile of its own; without one the test is skipped."""
-    found = next((path for name in BROWSER if (path := shutil.which(name))), None)
-    driver = shutil.which("chromedriver")
-    if found is None or driver is None:
-        pytest.skip("no Chromium with chromedriver here: apt install chromium chromium-driver")
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = found
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield made
-    made.quit()
+    with chromium(tmp_path_factory.mktemp("profile"), *SOFTWARE) as made:
+        yield made
 
 
 @pytest.fixture

@@ -61,3 +61,23 @@ def test_an_interrupt_is_the_parents_alone_and_is_not_kept_waiting() -> None:
     assert errors.count("Traceback") == 1
     _, alive = psutil.wait_procs(workers, timeout=30)
     assert not alive
+
+
+def test_an_interrupt_while_work_is_handed_out_is_not_lost() -> None:
+    code = """if True:
+        import os, signal, time
+        from episodes.processes import share_out
+
+        class Items(list):
+            def __iter__(self):
+                for item in super().__iter__():
+                    yield item
+                    os.kill(os.getpid(), signal.SIGINT)
+
+        try:
+            list(share_out(time.sleep, Items([600.0] * 4), 2))
+        except KeyboardInterrupt:
+            print("interrupted")
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["interrupted"], done.stderr

@@ -1,6 +1,7 @@
 """Episodes of one process share what is laid out of their map, and are, byte for byte, those laid out alone."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ import pytest
 from episodes import catalogue
 from episodes.obstacles import obstacles, sorted_into_cells, with_more
 from episodes.render import layout, renderer
+from episodes.render.pose import camera_pose
 from episodes.render.renderer import Renderer
 from episodes.world import World
 from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler
 from foundation.obstacles import MovingBox
 
 SMALL = CameraModel(64, 36)
@@ -34,6 +37,12 @@ def alone(scene):
     return dataclasses.replace(scene, base=None)
 
 
+def shadows(renderer):
+    """Return the shadows that it draws a picture with, of things that never move."""
+    with renderer._shadows.cast(renderer._layout.triangles, ()) as sun:
+        return sun._replace(height=sun.height.copy())
+
+
 @pytest.mark.parametrize("episode", EPISODES)
 def test_what_is_gone_on_from_is_what_is_laid_out_anew(episode):
     world = World(catalogue.load(episode))
@@ -50,7 +59,67 @@ def test_what_is_gone_on_from_is_what_is_laid_out_anew(episode):
         (p.instance.id, p.triangles, p.chunks) for p in own.movable
     ]
     one, other = Renderer(world.filmed, SMALL, shadow_cells=512), Renderer(alone(world.filmed), SMALL, shadow_cells=512)
-    assert same(tuple(one._sun), tuple(other._sun))
+    assert same(tuple(shadows(one)), tuple(shadows(other)))
+    third = Renderer(world.filmed, SMALL, shadow_cells=512)  # of the same map, whose shadows are as they were before
+    assert same(tuple(shadows(third)), tuple(shadows(one)))
+    for each in (one, other, third):
+        each.close()
+
+
+def test_two_scenes_of_a_map_draw_their_own_shadows():
+    """They share the map's, which each gives back as it was: what one draws into it must not be in the other's."""
+    one, other = (World(catalogue.load(f"residential-approaching-0{k}")).filmed for k in (1, 2))
+    assert one.base is not None
+    assert one.base is other.base
+    made = [Renderer(scene, SMALL, shadow_cells=512) for scene in (one, one, other)][1:]
+    bare = renderer._shadows_of_map(one.base, 512)[0].height
+    kept = bare.copy()
+    first = shadows(made[0])
+    assert not same(tuple(first), tuple(shadows(made[1])))
+    assert same(tuple(first), tuple(shadows(made[0])))
+    assert np.array_equal(bare, kept)
+    for each in made:
+        each.close()
+
+
+def test_renderers_that_draw_at_the_same_time_draw_what_each_draws_alone():
+    """They draw on one sheet and into one map of shadows: two scenes through one camera, and one through another."""
+    first, second = (World(catalogue.load(f"residential-approaching-0{k}")) for k in (1, 2))
+    wide = CameraModel(320, 180)
+    drawn = [(first, wide), (second, wide), (second, CameraModel(160, 90))]
+    made = [Renderer(world.filmed, camera, shadow_cells=512) for world, camera in drawn]
+    north, east, down = first.scene.spawn_ned
+    poses = [
+        camera_pose((north, east, down - 3.0), quat_from_euler(0.0, 0.0, yaw), wide) for yaw in np.linspace(0.0, 6.0, 8)
+    ]
+
+    def pictures(one, times):
+        return [[one.picture(pose) for pose in poses] for _ in range(times)]
+
+    alone = [pictures(each, 1)[0] for each in made]
+    with ThreadPoolExecutor(3) as threads:
+        together = [threads.submit(pictures, each, 4) for each in made]
+        for expected, found in zip(alone, together, strict=True):
+            for each in found.result():
+                assert same(each, expected)
+    for each in made:
+        each.close()
+
+
+def test_whoever_draws_has_the_sheet_and_the_shadows_to_itself(monkeypatch):
+    scene = World(catalogue.load("residential-approaching-01")).filmed
+    one, other = (Renderer(scene, SMALL, shadow_cells=512) for _ in range(2))
+    assert one._sheet is other._sheet
+    passes, drawing = [], Renderer._together
+
+    def together(self, kernel, *arguments):
+        passes.append((other._sheet.turn.locked(), other._shadows._turn.locked()))
+        drawing(self, kernel, *arguments)
+
+    monkeypatch.setattr(Renderer, "_together", together)
+    one.picture(camera_pose((0.0, 0.0, -3.0), (1.0, 0.0, 0.0, 0.0), SMALL))
+    assert passes
+    assert set(passes) == {(True, True)}
     for each in (one, other):
         each.close()
 
@@ -92,15 +161,20 @@ def test_what_reaches_beyond_the_map_makes_its_own_grid():
     assert shared.cells == own.cells
     assert same(shared.index, own.index)
     made = [Renderer(one, SMALL, shadow_cells=256) for one in (scene, scene, alone(scene))]
-    assert same(tuple(made[1]._sun), tuple(made[2]._sun))
+    assert same(tuple(shadows(made[1])), tuple(shadows(made[2])))
     for each in made:
         each.close()
 
 
 def test_one_flight_keeps_nothing(monkeypatch):
     """What is kept for the next costs memory, and a process that flies once has no next."""
-    kept = []
-    monkeypatch.setattr(renderer, "_shadows_of_map", lambda *arguments: kept.append(arguments))
+    kept, of_map = [], renderer._shadows_of_map
+
+    def keeping(*arguments):
+        kept.append(arguments)
+        return of_map(*arguments)
+
+    monkeypatch.setattr(renderer, "_shadows_of_map", keeping)
     scene = World(dataclasses.replace(catalogue.load("blocks-commanding-01"), map_seed=77)).filmed
     Renderer(scene, SMALL, shadow_cells=64).close()
     assert not kept

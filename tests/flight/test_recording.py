@@ -116,3 +116,25 @@ def test_accounts_are_given_with_a_model_and_anew_beside_a_file(tmp_path):
     file.write_text(json.dumps(as_kept(flight)))
     again = spec("--spec", str(file), "--cost-limit", "2")
     assert again.accounts == replace(flight.accounts, cost_limit_usd=2.0)
+
+
+def test_what_answered_is_said_again_with_each_reply_until_it_changes(tmp_path):
+    said = [{**row, "step": k} for k, row in enumerate([SAID[0]] * 4)]
+    said[1] |= {"served": "m-1 fp_1"}
+    said[3] |= {"served": "m-1 fp_2"}
+    recording = spec("--sitl", "--model", f"replay:{folder(tmp_path, said=said)}").replay
+    assert recording is not None
+    assert [each.served for each in recording.steps] == [None, "m-1 fp_1", "m-1 fp_1", "m-1 fp_2"]
+
+
+def test_what_answered_as_the_commander_is_said_again_too(tmp_path):
+    run = folder(tmp_path)
+    said = {"t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}", "orders": [],
+            "confirms": [], "model": "m"}  # fmt: skip
+    told: list[dict[str, str]] = [{}, {"served": "m-1 fp_1"}, {}, {"served": "m-1 fp_2"}]
+    lines = [json.dumps({"number": k, **said, **each}) for k, each in enumerate(told)]
+    (run / EASY / "commander.jsonl").write_text("\n".join(lines) + "\n")
+    recording = spec("--sitl", "--model", f"replay:{run}").replay
+    assert recording is not None
+    commander = [each.served for each in recording.steps if each.role == "commander"]
+    assert commander == [None, "m-1 fp_1", "m-1 fp_1", "m-1 fp_2"]

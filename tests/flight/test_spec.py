@@ -83,7 +83,7 @@ def test_a_flight_pickles_and_is_json(spec):
         ({"simulated": {"sped": 1.0}}, "'simulated.sped' is not known"),
         ({"seed": "1"}, "Expected `int`, got `str`"),
         ({"seed": True}, "Expected `int`, got `bool`"),
-        ({"pilot": None}, "one of pilot or model"),
+        ({"pilot": None}, "one of pilot, model or outside"),
         ({"connected": {"url": "x"}}, "one of simulated or connected"),
         ({"map": "blocks"}, "one of episode, record or map"),
         ({"simulated": {"autopilot": "ardupilot"}}, "Invalid enum value"),

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from foundation import wire
 from foundation.mavlink import Packer, Parser, dialect
 
 CLASSES = [dialect.mavlink_map[number] for number in sorted(dialect.mavlink_map)]
@@ -230,3 +231,39 @@ def test_nan_and_infinity_travel() -> None:
     (found,) = Parser().feed(Packer(1, 1).pack(message))
     assert math.isnan(found.roll)
     assert (found.pitch, found.yaw) == (math.inf, -math.inf)
+
+
+def _heard(system: int, number: int) -> bytes:
+    return Packer(system, 1).pack(dialect.MAVLink_ping_message(number, 0, 0, 0))
+
+
+@given(st.lists(st.tuples(st.integers(1, 3), st.booleans()), max_size=40), st.integers(1, 5))
+def test_the_newest_frames_are_those_that_a_parser_finds_last(told, count):
+    frames, pings = [], list[tuple[int, int]]()
+    heartbeat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    for number, (system, ping) in enumerate(told):
+        frames.append(_heard(system, number + 1) if ping else Packer(system, 1).pack(heartbeat))
+        pings += [(system, number + 1)] if ping else []
+    kept = Parser().feed(wire.newest(b"".join(frames), dialect.MAVLINK_MSG_ID_PING, count))
+    wanted = sorted(n for s in (1, 2, 3) for n in [n for who, n in pings if who == s][-count:])
+    assert [message.time_usec for message in kept] == wanted
+
+
+ODD = [b"\x00", b"\xfe\x00", b"\xfd", b"\xfd\x09\x01\x00\x00\x01\x01\x00\x00\x00" + bytes(30)]
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_among_what_is_no_plain_frame_nothing_is_left_out(odd):
+    one = _heard(1, 7)
+    for data in (odd + one, one + odd, one + one[:-3]):
+        assert wire.newest(data, dialect.MAVLINK_MSG_ID_HEARTBEAT, 1) == data
+
+
+@given(st.lists(st.sampled_from(["ping", "odd", "cut"]), max_size=12))
+def test_frames_that_are_only_passed_on_are_those_of_the_messages(told):
+    pieces = {"ping": _heard(1, 7), "odd": b"\xfe\x00\x13", "cut": _heard(2, 9)[:-4]}
+    data = b"".join(pieces[one] for one in told)
+    whole, passed = Parser(), Parser()
+    for part in (data[: len(data) // 2], data[len(data) // 2 :], _heard(3, 1)):
+        assert passed.frames(part) == [bytes(message.get_msgbuf()) for message in whole.feed(part)]
+    assert passed.bad == whole.bad

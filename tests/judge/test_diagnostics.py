@@ -49,14 +49,14 @@ def flights(draw):
 class Naive:
     """One drone's diagnostics by the definition, tick by tick."""
 
-    def __init__(self, flight, drone, delta_m):
-        everything = [r for r in (*flight.poses, *flight.frames.values()) if r.t <= 300.0]
+    def __init__(self, flight, drone, delta_m, cap_s=300.0):
+        everything = [r for r in (*flight.poses, *flight.frames.values()) if r.t <= cap_s]
         measured = [r for r in everything if not (r.distance_m is None and r.visible is None)]
         end_s = max([r.t for r in measured] + ([flight.end.t] if flight.end else []), default=0.0)
-        self.end = round(min(300.0, end_s) / TICK_S)
+        self.end = round(min(cap_s, end_s) / TICK_S)
         self.delta_m = delta_m
         self.rows = [r for r in measured if r.drone == drone]
-        self.poses = [p for p in flight.poses if p.drone == drone and p.t <= 300.0]
+        self.poses = [p for p in flight.poses if p.drone == drone and p.t <= cap_s]
         states = [self.state(tick + 0.5) for tick in range(self.end)]
         self.dwell_s = TICK_S * sum(s is not None and s.visible is True and self.near(s) for s in states)
         self.untraced_s = TICK_S * sum(s is None for s in states)

@@ -10,6 +10,8 @@ import pytest
 from dronecats.agent.reply.reading import reading
 from dronecats.flight.spec import Connected, FlightSpec, Simulated
 from dronecats.judge.episode import outcome
+from dronecats.metrics.failure_mode import failure_mode
+from dronecats.metrics.flown_episode import FlownEpisode
 from dronecats.pilots import failing, roster
 from dronecats.rundir.reading import Logs, read
 from dronecats.rundir.results import Verdict
@@ -165,6 +167,18 @@ def test_one_leaves_the_protocol(flown):
     for parser in ("strict", "lenient"):
         for text in failing.NO_ACTIONS:
             assert [one.action for drones in (1, 4) for one in reading(text, drones, "xy", parser)] == [None] * 5
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        ("declares-at-once", "declared"), ("declares-early", "declared"), ("never-declares", "arrived"),
+        ("oscillates", "oscillated"), ("never-closes", "never closed"), ("leaves-the-protocol", "never closed"),
+    ],
+)  # fmt: skip
+def test_each_is_in_its_own_failure_mode(flown, name, mode):
+    flight = flown(name)
+    assert failure_mode(FlownEpisode(flight.folder, {}, flight.logs)) == mode
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -149,6 +149,7 @@ def test_any_picture_gets_a_valid_action(seed, size):
     assert action["action"] in ("go", "rotate", "finished")
 
 
+@pytest.mark.slow
 def test_most_of_what_stands_on_a_campus_that_it_was_not_fitted_to_is_found_where_it_is():
     kept = list(learnt.draw(learnt.UNSEEN + 50, 1, 12))
     found = learnt.found(shapes.network(), kept)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.pilots import referent, sighting, vision
+from dronecats.pilots import lead, likeness, ranging, referent, refused, search, sighting, vision
 from dronecats.pilots.briefing import PastAction
+from episodes import assets
 from foundation.errors import UsageError
 from foundation.picture import encode
 
@@ -122,10 +124,81 @@ def test_far_it_goes_with_its_depth_near_with_smaller_ones_and_there_it_declares
     assert decide(put(scene(), BGR["cyan"], 3.9))["action"] == "finished"
 
 
-def test_after_a_claim_it_keeps_tracking():
-    claimed = (PastAction("finished"),)
-    assert decide(put(scene(), BGR["cyan"], 3.8), past=claimed)["action"] == "finished"
-    assert decide(put(scene(), BGR["cyan"], 9.0), past=claimed)["action"] == "go"
+CLAIM, NEARER = PastAction("finished"), PastAction("go", x_px=640.0, y_px=400.0, depth_m=2.6)
+
+
+def end_on(distance_m):
+    return put(scene(), BGR["cyan"], distance_m, side_on=False)
+
+
+def test_a_claim_that_did_not_end_the_flight_is_made_again_from_nearer_and_then_given_up():
+    once = decide(end_on(4.4), past=(CLAIM,))
+    assert once["action"] == "go"
+    assert 1.2 <= 0.6 * once["depth_m"] <= 2.5
+    assert decide(end_on(4.2), past=(CLAIM, NEARER))["action"] == "finished"
+    thrice = decide(end_on(4.2), past=(CLAIM, NEARER, CLAIM, NEARER, CLAIM))
+    assert thrice == {"action": "rotate", "angle_deg": refused.TURN_DEG}
+
+
+def test_what_is_claimed_and_goes_away_is_gone_after():
+    assert decide(end_on(7.5), past=(CLAIM,))["action"] == "go"
+    assert decide(scene(), past=(CLAIM,))["action"] == "rotate"
+
+
+def test_what_was_refused_is_left_for_where_the_view_is_open():
+    """Not claimed for ever: it goes away before it looks round, and its end at the picture's edge is no sighting."""
+    turned = PastAction("rotate", angle_deg=refused.TURN_DEG)
+    assert decide(scene(), past=(CLAIM, turned))["depth_m"] == search.WANDER_M
+    beside = put(scene(), BGR["cyan"], 4.5, -4.5)
+    assert decide(beside, past=(CLAIM, turned))["depth_m"] == search.WANDER_M
+    other = decide(put(scene(), BGR["cyan"], 12.0, 3.0), past=(CLAIM, turned))
+    assert other["action"] == "go"
+    assert other["point"][0] > 550
+
+
+def test_the_second_thing_that_is_refused_is_left_to_the_other_side():
+    first = json.loads(refused.turn(()))["angle_deg"]
+    assert json.loads(refused.turn((PastAction("rotate", angle_deg=first), CLAIM)))["angle_deg"] == -first
+
+
+def test_what_is_not_seen_once_is_gone_on_to_once():
+    seen_before = PastAction("go", x_px=500.0, y_px=370.0, depth_m=14.0)
+    on = decide(scene(), past=(seen_before,))
+    assert on["action"] == "go"
+    assert on["point"] == [500, 500]
+    assert on["depth_m"] == pytest.approx(11.0)
+    blind = PastAction("go", x_px=640.0, y_px=360.0, depth_m=11.0)
+    assert decide(scene(), past=(seen_before, blind))["action"] == "rotate"
+
+
+def test_what_is_gone_for_is_held_on_to_where_it_must_be():
+    """A sighting that would not do by itself will where it is expected."""
+    hidden, bias, out = (np.zeros(shape, np.float32) for shape in ((likeness.LENGTH, 1), (1,), (1, 2)))
+    unsure = likeness.LikenessNetwork(hidden, bias, out, np.array((-0.85, 0.0), np.float32))
+    picture, named = put(scene(), BGR["cyan"], 12.0), referent.read("go to the cyan SUV")
+    assert sighting.find(picture, named, network=unsure) is None
+    assert sighting.find(picture, named, sighting.Expected(0.0, 10.5), unsure) is not None
+    assert sighting.find(picture, named, sighting.Expected(0.0, 30.0), unsure) is None
+    assert sighting.find(picture, named, sighting.Expected(0.4, 10.5), unsure) is None
+
+
+@pytest.mark.parametrize("asset", likeness.KINDS)
+@pytest.mark.parametrize("distance", [6.0, 12.0])
+def test_each_of_the_catalogues_vehicles_is_ranged_by_its_own_outline(asset, distance):
+    """Not by the usual size of its like: the paint of a cyclist, or of a quadrotor on its stand, is no box."""
+    mesh = assets.build(asset, "red")
+    painted = [k for k, m in enumerate(mesh.materials) if m.name.endswith("-red")]
+    points = mesh.vertices[np.unique(mesh.triangles[np.isin(mesh.material, painted)])] * (1.0, 1.0, -1.0)
+    size = referent.SIZES[{"pickup": "pickup truck"}.get(asset, asset)]
+    for turn in (0.3, 1.2, 2.4):
+        c, s = math.cos(turn), math.sin(turn)
+        ahead = distance - 0.5 + c * points[:, 0] - s * points[:, 1]
+        if ahead.min() < 2.0:  # cut off below, it says little
+            continue
+        x, y = 0.5 * (s * points[:, 0] + c * points[:, 1]) / ahead, 0.5 * (CAMERA_UP_M - points[:, 2]) / ahead
+        box = ranging.BoundingBox(*(float(v) for v in np.clip((x.min(), y.min()), (-0.5, -9 / 32), 9.0)),
+                                  *(float(v) for v in np.clip((x.max(), y.max()), -9.0, (0.5, 9 / 32))))  # fmt: skip
+        assert ranging.measure(box, size, 9 / 16).distance_m == pytest.approx(distance, rel=0.15)
 
 
 def test_it_sweeps_one_way_and_after_a_full_circle_leaves():
@@ -139,9 +212,9 @@ def test_it_sweeps_one_way_and_after_a_full_circle_leaves():
     assert action["action"] == "go"
 
 
-def test_what_was_lost_is_looked_for_on_the_side_where_it_was():
-    assert decide(scene(), past=(PastAction("go", x_px=200.0, depth_m=8.0),))["angle_deg"] < 0
-    assert decide(scene(), past=(PastAction("go", x_px=1100.0, depth_m=8.0),))["angle_deg"] > 0
+def test_what_was_lost_near_by_is_looked_for_on_the_side_where_it_was():
+    assert decide(scene(), past=(PastAction("go", x_px=200.0, depth_m=4.0),))["angle_deg"] < 0
+    assert decide(scene(), past=(PastAction("go", x_px=1100.0, depth_m=4.0),))["angle_deg"] > 0
 
 
 def test_what_the_shortest_stride_hides_is_before_it_and_is_claimed_once():
@@ -181,3 +254,17 @@ def test_any_picture_gets_a_valid_action(seed, color):
         assert all(0 <= v <= 1000 for v in action["point"])
         assert math.isfinite(action["depth_m"])
         assert action["depth_m"] >= 2.0
+
+
+def test_it_aims_ahead_of_what_crosses_its_way():
+    """It was straight ahead when the last stride began, and has gone to the right since."""
+    picture = put(scene(), BGR["cyan"], 13.0, 1.2)
+    before = PastAction("go", x_px=600.0, y_px=380.0, depth_m=lead.coded(15.5, 0.0))
+    assert decide(picture, past=(before,))["point"][0] > decide(picture)["point"][0] + 25
+
+
+def test_what_is_to_be_read_is_ranged_by_its_size_whatever_its_kind_wears():
+    """A fleet looks for vehicles that bear plates; how far off those are it was made for."""
+    seen = sighting.every(put(scene(), BGR["cyan"], 12.0), referent.read("go to the cyan van"))
+    boxy = replace(referent.SIZES["van"], outline="")
+    assert [s.range for s in seen] == [ranging.measure(s.box, boxy, 9 / 16) for s in seen] != []

@@ -12,6 +12,8 @@ from foundation.errors import UsageError
 from foundation.setpoints import Hold
 
 EPISODE = "residential-approaching-01"
+IMPATIENT = "tests.run.test_another_agent:impatient"
+ASKED: list[tuple[str, str]] = []  # (instruction, model) of every flight
 
 
 class Impatient:
@@ -44,22 +46,37 @@ class Impatient:
             aircraft.tick()
 
 
+def impatient(flight, model):
+    ASKED.append((flight.instruction, model.name))
+    return Impatient
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("nobody", "--agent wants paper, steady or MODULE:NAME"),
+        ("json:nothing", "--agent json:nothing cannot be loaded"),
+        ("json:__name__", "--agent wants paper, steady or MODULE:NAME"),
+    ],
+)
+def test_an_agent_that_there_is_not_is_refused_before_a_folder_is_made(tmp_path, name, why):
+    spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None), agent=name)
+    with pytest.raises(UsageError, match=why):
+        fly(spec, tmp_path / "run", lambda line: None)
+    assert not (tmp_path / "run").exists()
+
+
 def test_another_agent_flies_and_is_judged(tmp_path):
-    asked = []
-
-    def make(flight, model):
-        asked.append((flight.instruction, model.name))
-        return Impatient
-
-    spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None), seconds=20.0)
-    result = fly(spec, tmp_path / "run", lambda line: None, make)
-    assert len(asked) == 1
-    assert asked[0][1] == "oracle"
+    ASKED.clear()
+    spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None), seconds=20.0, agent=IMPATIENT)
+    result = fly(spec, tmp_path / "run", lambda line: None)
+    assert len(ASKED) == 1
+    assert ASKED[0][1] == "oracle"
     assert (result["status"], result["outcome"], result["steps"]) == (0, "failure", 1)
     assert (result["declarations"], result["false_declarations"]) == (1, 1)
     told = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert told["agent"].endswith("test_another_agent_flies_and_is_judged.<locals>.make")
+    assert (told["agent"], told["flight"]["agent"]) == (IMPATIENT.replace(":", "."), IMPATIENT)
     with pytest.raises(UsageError, match="another pilot or other settings"):  # two agents' flights are no one run
-        fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", lambda line: None)
+        fly(replace(spec, episode="residential-approaching-02", agent="paper"), tmp_path / "run", lambda line: None)
     (begin, *_, end) = (json.loads(line) for line in (tmp_path / "run" / EPISODE / "truth.jsonl").open())
     assert (begin["cap_s"], end["reason"]) == (20.0, "cap")

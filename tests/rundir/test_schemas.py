@@ -24,7 +24,8 @@ ROWS: dict[str, list[tuple[dict[str, Any], Any]]] = {
     "truth": [
         ({"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": 300.0, "source": None}, TRUTH_ROWS["begin"]),
         ({"kind": "pose", **MEASURED}, TRUTH_ROWS["pose"]),
-        ({"kind": "frame", "frame_id": 7, **MEASURED, "distance_box_m": 2.0}, TRUTH_ROWS["frame"]),
+        ({"kind": "frame", "frame_id": 7, **MEASURED, "distance_box_m": 2.0, "target_frd": PLACE,
+          "target_box": [400.0, 410.5, 600.0, 600.0]}, TRUTH_ROWS["frame"]),
         ({"kind": "end", "t": 300.0, "reason": "cap", "error": None}, TRUTH_ROWS["end"]),
     ],
     "estimate": [

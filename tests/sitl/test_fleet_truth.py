@@ -13,7 +13,7 @@ from episodes.optics.options import Exposure, Optics
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
 from foundation.mavlink import Packer
-from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message, truth_message
+from foundation.truth import FrameTaken, NewestTruth, TruthSample, frame_message, nearest, truth_message
 from tests.support.json_lines import rows
 
 EPISODE = "blocks-commanding-01"
@@ -86,6 +86,10 @@ def test_a_drone_before_the_lens_makes_the_target_invisible_in_the_log(bus, log,
         assert frame["visible"] is visible
         assert (frame["visible_fraction"] > 0.9) is visible
         assert (frame["oracle_depth_m"] is not None) is visible
+        x0, y0, x1, y1 = frame["target_box"]  # hidden or not
+        assert 0.0 <= x0 < x1 <= 1000.0
+        assert 0.0 <= y0 < y1 <= 1000.0
+        assert frame["target_frd"][0] > 0.0
 
 
 def test_a_pose_is_measured_with_the_others_where_they_are_then_although_they_are_heard_later(bus, log):
@@ -147,6 +151,30 @@ def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
     assert others[1].time_us == 20_000
 
 
+def test_what_is_asked_for_seldom_is_what_one_who_asks_always_knows(bus, world):
+    """Nothing is lost by reading late: not the newest, nor where a drone was that fell silent long ago."""
+    always, seldom = NewestTruth(origin(world)), NewestTruth(origin(world))
+    said = [bus.all(0, bus.in_the_way)] + [bus.pose(0, 20_000 * k, bus.facing) for k in range(1, 3000)]
+    for data in said:
+        always.feed(data)
+        always.of(0)
+        seldom.feed(data)
+    assert always.together(0) == seldom.together(0)
+    assert [always.of(k) for k in range(4)] == [seldom.of(k) for k in range(4)]
+    assert always.of(3) is not None
+
+
+def test_of_two_samples_as_near_the_earlier_is_meant(world):
+    def at(time_us):
+        return TruthSample(0, time_us, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+
+    samples = [at(t) for t in (0, 20, 40, 60, 60)]
+    for asked in range(-5, 70):
+        assert nearest(samples, asked) is min(samples, key=lambda one: abs(one.time_us - asked))
+    with pytest.raises(ValueError, match="no sample"):
+        nearest([], 0)
+
+
 def picture(world, said, drone=0, optics=None):
     camera = WorldCamera(world, HALF, lambda data: None, optics=optics)
     camera.feed(said)
@@ -182,3 +210,24 @@ def test_a_passing_drone_is_blurred_by_its_own_motion(bus, world):
         wide.append(np.ptp(np.nonzero(np.abs(shown[:170].astype(int) - bare[:170]).max(axis=2) > 8)[1]))
     assert wide[0] > 60  # px; its 0.6 m at 2.35 m are 82, and 3 m/s over seven eighths of 0.1 s are 36 more
     assert wide[1] == pytest.approx(wide[0] + 36, abs=12)
+
+
+def test_what_the_body_rates_are_known_from_is_kept_only_while_no_frame_is_taken(world, bus):
+    """Frames are asked for on other threads than the bus is heard on."""
+    camera, alone = WorldCamera(world, HALF, lambda data: None, rendered=False), []
+
+    class Watched(dict[int, tuple[TruthSample, TruthSample]]):
+        def __setitem__(self, key, value):
+            alone.append(camera._lock.locked())
+            super().__setitem__(key, value)
+
+        def setdefault(self, key, default=None):
+            alone.append(camera._lock.locked())
+            return super().setdefault(key, default)
+
+    camera._before = Watched()
+    for time_us in (1_000_000, 1_020_000):
+        camera.feed(bus.all(time_us, bus.away))
+        camera._remember()
+    assert len(alone) == 8
+    assert all(alone)

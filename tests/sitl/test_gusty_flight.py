@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from dronecats.sitl.flight_conditions import FlightConditions
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.frames import Vec3, quat_multiply
@@ -20,10 +21,9 @@ from hil.link.link import Link
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from hil.link.px4 import PX4
 from vehicles import airframe
-from vehicles.wind import Wind
 
 ORIGIN = (47.397742, 8.545594, 488.0)
-WIND = Wind(mean_ned=(4.0, -3.0, 0.0), w20=7.7)  # 5 m/s steady; MIL-F-8785C's light turbulence on top
+WIND = FlightConditions(wind_ned=(4.0, -3.0, 0.0), gusts_w20=7.7)  # 5 m/s steady; MIL-F-8785C's light turbulence on top
 HEIGHT = 12.0  # m
 STILL = (0.0, 0.0, 0.0)
 # (seconds, body velocity forward, right, down in m/s, yaw rate in rad/s); a lap lasts 48 s and is turned by a bit over
@@ -59,7 +59,12 @@ class Flight:
 def fly(seed: int) -> Flight:
     """Return the notes of one flight: take-off, hover, laps, a position hold."""
     vehicle = SimulatedVehicle(
-        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.7), seed=seed, origin=ORIGIN, wind=WIND
+        0,
+        airframe.load("x500"),
+        BootPose((0.0, 0.0, 0.0), 0.7),
+        seed=seed,
+        origin=ORIGIN,
+        conditions=WIND,
     )
     lockstep = Lockstep(Simulation([vehicle]))
     home = vehicle.plant.truth["position_ned"].copy()

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import SimulatorConfig
+from dronecats.sitl.config import CameraConfig, SimulatorConfig
 from dronecats.stages import parts
 
 EPISODE = "residential-approaching-01"
@@ -16,6 +16,19 @@ def start_vehicle(supervisor: Supervisor, speed: float = 1.0) -> dict[str, Any]:
     """Start an x500 where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name."""
     config = SimulatorConfig(episode=EPISODE, speed=speed)
     return supervisor.start(parts.SIMULATOR, config).ready()
+
+
+@contextmanager
+def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]:
+    """Give the port of such a vehicle and the URL of its camera, both of which know nothing of who flies."""
+    supervisor = Supervisor(folder)
+    try:
+        ports = start_vehicle(supervisor, speed)
+        truth = f"udpout://127.0.0.1:{ports['truth']}"
+        camera = supervisor.start(parts.CAMERA, CameraConfig(episode=EPISODE, truth=truth))
+        yield ports["agent"][0], str(camera.ready()["url"])
+    finally:
+        supervisor.close()
 
 
 @contextmanager

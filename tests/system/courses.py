@@ -6,6 +6,7 @@ import math
 import random
 from dataclasses import dataclass
 
+from dronecats.judge.host_stalls import STALL_S
 from foundation.camera import CameraModel
 from foundation.frames import wrap_pi
 from tests.support.json_lines import rows
@@ -21,6 +22,7 @@ class Gone:
     length_m: float  # over ground
     off_deg: float  # course over ground less the direction of the pixel
     across_m: float  # so far beside the pixel's ray it ended
+    held_up: bool = False  # the host stood still meanwhile, so that setpoints came late: no fault of who sent them
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Turned:
     step: int
     off_deg: float  # the angle between the pictures less the one asked for
     drift_m: float
+    held_up: bool = False
 
 
 def replies(seed, count):
@@ -64,15 +67,17 @@ def measured(folder):
     gone, turned = [], []
     for before, after in itertools.pairwise(decisions):
         here, there, action = frames[before["frame_id"]], frames[after["frame_id"]], before["action"]
+        held_up = max(each.get("host_lag_s", 0.0) for each in (before, after)) > STALL_S
         north, east = (there["position_ned"][i] - here["position_ned"][i] for i in (0, 1))
         if action and action["action"] == "go":
             ray = math.radians(here["yaw_deg"]) + math.atan((action["point"][0] / 500 - 1) * HALF_WIDTH)
             off, length_m = wrap_pi(math.atan2(east, north) - ray), math.hypot(north, east)
             if length_m >= 1.0:
-                gone.append(Gone(before["step"], length_m, math.degrees(off), abs(length_m * math.sin(off))))
+                across_m = abs(length_m * math.sin(off))
+                gone.append(Gone(before["step"], length_m, math.degrees(off), across_m, held_up))
         elif action and action["action"] == "rotate":
             off = wrap_pi(math.radians(there["yaw_deg"] - here["yaw_deg"] - action["angle_deg"]))
-            turned.append(Turned(before["step"], math.degrees(off), math.hypot(north, east)))
+            turned.append(Turned(before["step"], math.degrees(off), math.hypot(north, east), held_up))
     return gone, turned
 
 

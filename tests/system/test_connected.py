@@ -1,7 +1,6 @@
 """`fly --connect` on a vehicle that somebody else started: who arms, who has the last word, what a dry run does."""
 
 import json
-import socket
 import subprocess
 import threading
 import time
@@ -9,100 +8,27 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import CameraConfig
-from dronecats.stages import parts
-from foundation.mavlink import Packer, Parser, dialect
+from foundation.mavlink import Packer, dialect
 from foundation.px4 import MODES
 from tests.support.command_line import DRONECATS, last_object
-from tests.support.simulated_vehicle import EPISODE, start_vehicle
+from tests.support.simulated_vehicle import simulated_rig
+from tests.support.wire_tap import Tap, orders, setpoints
 
+pytestmark = pytest.mark.slow
 SPEED = 2.0
 
 
 @pytest.fixture
 def field(tmp_path):
-    """A simulated vehicle and its camera, both of which know nothing of who flies.
-
-    One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off.
-    """
-    supervisor = Supervisor(tmp_path)
-    ports = start_vehicle(supervisor, SPEED)
-    truth = f"udpout://127.0.0.1:{ports['truth']}"
-    camera = supervisor.start(parts.CAMERA, CameraConfig(episode=EPISODE, truth=truth))
-    yield ports["agent"][0], camera.ready()["url"]
-    supervisor.close()
-
-
-class Tap(threading.Thread):
-    """A wire between an agent and a vehicle that notes, in order, what passes."""
-
-    def __init__(self, vehicle_port):
-        super().__init__(daemon=True)
-        self.near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.near.bind(("127.0.0.1", 0))
-        self.far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.far.connect(("127.0.0.1", vehicle_port))
-        for end in (self.near, self.far):
-            end.settimeout(0.1)
-        self.passed, self.lock, self.open = [], threading.Lock(), True
-        self.agent, self.packer = None, Packer(255, 190)
-        self.start()
-        threading.Thread(target=self.back, daemon=True).start()
-
-    @property
-    def url(self):
-        return f"udpout://127.0.0.1:{self.near.getsockname()[1]}"
-
-    def note(self, parser, data, side):
-        with self.lock:
-            self.passed += [(side, message) for message in parser.feed(data)]
-
-    def run(self):
-        parser = Parser()
-        while self.open:
-            try:
-                data, self.agent = self.near.recvfrom(65536)
-            except TimeoutError:
-                continue
-            self.note(parser, data, "agent")
-            self.far.send(data)
-
-    def back(self):
-        parser = Parser()
-        while self.open:
-            try:
-                data = self.far.recv(65536)
-            except (TimeoutError, ConnectionRefusedError):
-                continue
-            self.note(parser, data, "vehicle")
-            if self.agent:
-                self.near.sendto(data, self.agent)
-
-    def order(self, mode):
-        """Another client switches the mode, as a ground station does."""
-        command = dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, MODES[mode].main, MODES[mode].sub, 0, 0, 0, 0)
-        self.far.send(self.packer.pack(command))
-
-    def of(self, side, kind):
-        with self.lock:
-            return [m for s, m in self.passed if s == side and m.get_type() == kind]
-
-    def until(self, wanted, seconds=60.0, flight=None):
-        """Wait for something on the wire, while the flight that is to bring it about is alive."""
-        ends = time.monotonic() + seconds
-        while not wanted():
-            assert time.monotonic() < ends, "it never came"
-            assert flight is None or flight.poll() is None, flight.communicate()[1]
-            time.sleep(0.02)
+    """One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off."""
+    with simulated_rig(tmp_path, SPEED) as rig:
+        yield rig
 
 
 @pytest.fixture
 def tap(field):
-    tap = Tap(field[0])
-    yield tap
-    tap.open = False
-    tap.join()
+    with Tap(field[0]) as tap:
+        yield tap
 
 
 def fly(tap, camera, tmp_path, *more):
@@ -115,14 +41,6 @@ def fly(tap, camera, tmp_path, *more):
     return subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
     )
-
-
-def setpoints(tap):
-    return tap.of("agent", "SET_POSITION_TARGET_LOCAL_NED")
-
-
-def orders(tap):
-    return {m.command for m in tap.of("agent", "COMMAND_LONG")} - {511, 512}
 
 
 def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
@@ -217,7 +135,7 @@ def test_a_model_that_hangs_leaves_the_vehicle_standing_and_then_landing(field, 
 
 
 def test_a_dry_run_draws_and_moves_nothing(field, tap, tmp_path):
-    flight = fly(tap, field[1], tmp_path, "--dry-run", "--seconds", "8")
+    flight = fly(tap, field[1], tmp_path, "--dry-run", "--seconds", "20")
     _, err = flight.communicate(timeout=120)
     assert flight.returncode == 0, err
     assert setpoints(tap) == []

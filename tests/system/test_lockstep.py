@@ -1,5 +1,6 @@
 """Whole flights through the command line on the lockstep clock."""
 
+import collections
 import json
 
 import pytest
@@ -89,15 +90,27 @@ def test_the_records_own_seed_is_behind_the_noise_of_its_flights(fly, capsys, tm
     assert drawn[0] != drawn[1]
 
 
-def test_the_tlog_is_read_by_pymavlink(fly, capsys):
+def test_the_tlog_is_read_by_pymavlink_and_tells_the_flight(fly, capsys):
     from pymavlink import mavutil
 
     _, folder = fly(capsys, "--pilot", "vision", *FIXED)
-    log = mavutil.mavlink_connection(str(folder / "flight.tlog"))
-    kinds = set()
+    tlog = folder / "flight.tlog"
+    log, heard, modes = mavutil.mavlink_connection(str(tlog)), [], []
     while (message := log.recv_msg()) is not None:
-        kinds.add(message.get_type())
-    assert {"HIL_STATE_QUATERNION", "HEARTBEAT", "ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= kinds
+        heard.append(message)
+        if (message.get_type(), message.get_srcComponent()) == ("HEARTBEAT", 1):
+            modes.append(log.flightmode)
+    assert sum(8 + len(message.get_msgbuf()) for message in heard) == tlog.stat().st_size  # nothing is passed over
+    counts = collections.Counter(message.get_type() for message in heard)
+    assert counts.keys() >= {"HIL_STATE_QUATERNION", "ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS"}
+    assert "BAD_DATA" not in counts
+    times = [message._timestamp for message in heard]
+    assert times == sorted(times)
+    spent_s = times[-1] - times[0]
+    assert counts["HIL_STATE_QUATERNION"] == pytest.approx(50.0 * spent_s, rel=0.02)
+    assert counts["ATTITUDE"] == pytest.approx(5.0 * spent_s, rel=0.1)
+    assert spent_s <= counts["HEARTBEAT"] <= spent_s + 10  # one a second, and one at every change
+    assert list(dict.fromkeys(modes)) == ["LOITER", "TAKEOFF", "OFFBOARD", "LAND"]  # as MAVExplorer calls PX4's
 
 
 @pytest.mark.parametrize(

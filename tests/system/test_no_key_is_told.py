@@ -134,6 +134,7 @@ class Seen(ThreadingHTTPServer):
     seen: dict[str, str]
 
 
+@pytest.mark.slow
 def test_a_child_that_asks_no_model_does_not_get_the_key(tmp_path):
     server = Seen(("127.0.0.1", 0), Looking)
     server.seen = {}

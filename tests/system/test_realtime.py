@@ -58,6 +58,7 @@ def fly(tmp_path):
             flight.process.wait()
 
 
+@pytest.mark.slow
 def test_a_flight_in_real_time_succeeds(fly):
     code, out, errors = fly("--speed", "3").ends(800)
     assert code == 0, errors

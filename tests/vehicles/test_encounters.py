@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dronecats.sitl.collisions import CollisionReport, Encounters
 from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
 from vehicles.airframe import names
-from vehicles.encounter import DRONE, girth
+from vehicles.encounter import DRONE, Ball, _first_touch, girth
 from vehicles.multirotor import Multirotor
 
 TICK = 10
@@ -85,3 +87,25 @@ def test_it_is_said_once_and_what_it_was() -> None:
                 said.append(message.text)
     assert len(said) == 2
     assert all(text.startswith("Crash: hit another drone at") for text in said)
+
+
+COORDINATE, SPEED = st.floats(-3.0, 3.0), st.floats(-40.0, 40.0)
+
+
+@given(
+    st.tuples(COORDINATE, COORDINATE, COORDINATE),
+    st.tuples(SPEED, SPEED, SPEED),
+    st.floats(0.05, 0.6),
+    st.floats(0.05, 0.6),
+)
+def test_whoever_may_not_touch_does_not(gap, speed, size, other_size):
+    one = Ball(list(gap), list(speed), size)
+    other = Ball([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], other_size)
+    touches = _first_touch(gap, speed, size + other_size, TICK * 1e-3) >= 0.0
+    assert one.may_touch(other, TICK * 1e-3) or not touches
+
+
+def test_a_fleet_that_stands_apart_costs_no_kernel():
+    one, other = Ball([0.0] * 3, [0.0] * 3, 0.4), Ball([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.4)
+    assert not one.may_touch(other, TICK * 1e-3)
+    assert one.may_touch(other, 1.2)

@@ -14,7 +14,6 @@ from foundation.mavlink import Packer
 from foundation.truth import TRUTH_COMPONENT
 from hil.link.transport import connect
 from hil.simulator.board import BoardLine, sensor_period_us
-from vehicles.wind import Wind
 
 
 class BoardSimulator:
@@ -23,7 +22,6 @@ class BoardSimulator:
     def __init__(self, config: SimulatorConfig, say: Callable[[str], None]) -> None:
         """Raises UsageError, LinkError."""
         url, instance = config.hitl or "", config.instance or 0
-        north, east = config.wind
         period_us = sensor_period_us(url)
         self._line = BoardLine(lambda: connect(url), Packer(1, TRUTH_COMPONENT))
         self.simulation: Simulation[BoardVehicle] = built_of(
@@ -32,7 +30,8 @@ class BoardSimulator:
             airframe=config.airframe,
             seed=config.seed,
             count=1,
-            wind=Wind((north, east, 0.0), config.gusts),
+            payload_kg=config.payload_kg,
+            conditions=config.conditions,
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles, on the first run of an installation

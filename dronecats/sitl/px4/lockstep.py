@@ -10,6 +10,7 @@ from dronecats.sitl.lockstep import TurnOrder
 from dronecats.sitl.ports import AGENT_PORT
 from dronecats.sitl.px4.simulator import Px4Simulator
 from dronecats.sitl.px4.vehicle import Px4Vehicle
+from hil.impairment.stepped import SteppedWire
 from hil.link.transport import Transport, connect
 
 MOMENT_S = 0.002  # wall seconds; PX4's ATTITUDE comes on every tick, mostly within a third of a millisecond
@@ -33,7 +34,18 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
 
     def transport(self, vehicle: int) -> "PumpedTransport":
         """Return PX4's offboard link of one vehicle. Raises UsageError when its port is taken."""
-        return PumpedTransport(connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}"), self)
+        return PumpedTransport(self._socket(vehicle), self)
+
+    def wire(self, vehicle: int, seed: int) -> SteppedWire:
+        socket = self._socket(vehicle)
+        wire = SteppedWire(
+            socket.url, lambda: socket.receive(0.0), socket.send, self.pump, lambda: self.time_s, seed, socket.close
+        )
+        self.followers.append(lambda: wire.step(socket.receive(MOMENT_S)))
+        return wire
+
+    def _socket(self, vehicle: int) -> Transport:
+        return connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}")
 
 
 class PumpedTransport:

@@ -9,11 +9,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, Unpack
 
 from dronecats.sitl.config import SimulatorConfig
+from dronecats.sitl.host_stalls import Staller
 from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from dronecats.sitl.px4.process import INSTANCE, Px4Process
 from dronecats.sitl.px4.vehicle import Px4Vehicle
-from dronecats.sitl.scenario import built_of, load_world
+from dronecats.sitl.scenario import built_of, load_world, noise_seed
 from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.vehicle import BootPose, Physics
 from episodes.world import World
@@ -22,7 +23,6 @@ from foundation.errors import InfrastructureError, UsageError
 from hil.simulator.server import PORT
 from vehicles import airframe as airframes
 from vehicles import fault_script
-from vehicles.wind import Wind
 
 INSTANCES = 10  # of which each has an offboard port of its own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
@@ -64,7 +64,6 @@ class Px4Simulator:
         rotors = len(airframes.load(config.airframe).rotors)
         if rotors != ROTORS:
             raise UsageError(f"PX4 flies quadrotors here, and {config.airframe} has {rotors} rotors; choose another")
-        north, east = config.wind
         self._say, self._restarts = say, config.restart
         self.instance = config.instance or 0
         if config.instance is None and INSTANCE in (command or ""):
@@ -76,7 +75,9 @@ class Px4Simulator:
             airframe=config.airframe,
             seed=config.seed,
             count=config.count,
-            wind=Wind((north, east, 0.0), config.gusts),
+            payload_kg=config.payload_kg,
+            conditions=config.conditions,
+            disturbed=config.disturbed,
             faults=fault_script.load(Path(script), rotors) if script else (),
         )
         self.vehicles = self.simulation.vehicles
@@ -86,6 +87,7 @@ class Px4Simulator:
         self._in_step = [False] * len(self.vehicles)
         self._started_at = [0] * len(self.vehicles)
         self._processes: list[Px4Process] = []
+        self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
         self._passing = TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True)
         try:
             if command is not None:
@@ -132,6 +134,7 @@ class Px4Simulator:
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
             self.simulation.begin(arguments["t0_us"])
+            self._staller.begin(arguments["t0_us"])
         if command == "pace":
             return self._keeper.figures()
         if command == "in step":
@@ -149,6 +152,7 @@ class Px4Simulator:
         self._truth.exchange()
         self.simulation.advance()
         self._truth.exchange()
+        self._staller.turn(self.simulation.time_us)
         if self.speed is not None:
             self._keeper.wait()
 

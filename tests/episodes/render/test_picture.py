@@ -268,3 +268,9 @@ def test_a_mesh_with_a_corner_at_infinity_is_refused():
     mesh = mesh_of([(0, -1, -1), (0, 1, -1), (0, 1, 1)], [(0, 1, 2)], uv=uv)
     with pytest.raises(UsageError, match="not finite"):
         Renderer(scene_of([instance(1, mesh, (0, 0, 0))]), CAMERA, shadow_cells=64)
+
+
+def test_the_picture_alone_is_that_of_the_view():
+    renderer = Renderer(random_boxes(8), CAMERA, shadow_cells=512)
+    for pose in (looking((0, 0, -2.0)), looking((-6.0, 3.0, -4.0), pitch_deg=-20.0)):
+        assert (renderer.picture(pose) == renderer.render(pose).rgb).all()

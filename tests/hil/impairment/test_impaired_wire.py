@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from foundation.mavlink import Packer, Parser, dialect
 from hil.impairment.channel import Impairment
-from hil.impairment.wire import Frames, ImpairedWire
+from hil.impairment.one_way import Frames
+from hil.impairment.wire import ImpairedWire
 from hil.link.transport import Transport, connect
 from tests.hil.link import listening
 from tests.support.command_line import DRONECATS
@@ -103,6 +104,22 @@ def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
         autopilot.send(pings(1)[0])
         assert hear(agent, 1) == [0]
         assert time.monotonic() - sent_s < 0.25
+
+
+def test_it_is_impaired_for_as_long_as_is_said_and_then_perfect() -> None:
+    wire, agent, autopilot = udp_wire(PERFECT)
+    with wire:
+        agent.send(pings(1)[0])
+        assert hear(autopilot, 1) == [0]
+        wire.impair(Impairment(loss=1.0), PERFECT, seconds=0.5)
+        began_s = wire.time_s
+        while wire.time_s < began_s + 0.2:
+            agent.send(pings(2)[1])
+            assert autopilot.receive(0.01) == b""
+        while wire.time_s < began_s + 0.8:
+            autopilot.receive(0.01)
+        agent.send(pings(3)[2])
+        assert hear(autopilot, 1) == [2]
 
 
 def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:

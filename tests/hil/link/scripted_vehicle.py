@@ -17,6 +17,7 @@ class ScriptedVehicle:
         self.autopilot = autopilot
         self.time_ms = 1000
         self.position, self.velocity, self.yaw = [0.0, 0.0, -2.5], (0.0, 0.0, 0.0), 0.0
+        self.lean = (0.0, 0.0)  # rad, roll and pitch
         self.mode, self.armed, self.landed = "HOLD", True, False
         self.battery, self.system_status = 90, 4
         self.obeys = True
@@ -64,7 +65,7 @@ class ScriptedVehicle:
         if self.obeys and self.setpoints and self.mode == "OFFBOARD":
             self.follow(self.setpoints[-1][1])
         self.say(dialect.MAVLink_local_position_ned_message(self.time_ms, *self.position, *self.velocity))
-        self.say(dialect.MAVLink_attitude_message(self.time_ms, 0, 0, self.yaw, 0, 0, 0))
+        self.say(dialect.MAVLink_attitude_message(self.time_ms, *self.lean, self.yaw, 0, 0, 0))
         if self.time_ms % 1000 == 0:
             self.say(self.heartbeat())
             self.say(dialect.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2))

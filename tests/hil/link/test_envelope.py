@@ -92,6 +92,8 @@ def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
     target = VelocitySetpoint((1.0, 0.0, 0.0), 0.0)
     stale = state((0, 0, -2.5), position_us=1_000_000, heartbeat_us=5_000_000)
     assert admit(target, stale, HOME, Limits(), 2_000_000).limited == ("stale position",)
+    assert admit(target, stale, HOME, Limits(), 2_000_000, behind_us=600_000).limited == ()  # as late as all of it
+    assert admit(target, stale, HOME, Limits(), 2_200_000, behind_us=600_000).limited == ("stale position",)
     lost = state((0, 0, -2.5), position_us=9_000_000, heartbeat_us=5_000_000)
     admitted = admit(target, lost, HOME, Limits(), 9_000_000)
     assert admitted.limited == ("lost heartbeat",)

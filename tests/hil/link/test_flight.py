@@ -27,6 +27,16 @@ def test_a_setpoint_is_streamed_before_the_mode_is_asked_for(vehicle):
     assert vehicle.setpoints, "PX4 refuses offboard without a setpoint"
 
 
+def test_a_picture_is_bound_to_how_the_vehicle_leaned_when_it_was_taken(vehicle):
+    vehicle.lean = (0.1, -0.2)
+    link = flying(vehicle)
+    taken_us = link.time_us
+    vehicle.lean = (0.0, 0.3)
+    link.wait(1.0)
+    sight = link.sight(taken_us)
+    assert (sight.roll, sight.pitch) == pytest.approx((0.1, -0.2), abs=1e-6)
+
+
 def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle):
     vehicle.refuses[176] = (1, "Mode OFFBOARD refused: no offboard signal")
     link = Link(vehicle.transport())

@@ -3,6 +3,7 @@
 import pytest
 
 from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from foundation.setpoints import Hold, Velocity
 from hil.link.envelope import Limits
 from hil.link.link import Link, TakeoverError
@@ -223,6 +224,27 @@ def test_a_word_of_the_mode_before_that_comes_late_is_no_takeover_but_one_that_s
         link.wait(2.0)
 
 
+def test_a_failsafe_of_a_real_vehicle_ends_the_flight_and_is_not_taken_for_a_person(vehicle):
+    link = flying(vehicle)
+    vehicle.mode, vehicle.system_status = "POSCTL", 5
+    vehicle.say(vehicle.heartbeat())
+    with pytest.raises(TakeoverError, match="switched to POSCTL by a failsafe of its own"):
+        link.wait(2.0)
+
+
+@pytest.mark.parametrize(
+    ("before_s", "whose"), [(0.1, "by a failsafe of its own"), (20.0, "by another hand, which has it now")]
+)
+def test_what_was_said_long_ago_is_no_reason_of_a_change_of_mode(vehicle, before_s, whose):
+    link = flying(vehicle)
+    vehicle.say(dialect.MAVLink_statustext_message(2, b"Failsafe: offboard signal lost"))
+    link.wait(before_s)
+    vehicle.mode = "POSCTL"
+    vehicle.say(vehicle.heartbeat())  # which tells of no failsafe yet
+    with pytest.raises(TakeoverError, match=whose):
+        link.wait(2.0)
+
+
 def test_a_failsafe_of_a_simulated_vehicle_is_part_of_its_flight(vehicle):
     link = flying(vehicle, simulated=True)
     vehicle.mode, vehicle.system_status = "POSCTL", 5
@@ -240,5 +262,16 @@ def test_a_failsafe_of_a_simulated_vehicle_is_part_of_its_flight(vehicle):
 def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
     link = flying(vehicle, simulated=True)
     vehicle.mode = "POSCTL"
-    with pytest.raises(TakeoverError, match="POSCTL"):
+    with pytest.raises(TakeoverError, match="POSCTL by another hand"):
         link.wait(5.0)
+
+
+def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(vehicle):
+    link = flying(vehicle, simulated=True)
+    vehicle.silent.add(dialect.MAVLINK_MSG_ID_HEARTBEAT)  # lost, all of them
+    vehicle.mode, vehicle.system_status = "POSCTL", 5
+    vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["POSCTL"].custom_mode, MODES["POSCTL"].custom_mode))
+    link.wait(8.0)
+    vehicle.silent.clear()
+    link.wait(3.0)
+    assert link.taken_by is None

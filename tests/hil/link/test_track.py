@@ -14,6 +14,16 @@ def told(*, places=(), headings=()):
     return track
 
 
+def test_a_lean_is_interpolated_and_never_carried_on():
+    track = told(places=[(1_000_000, 1.0, 0.0)], headings=[(1_000_000, 0.5, 0.0)])
+    assert (track.at(1_000_000).roll, track.at(1_000_000).pitch) == (0.0, 0.0)
+    track.tilt(1_000_000, 0.1, -0.2)
+    track.tilt(1_100_000, 0.3, -0.1)
+    assert (track.at(1_050_000).roll, track.at(1_050_000).pitch) == pytest.approx((0.2, -0.15))
+    assert (track.at(1_200_000).roll, track.at(1_200_000).pitch) == pytest.approx((0.3, -0.1))
+    assert (track.at(0).roll, track.at(0).pitch) == pytest.approx((0.1, -0.2))
+
+
 STANDING = [(1_000_000, 0.0, 0.0)]
 
 

@@ -1,0 +1,160 @@
+"""How long judging a thousand episodes takes, replies and stored verdicts looked at, as `dronecats judge` does it.
+
+    python -m benchmarks.judge [--json] [--episodes N] [--processes N] [--short]
+
+makes the episodes first, which is not timed: four of five of one drone and one of a fleet of four, as in the hundred,
+each flown to its cap of 300 s with a decision every 2.6 s; random walks with the logs that the logger writes of them.
+`judge_s` is the wall time of all, `cpu_ms_per_episode` the processor time of one, over all processes, and
+`…_per_loop` how many empty loops (`benchmarks/machine.py`) that is. `--short` only shows that every figure can be had.
+"""
+
+import argparse
+import json
+import math
+import os
+import random
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import Machine
+from dronecats.judge.episode import write_verdict
+from dronecats.metrics.judging import Judging, judged_episodes
+from dronecats.rundir import layout
+from dronecats.rundir.rows import Begin, Decision, End, FrameTruth, Pose
+from dronecats.rundir.writing import write_lines
+from foundation.frames import Vec3
+from foundation.protocol import CAP_S, POSE_PERIOD_S
+
+EVERY_S = 2.6  # between two decisions
+FLEET_EVERY, FLEET = 5, 4  # one of so many episodes is a fleet's; its drones
+GOAL_S = 5.0
+TARGET: Vec3 = (20.0, 0.0, -0.7)
+
+
+def write_episode(folder: Path, number: int) -> None:
+    """Write the logs, the record and the verdict of a random flight. Its number is its seed."""
+    rng, drones = random.Random(number), FLEET if number % FLEET_EVERY == 0 else 1
+    folder.mkdir(parents=True)
+    truth: list[Any] = [Begin(t0_us=32_000_000, cap_s=CAP_S)]
+    walks = [_Walk(rng) for _ in range(drones)]
+    for k in range(int(CAP_S / POSE_PERIOD_S)):
+        truth += [walk.pose(round(k * POSE_PERIOD_S + 0.01, 6), drone) for drone, walk in enumerate(walks)]
+    decisions = []
+    for step in range(int(CAP_S / EVERY_S)):
+        t = round(EVERY_S * step + 0.09, 6)
+        truth += [walk.frame(step, t, drone) for drone, walk in enumerate(walks)]
+        told = [_action(rng, step) for _ in walks]
+        reply = json.dumps(told[0] if drones == 1 else told)
+        decisions += [_decision(step, drone, t, reply, action) for drone, action in enumerate(told)]
+    truth.append(End(t=CAP_S, reason="cap"))
+    write_lines(folder / layout.TRUTH, truth)
+    write_lines(folder / layout.DECISIONS, decisions)
+    record = {
+        "id": folder.name, "map": "blocks", "cell": "approaching" if drones == 1 else "commanding",
+        "target": {"position_ned": [20.0, 0.0, 0.0]},
+        "candidates": [{"position_ned": [20.0, 8.0 * k, 0.0]} for k in (-1, 1, 2)] if drones > 1 else [],
+    }  # fmt: skip
+    (folder / layout.EPISODE).write_text(json.dumps(record), encoding="utf-8")
+    write_verdict(folder)
+
+
+class _Walk:
+    """A drone that wanders, as it is logged."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng, self._yaw_deg = rng, 0.0
+        self._place: Vec3 = (0.0, rng.uniform(-3.0, 3.0), -2.0)
+
+    def pose(self, t: float, drone: int) -> Pose:
+        self._step()
+        return Pose(
+            t=t, drone=drone, position_ned=self._place, yaw_deg=self._yaw_deg, target_ned=TARGET,
+            distance_m=self._distance_m(), visible=abs(self._yaw_deg) < 40.0,
+        )  # fmt: skip
+
+    def frame(self, number: int, t: float, drone: int) -> FrameTruth:
+        self._step()
+        return FrameTruth(
+            frame_id=number, t=t, drone=drone, position_ned=self._place, yaw_deg=self._yaw_deg, target_ned=TARGET,
+            distance_m=self._distance_m(), distance_box_m=round(0.9 * self._distance_m(), 4),
+            visible=abs(self._yaw_deg) < 40.0, visible_fraction=0.5, bearing_deg=self._yaw_deg,
+            oracle_depth_m=round(0.95 * self._distance_m(), 4), target_frd=(9.1234, -0.4321, 1.0987),
+            target_box=(412.25, 500.5, 460.75, 570.0),
+        )  # fmt: skip
+
+    def _step(self) -> None:
+        north, east, down = self._place
+        there = (north + self._rng.gauss(0.0, 0.3), east + self._rng.gauss(0.0, 0.3), down)
+        self._place = (round(there[0], 4), round(there[1], 4), there[2])
+        self._yaw_deg = round(math.remainder(self._yaw_deg + self._rng.gauss(0.0, 10.0), 360.0), 4)
+
+    def _distance_m(self) -> float:
+        return round(math.dist(self._place, TARGET), 4)
+
+
+def _action(rng: random.Random, step: int) -> dict[str, Any]:
+    if step % 40 == 39:
+        return {"action": "finished"}
+    if rng.random() < 0.3:
+        return {"action": "rotate", "angle_deg": float(rng.randint(-90, 90))}
+    point = [float(rng.randint(0, 1000)), float(rng.randint(0, 1000))]
+    return {"action": "go", "point": point, "depth_m": round(rng.uniform(1.0, 30.0), 2)}
+
+
+def _decision(step: int, drone: int, t: float, reply: str, action: dict[str, Any]) -> Decision:
+    return Decision(
+        step=step, drone=drone, frame_id=step, t_frame=t, t_decided=round(t + 0.5, 6), reply=reply, action=action,
+        latency_s=0.5, tokens_in=1400, tokens_out=30, thinking=False, rate_hz=0.384615,
+    )  # fmt: skip
+
+
+def _spent_s() -> float:
+    """Return the processor seconds of this process and of its children that have ended."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
+
+
+def measured(episodes: int, processes: int | None) -> dict[str, Any]:
+    """Return the figures."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folders = [Path(scratch) / f"episode-{number:04}" for number in range(episodes)]
+        for number, folder in enumerate(folders):
+            write_episode(folder, number)
+        megabytes = sum(path.stat().st_size for path in Path(scratch).glob("*/*")) / 1e6
+        machine = Machine()
+        began, spent = time.perf_counter(), _spent_s()
+        doubtful = sum(each.judged.doubtful for each in judged_episodes(folders, Judging(), processes))
+        judge_s, cpu_ms = time.perf_counter() - began, 1e3 * (_spent_s() - spent) / episodes
+        machine.look()
+    return {
+        "episodes": episodes,
+        "megabytes": round(megabytes, 1),
+        "doubtful": doubtful,
+        "judge_s": round(judge_s, 2),
+        "goal_s": GOAL_S,
+        "cpu_ms_per_episode": round(cpu_ms, 2),
+        "cpu_ms_per_episode_per_loop": machine.per_loop(cpu_ms),
+        "machine": machine.figures(),
+    }
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--episodes", type=int, default=1000, help="how many are judged (default 1000)")
+    parser.add_argument("--processes", type=int, help="how many judge (default: as many as pay)")
+    parser.add_argument("--short", action="store_true", help="ten episodes: only shows that it works")
+    args = parser.parse_args()
+    told = measured(10 if args.short else args.episodes, args.processes)
+    if args.json:
+        print(json.dumps(told))
+    else:
+        print(f"{told['episodes']} episodes, {told['megabytes']} MB, in {told['judge_s']} s (goal {GOAL_S:g} s)")
+        print(f"{told['cpu_ms_per_episode']} ms of a processor each")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The benchmark under other people's harnesses: Inspect, Gymnasium and their like."""

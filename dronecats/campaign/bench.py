@@ -1,0 +1,139 @@
+"""A benchmark's folder: bench.json, a run folder for each of its runs, and one ledger for all of them."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dronecats.campaign.batch import Batch
+from dronecats.campaign.campaign import OpenRun
+from dronecats.campaign.matrix import BenchEntry, ChosenSuite, benchmark, part_of
+from dronecats.campaign.summary import EpisodeScore, score
+from dronecats.flight.file import as_kept
+from dronecats.flight.flight import look_up
+from dronecats.run.settings import settings
+from dronecats.rundir import layout
+from dronecats.rundir.folder import write_json
+from dronecats.rundir.reading import json_object, stored_result
+from dronecats.rundir.results import Result
+from dronecats.rundir.writing import as_json
+from foundation.errors import UsageError
+
+
+class Bench:
+    """The open folder. Gone on with as it stands: what it holds of other runs stays."""
+
+    def __init__(
+        self,
+        out: Path,
+        suite: ChosenSuite,
+        entries: Sequence[BenchEntry],
+        *,
+        retry: bool,
+        limit: int | None = None,
+        shard: tuple[int, int] | None = None,
+        first: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`limit` and `shard`: how much of it is flown here and now. Raises UsageError, InfrastructureError.
+
+        `first` is called when it is known that all can be flown, before bench.json is written: each run that stands
+        there is opened as what is asked for now. New ones are made after that, so that a kill leaves none untold.
+        """
+        self.out = out
+        self._opened = ExitStack()
+        part = set(part_of(tuple(suite.records), limit, shard))
+        try:
+            configurations = _configurations(suite, entries)
+            told = self._joined(as_json(benchmark(suite, entries, retry=retry)))
+            asked = list(zip(entries, configurations, strict=True))
+            open_ones = {entry.name: self._batch(entry, one) for entry, one in asked if (out / entry.name).exists()}
+            self._keep(told, first)
+            open_ones |= {entry.name: self._batch(entry, one) for entry, one in asked if entry.name not in open_ones}
+            self.runs = tuple(
+                OpenRun(
+                    entry=entry,
+                    batch=open_ones[entry.name],
+                    part=tuple(each for each in entry.episodes if each in part),
+                )
+                for entry in entries
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let another process go on with it."""
+        self._opened.close()
+
+    def stored(self) -> list[tuple[OpenRun, str, Result]]:
+        """Return (run, episode, result) of every episode of this part that has been flown to its end."""
+        return [
+            (run, episode, stored_result(run.batch.folder(episode).name, run.batch.folder(episode)))
+            for run in self.runs
+            for episode in run.part
+            if run.batch.done(episode) is not None
+        ]
+
+    def scores(self, broken: Callable[[OpenRun, str], Result | None]) -> list[EpisodeScore]:
+        """Return what the part that was asked for has come to; `broken` gives the error of a flight that broke off."""
+        found = []
+        flown = {(run.entry.name, episode): result for run, episode, result in self.stored()}
+        for run in self.runs:
+            for episode in run.part:
+                result = flown.get((run.entry.name, episode)) or broken(run, episode)
+                if result is not None:
+                    retried, folder = run.batch.retried(episode), run.batch.folder(episode)
+                    found.append(score(setting_of(run.entry), run.entry.flight, folder, result, retried=retried))
+        return found
+
+    def _batch(self, entry: BenchEntry, configuration: dict[str, Any]) -> Batch:
+        batch = Batch(self.out / entry.name, configuration)
+        self._opened.callback(batch.close)
+        return batch
+
+    def _joined(self, now: dict[str, Any]) -> dict[str, Any]:
+        """Return what bench.json is to say: what is asked for now, and behind it the runs that stand there besides."""
+        try:
+            before = json_object(self.out / layout.BENCH)
+            stands = self.out.iterdir() if self.out.exists() else ()
+            if before is None and any(not path.name.startswith(layout.STUDY) for path in stands):
+                raise UsageError(f"{self.out} is not empty and has no {layout.BENCH}; choose another --out")
+        except OSError as error:
+            raise _unwritable(self.out, error) from None
+        if before is not None and before.get("suite") != now["suite"]:
+            raise UsageError(f"{self.out} is a benchmark of other episodes; choose another --out")
+        names = {run["name"] for run in now["runs"]}
+        others = [run for run in (before or {}).get("runs", ()) if run.get("name") not in names]
+        return {**now, "runs": [*now["runs"], *others]}
+
+    def _keep(self, told: dict[str, Any], first: Callable[[], None]) -> None:
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+            first()
+            write_json(self.out / layout.BENCH, told)
+        except OSError as error:
+            raise _unwritable(self.out, error) from None
+
+
+def _unwritable(folder: Path, error: OSError) -> UsageError:
+    return UsageError(f"the folder {folder} cannot be written: {error.strerror}; choose another --out")
+
+
+def setting_of(entry: BenchEntry) -> str:
+    """Return a run's name without the number of its flight: what is pooled over flights."""
+    return entry.name.rpartition("-f")[0]
+
+
+def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[dict[str, Any]]:
+    """Return what each run.json holds, each model asked once whether it answers. Raises UsageError."""
+    asked: set[str] = set()
+    found = []
+    for entry in entries:
+        who = f"{entry.flight.model} {entry.flight.commander}"
+        spec = entry.flight  # looked up without its ledger, which is made with the folder
+        flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)), ask_model=who not in asked)
+        asked.add(who)
+        told = settings(flight, flight.camera)
+        found.append({**told, "flight": as_kept(spec), "suite": as_json(suite.flown)})
+    return found

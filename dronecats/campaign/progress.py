@@ -1,0 +1,82 @@
+"""How far a campaign is: counts as flights end, and one line that says them. Pure: all times are the caller's."""
+
+from dataclasses import dataclass
+
+from dronecats.agent.models.ledger import Spent
+from dronecats.rundir.results import SCORED, Result
+from dronecats.statistics.shares import wilson
+
+HOUR_S = 3600.0
+
+
+@dataclass(slots=True)
+class Progress:
+    """What has come of the flights so far; `before` of them were there when this sitting began."""
+
+    total: int
+    before: int = 0
+    solved: int = 0
+    failed: int = 0
+    errors: int = 0
+    retries: int = 0
+    flown: int = 0  # flights of this sitting, those that are flown once more included
+
+    @property
+    def done(self) -> int:
+        """Episodes of which something has come, errors included."""
+        return self.solved + self.failed + self.errors
+
+    def stored(self, outcome: str) -> None:
+        """Take in an episode that was flown before."""
+        self.before += 1
+        self._count(outcome)
+
+    def came(self, result: Result, *, again: bool) -> None:
+        """Take in what came of a flight; `again`: it did not move and is flown once more."""
+        self.flown += 1
+        if again:
+            self.retries += 1
+        else:
+            self._count(result.outcome)
+
+    def per_hour(self, wall_s: float) -> float:
+        """Return how many flights have ended an hour of this sitting, which has lasted `wall_s`."""
+        return self.flown * HOUR_S / wall_s if wall_s > 0.0 else 0.0
+
+    def left_s(self, wall_s: float) -> float | None:
+        """Return how many wall seconds are left at this pace; None while nobody knows."""
+        return (self.total - self.done) * wall_s / self.flown if self.flown else None
+
+    def line(self, wall_s: float, spent: Spent | None = None) -> str:
+        """Return it all in one line."""
+        told = [f"{self.done}/{self.total}"]
+        scored = self.solved + self.failed
+        if scored:
+            low, high = wilson(self.solved, scored)
+            told.append(f"SR {self.solved / scored:.0%} ({low:.0%}–{high:.0%})")
+        told.append(f"{self.solved} solved, {self.failed} failed, {_counted(self.errors, 'error')}")
+        if self.retries:
+            told.append(_counted(self.retries, "retry", "retries"))
+        if spent is not None and spent.questions:
+            told.append(f"{spent.tokens:,} tokens" + (f", ${spent.usd:.2f}" if spent.usd else ""))
+        left_s = self.left_s(wall_s)
+        if left_s is not None and self.done < self.total:
+            told.append(f"{self.per_hour(wall_s):.0f} an hour, {_clock(left_s)} left")
+        return "; ".join(told)
+
+    def _count(self, outcome: str) -> None:
+        if outcome == "success":
+            self.solved += 1
+        elif outcome in SCORED:
+            self.failed += 1
+        else:
+            self.errors += 1
+
+
+def _counted(count: int, one: str, several: str | None = None) -> str:
+    return f"{count} {one if count == 1 else several or one + 's'}"
+
+
+def _clock(seconds: float) -> str:
+    minutes = round(seconds / 60.0)
+    return f"{minutes // 60}:{minutes % 60:02d} h"

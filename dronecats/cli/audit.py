@@ -1,0 +1,66 @@
+"""`dronecats audit RUN…`: what other rules would make of the same flights, and what `think` and mending bought."""
+
+import argparse
+import json
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from foundation.protocol import CAP_S, RADIUS_M
+
+if TYPE_CHECKING:
+    from dronecats.metrics.audit import Audit
+    from dronecats.metrics.deliberation import Followed
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("audit")
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="a run folder, one episode of it, or a folder of runs"
+    )
+    parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
+    parser.add_argument("--cap", type=float, default=CAP_S, help="seconds after which nothing counts (default 300)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the audit of all episodes together."""
+    from dronecats.metrics.audit import audit, audited_episode
+    from dronecats.metrics.judging import Judging, of_each
+    from dronecats.results.flown_run import flown_runs
+
+    Judging(delta_m=args.delta, cap_s=args.cap).check()
+    folders = [folder for each in flown_runs(args.runs) for folder in each.episodes]
+    told = audit(of_each(partial(audited_episode, delta_m=args.delta, cap_s=args.cap), folders))
+    if args.json:
+        print(json.dumps(asdict(told)))
+    else:
+        _print(told)
+    return 0
+
+
+def _print(told: "Audit") -> None:
+    from dronecats.metrics.audit import RULES
+
+    print(f"{told.episodes} episodes, {told.scored} scored, {told.successes} successes")
+    print(
+        f"{told.declarations} declarations, {told.false_declarations} of which do not qualify;"
+        f" {told.late_declarations} after the cap, in {told.late_episodes} episodes"
+    )
+    print(f"{told.silent_failures} failures never declared, {told.silent_entered} of which entered the radius")
+    print("\nrule                                                                 told  success  lost  gained")
+    rows = [(said, told.flips[name]) for name, (said, _) in RULES.items()]
+    for said, flips in [*rows, ("strict parsing of what was mended", told.strict)]:
+        print(f"{said:66} {flips.told:6} {flips.successes:8} {flips.lost:5} {flips.gained:7}")
+    gain = "" if told.think.gain_m_per_step is None else f", {told.think.gain_m_per_step:+.2f} m/step after them"
+    print(f"\nthink: {told.think.thinks} steps, {told.think.matched} matched by their closing rate{gain}")
+    print(f"  a stall broken within three steps: {_share(told.think.stalls)}")
+    print(f"  the target seen again within three steps: {_share(told.think.losses)}")
+    print(f"mended: {told.mended} of {told.steps} decisions, {told.changed} of them another one under strict parsing")
+
+
+def _share(told: "Followed") -> str:
+    return f"{told.think}/{told.of_thinks} after a think, {told.other}/{told.of_others} after another step"

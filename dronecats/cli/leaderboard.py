@@ -1,0 +1,45 @@
+"""`dronecats leaderboard FILE… --out PAGE`: a page of verified entries."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from foundation.errors import UsageError
+
+if TYPE_CHECKING:
+    from dronecats.results.archive.verification import Verification
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("leaderboard")
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="what `dronecats verify --json` has printed, or an archive"
+    )
+    parser.add_argument("--out", type=Path, metavar="PAGE", help="Markdown file (the standard output)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the page; status 0."""
+    from dronecats.results.leaderboard import page
+
+    told = page(map(_entry, args.files))
+    if args.out is None:
+        print(told, end="")
+        return 0
+    part = args.out.with_name(args.out.name + ".part")
+    try:
+        part.write_text(told, encoding="utf-8")
+        part.replace(args.out)
+    except OSError as error:
+        raise UsageError(f"{args.out} cannot be written: {error.strerror}") from None
+    return 0
+
+
+def _entry(file: Path) -> "Verification":
+    from dronecats.metrics.judging import reread
+    from dronecats.results.archive.verification import verify
+    from dronecats.results.leaderboard import entry
+
+    return entry(file) if file.suffix == ".json" else verify(file, reread)

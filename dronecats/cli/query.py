@@ -1,0 +1,129 @@
+"""`dronecats query "SELECT …" [RUN…]`: runs asked in SQL. Tables and columns: docs/query.md."""
+
+import argparse
+import csv
+import json
+import math
+import sys
+from collections.abc import Iterable
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from foundation.errors import UsageError
+
+if TYPE_CHECKING:
+    from dronecats.results.database import Selected
+
+NULL = "–"  # in the table for people
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("query")
+    parser.add_argument("sql", nargs="?", metavar="SELECT", help="one SELECT, in quotes")
+    parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="run folders, or folders of runs (./runs)")
+    parser.add_argument("--tables", action="store_true", help="print the tables with their columns and units")
+    parser.add_argument("--csv", metavar="FILE", help="write the answer as CSV, - for the standard output")
+    parser.add_argument("--parquet", type=Path, metavar="FILE", help="write the answer as Parquet")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what the query says; status 0, damaged episodes named on standard error."""
+    if args.tables:
+        from dronecats.results.tables import markdown
+
+        print(markdown(), end="")
+        return 0
+    if args.sql is None:
+        raise UsageError('say what to ask, such as "SELECT * FROM runs"; --tables prints what there is')
+    if args.json and args.csv == "-":
+        raise UsageError("--json and --csv - both go to the standard output; choose one")
+    for file in (args.parquet, None if args.csv in (None, "-") else Path(args.csv)):
+        if file is not None and not file.absolute().parent.is_dir():
+            raise UsageError(f"there is no folder {file.parent} to write {file.name} into")
+    answer = _answer(args)
+    if args.csv is not None:
+        _csv(answer, args.csv)
+    if args.json:
+        print(json.dumps({"rows": [_as_object(answer, row) for row in answer.rows], "damaged": [*answer.damage]}))
+    elif args.csv is None and args.parquet is None:
+        _print(answer)
+    return 0
+
+
+def _answer(args: argparse.Namespace) -> "Selected":
+    from dronecats.results.database import query
+    from dronecats.results.flown_run import flown_runs
+
+    try:
+        answer = query(args.sql, flown_runs(args.runs or [Path("runs")]), args.parquet)
+    except OSError as error:
+        raise UsageError(f"{args.parquet} cannot be written: {error.strerror}") from None
+    for said in answer.damage:
+        print(f"dronecats query: left out but for its row in episodes: {said}", file=sys.stderr)
+    return answer
+
+
+def _csv(answer: "Selected", file: str) -> None:
+    told = [answer.columns, *([_cell(value) for value in row] for row in answer.rows)]
+    if file == "-":
+        csv.writer(sys.stdout, lineterminator="\n").writerows(told)
+        return
+    path = Path(file)
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("w", encoding="utf-8", newline="") as out:
+            csv.writer(out, lineterminator="\n").writerows(told)
+        part.replace(path)
+    except OSError as error:
+        raise UsageError(f"{file} cannot be written: {error.strerror}") from None
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as a cell of CSV has it: lists and structs as JSON, an empty one for null."""
+    return json.dumps(_plain(value)) if isinstance(value, list | tuple | dict | bool) else value
+
+
+def _as_object(answer: "Selected", row: Iterable[Any]) -> dict[str, Any]:
+    return {name: _plain(value) for name, value in zip(answer.columns, row, strict=True)}
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: what is no number is null, and what JSON has no word for is text."""
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, Decimal):
+        value = float(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _print(answer: "Selected") -> None:
+    """Print a table, numbers to the right."""
+    cells = [[_shown(value) for value in row] for row in answer.rows]
+    wide = [max(map(len, column)) for column in zip(answer.columns, *cells, strict=True)]
+    right = [_numeric(row[k] for row in answer.rows) for k in range(len(answer.columns))]
+    for line in (answer.columns, ["─" * width for width in wide], *cells):
+        told = (
+            cell.rjust(width) if to_right else cell.ljust(width)
+            for cell, width, to_right in zip(line, wide, right, strict=True)
+        )
+        print("  ".join(told).rstrip())
+
+
+def _numeric(values: Iterable[Any]) -> bool:
+    return all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return NULL
+    if isinstance(value, float | Decimal):
+        return f"{value:.6g}"
+    return " ".join(str(value).split())

@@ -1,0 +1,73 @@
+"""`dronecats report RUN…`: the paper's tables and figures from one's own runs, and a page to look through them."""
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+
+from foundation.protocol import RADIUS_M
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("report")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folders, or folders that hold runs")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write the report into")
+    parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
+    parser.add_argument("--pool-anyway", action="store_true", help="count runs together though they are of other kinds")
+    parser.add_argument("--drop-stalled", action="store_true", help="leave out episodes that the host held up")
+    parser.add_argument(
+        "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="add a file of your own metrics"
+    )
+    parser.add_argument("--no-page", action="store_true", help="write no page for the browser")
+    parser.add_argument("--embed", action="store_true", help="put the pictures into the page instead of beside it")
+    parser.add_argument("--json", action="store_true", help="print the tables as one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the report; status 0 whatever it says."""
+    import math
+
+    from dronecats.metrics.own import own_metrics
+    from dronecats.metrics.registry import METRICS
+    from dronecats.results.collection import collect, without_stalled
+    from dronecats.review.figures.all import draw
+    from dronecats.review.report import as_json, lineup, opening, write
+    from dronecats.review.tables.all import tables
+    from foundation.errors import UsageError
+
+    if not math.isfinite(args.delta) or args.delta <= 0:
+        raise UsageError(f"--delta wants a radius in metres above 0, got {args.delta:g}")
+    if args.embed and args.no_page:
+        raise UsageError("--embed is of the page; leave out --no-page")
+    if args.out.exists() and not args.out.is_dir():
+        raise UsageError(f"--out {args.out} is a file; name a folder")
+    own = tuple(metric for file in args.metric for metric in own_metrics(file))
+    collection = collect(args.runs, args.delta, (*METRICS.values(), *own))
+    if args.drop_stalled:
+        collection = without_stalled(collection)
+    who = lineup(collection, command(args), pool_anyway=args.pool_anyway)
+    made = tables(who, own)
+    written = write(made, draw(who, made, args.out / "figures"), opening(who, args.delta), args.out)
+    page = None
+    if not args.no_page:
+        from dronecats.review.page import write_page
+
+        page = write_page(collection, made, args.out, embed=args.embed)
+    if args.json:
+        print(json.dumps({"report": str(written), "page": page and str(page), "tables": as_json(made)}))
+    else:
+        print(written.read_text(encoding="utf-8").split("\n## ")[1])
+        print(f"report: {written}" + (f", page: {page}" if page else ""))
+    return 0
+
+
+def command(args: argparse.Namespace) -> str:
+    """Return the command line that makes these tables again."""
+    said = ["dronecats", "report", *(str(path) for path in args.runs)]
+    said += [] if args.delta == RADIUS_M else ["--delta", f"{args.delta:g}"]
+    said += ["--pool-anyway"] * args.pool_anyway + ["--drop-stalled"] * args.drop_stalled
+    return shlex.join(
+        [*said, *(part for path in args.metric for part in ("--metric", str(path))), "--out", str(args.out)]
+    )

@@ -1,0 +1,51 @@
+"""`dronecats submit RUN… --out FILE.tar.xz`: one archive with everything that is needed to judge runs again."""
+
+import argparse
+import os
+from pathlib import Path
+
+from foundation.errors import UsageError
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("submit")
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders, or folders of runs")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the archive, FILE.tar.xz")
+    parser.add_argument("--name", help="of the entry (the pilot's)")
+    parser.add_argument("--note", default="", help="a sentence about the entry")
+    parser.add_argument("--with-frames", action="store_true", help="take in what the pilot saw, not digests alone")
+    parser.add_argument("--partial", action="store_true", help="submit what is no whole suite, or not scored, marked")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the archive and say what is in it; status 0."""
+    from dronecats.cli.verify import as_json, print_verification
+    from dronecats.metrics.judging import reread
+    from dronecats.results.archive.scrubbing import secrets_of
+    from dronecats.results.archive.submission import submit
+    from dronecats.results.archive.verification import verify
+    from dronecats.results.flown_run import flown_runs
+
+    if not args.out.name.endswith(".tar.xz"):
+        raise UsageError(f"--out wants the name of a file that ends with .tar.xz, got {args.out.name}")
+    part = args.out.with_name(args.out.name + ".part")
+    try:
+        submit(
+            flown_runs(args.runs), part, name=args.name, note=args.note, partial=args.partial,
+            with_frames=args.with_frames, secrets=secrets_of(os.environ),
+        )  # fmt: skip
+        told = verify(part, reread)
+        if not told.verified:
+            raise UsageError(f"the archive would not be verified: {told.differences[0]}; `dronecats judge` says more")
+        part.replace(args.out)
+    finally:
+        part.unlink(missing_ok=True)
+    if args.json:
+        print(as_json(told))
+    else:
+        print(f"{args.out}  {told.archive_bytes / 1e6:.1f} MB  SHA-256 {told.archive_sha256}")
+        print_verification(told)
+    return 0

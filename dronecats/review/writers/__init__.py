@@ -1,0 +1,1 @@
+"""The report's tables as files: Markdown, LaTeX and CSV."""

@@ -1,0 +1,1 @@
+"""Intervals and tests for scores of few episodes. Pure; knows nothing of drones."""

@@ -1,0 +1,90 @@
+"""The suite under Inspect: flown by its own model, scored by our verifier, errors left unscored."""
+
+import json
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from inspect_ai import eval as evaluate
+from inspect_ai.log import read_eval_log
+from inspect_ai.model import ModelOutput, ModelUsage, get_model
+
+from dronecats.bridges.inspect_task import dronecats
+from foundation.errors import UsageError
+
+EPISODES = "residential-approaching-03,blocks-commanding-01"
+GO = '{"action": "go", "point": [500, 520], "depth_m": 10}'
+FLEET = "[" + ", ".join([GO] * 4) + "]"
+
+
+def said(text):
+    usage = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
+    output = ModelOutput.from_content("mockllm/model", text)
+    output.usage = usage
+    return output
+
+
+def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, **options):
+    model = get_model("mockllm/model", custom_outputs=answer, memoize=False)
+    task = dronecats(episodes, seconds=8.0, out=str(tmp_path / "runs"), **options)
+    (log,) = evaluate(task, model=model, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False,
+                      reasoning_effort=reasoning_effort)  # fmt: skip
+    return read_eval_log(log.location)
+
+
+def test_what_inspects_model_says_is_what_is_flown_and_judged(tmp_path):
+    def answer(question, tools, choice, config):
+        pictures = sum(part.type == "image" for part in question[0].content)
+        assert (config.temperature, config.max_tokens) == (0.4, 8192)
+        return said(FLEET if pictures == 4 else GO)
+
+    log = run(tmp_path, answer)
+    assert log.status == "success"
+    assert {sample.id for sample in log.samples} == set(EPISODES.split(","))
+    for sample in log.samples:
+        score = sample.scores["verdict"]
+        assert score.value == "I"
+        folder = Path(score.metadata["folder"])
+        assert json.loads((folder / "verdict.json").read_text())["outcome"] == score.metadata["outcome"] == "failure"
+        rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+        assert {row["reply"] for row in rows} == {FLEET if sample.id.startswith("blocks") else GO}
+        assert rows[0]["tokens_in"] == 10
+        asked = [message for message in sample.messages if message.role == "user"]
+        assert len(asked) == len({row["step"] for row in rows}) + 1  # the sample's own input comes first
+    metrics = log.results.scores[0].metrics
+    assert {"accuracy", "approaching", "commanding", "residential", "blocks"} <= set(metrics)
+
+
+@pytest.mark.parametrize("lifted", [None, "high"])
+def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, lifted):
+    words = ['{"action": "think"}', GO, GO]
+    efforts = []
+
+    def answer(question, tools, choice, config):
+        assert (config.temperature, config.max_tokens) == (0.4, 8192)
+        efforts.append(config.reasoning_effort)
+        return said(words[min(len(efforts), len(words)) - 1])
+
+    log = run(tmp_path, answer, episodes=EPISODES.split(",")[0], lifted=lifted, reasoning_effort="low")
+    (sample,) = log.samples
+    folder = Path(sample.scores["verdict"].metadata["folder"])
+    rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+    assert [row["thinking"] for row in rows[:3]] == [False, True, False]
+    assert efforts == [lifted if row["thinking"] and lifted else "low" for row in rows]
+    assert json.loads((folder.parent / "run.json").read_text())["flight"]["outside"].get("lifted") == lifted
+
+
+def test_an_effort_that_inspect_does_not_know_is_refused():
+    with pytest.raises(UsageError, match=r"-T lifted wants one of minimal, .*, got 'much'"):
+        dronecats("quick", lifted=cast(Any, "much"))
+
+
+@pytest.mark.slow
+def test_a_model_that_breaks_is_an_error_and_no_score(tmp_path):
+    def answer(question, tools, choice, config):
+        raise ConnectionError("the vendor is away")
+
+    log = run(tmp_path, answer)
+    for sample in log.samples:
+        assert sample.error is not None
+        assert not sample.scores

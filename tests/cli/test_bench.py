@@ -1,0 +1,244 @@
+"""`dronecats bench` as it is typed: what is refused, what a file says, and what is left when anything is killed."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from dronecats.cli import bench_spec
+from dronecats.cli.main import main, parse
+from dronecats.flight.file import as_kept
+from dronecats.pilots.server import PilotServer
+from dronecats.rundir.reading import json_object
+
+EASY = "residential-approaching-01"
+THREE = (EASY, "residential-searching-01", "campus-tracking-01")
+KEY = "sk-SECRET-1234567890"
+
+
+def runs(*words):
+    args = bench_spec.with_file(parse(["bench", *words]))
+    chosen = bench_spec.suite(args)
+    return args, bench_spec.runs(args, chosen, Path("out"))
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--suite", "quick"], "nothing is to be flown: name a pilot with --model or --pilot"),
+        (["--pilot", "oracle"], "say what is flown: --suite NAME, or episodes by id or file"),
+        (["--suite", "quik", "--pilot", "oracle"], "did you mean quick"),
+        ([EASY, "--suite", "quick", "--pilot", "oracle"], "choose one: the episodes by name, or --suite"),
+        ([EASY, "--pilot", "orakel"], "did you mean oracle"),
+        ([EASY, "--pilot", "oracle", "--rate", "2", "--latency", "fixed:1"], "--rate pins what a reply takes"),
+        ([EASY, "--pilot", "oracle", "--rate", "0"], "--latency rate:HZ wants"),
+        ([EASY, "--pilot", "oracle", "--latency", "real"], "--latency real has no meaning with --speed max"),
+        ([EASY, "--pilot", "oracle", "--shard", "0/2"], "--shard wants i/n"),
+        ([EASY, "--pilot", "oracle", "--shard", "3/2"], "--shard wants i/n"),
+        ([EASY, "--pilot", "oracle", "--shard", "1"], "--shard wants i/n"),
+        ([EASY, "--pilot", "oracle", "--jobs", "0"], "--jobs wants 1 to"),
+        ([EASY, "--pilot", "oracle", "--flights", "0"], "--flights wants 1 to"),
+        ([EASY, "--pilot", "oracle", "--limit", "0"], "--limit wants 1 to"),
+        ([EASY, "--pilot", "oracle", "--axis", "yx"], "--axis goes with --model"),
+        ([EASY, "--pilot", "oracle", "--cost-limit", "3"], "--cost-limit goes with --model"),
+        ([EASY, "--pilot", "oracle", "--commander", "scripted:divide"], "--commander goes with --command hierarchical"),
+        ([EASY, "--pilot", "oracle", "--command", "loud"], "--command wants one of flat, hierarchical, solo"),
+        ([EASY, "--pilot", "oracle", "--agent", "nobody"], "--agent wants paper, steady or MODULE:NAME"),
+        ([EASY, "--pilot", "oracle", "--agent", "json:nothing"], "--agent json:nothing cannot be loaded"),
+        (
+            [EASY, "--pilot", "oracle", "--agent", "steady", "--command", "hierarchical"],
+            "--agent steady goes with --command flat or solo",
+        ),
+        ([EASY, "--pilot", "oracle", "oracle"], "would be called oracle-flat-fixed-0.5-f1"),
+        ([EASY, "--model", "local/x"], "needs --base-url"),
+        (["no-such.toml"], "no-such.toml cannot be read"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_in_one_sentence(words, sentence, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["bench", *words, "--out", "out"]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert len(said.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+FILE = """
+suite = ["quick"]
+pilot = ["oracle"]
+model = ["local/a", { name = "local/b", base_url = "http://h:1/v1", axis = "yx", called = "bee" }]
+command = ["flat", "solo"]
+rate = [2, 0.5]
+flights = 2
+seed = 5
+jobs = 16
+limit = 3
+cost_limit = 20
+token_limit = 1000
+parser = "lenient"
+full = true
+no_retry = true
+"""
+
+
+def test_a_file_says_what_the_options_say(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(FILE)
+    words = ["--suite", "quick", "--pilot", "oracle", "--model", "local/a", "--command", "flat", "solo"]
+    words += ["--rate", "2", "0.5", "--flights", "2", "--seed", "5", "--parser", "lenient", "--full"]
+    words += ["--cost-limit", "20", "--token-limit", "1000"]
+    args, told = runs("my.toml")
+    assert (args.jobs, args.limit, args.no_retry, args.out) == (16, 3, True, Path("runs/my"))
+    _, asked = runs(*words)
+    by_name = {run.name: run for run in told}
+    for run in asked:
+        assert by_name[run.name] == run
+    others = set(by_name) - {run.name for run in asked}
+    assert others == {f"bee-{c}-rate-{r}-f{k}" for c in ("flat", "solo") for r in ("2", "0.5") for k in (1, 2)}
+    kept = as_kept(by_name["bee-flat-rate-2-f1"].flight)["model"]
+    assert (kept["name"], kept["base_url"], kept["axis_order"]) == ("b", "http://h:1/v1", "yx")
+
+
+def test_several_agents_fly_runs_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    both = ["--suite", "quick", "--pilot", "oracle", "--agent", "paper", "steady", "mine.own:agent", "paper"]
+    _, told = runs(*both)
+    assert {run.name: run.flight.agent for run in told} == {
+        "oracle-flat-fixed-0.5-f1": "paper",
+        "oracle-steady-flat-fixed-0.5-f1": "steady",
+        "oracle-mine.own-agent-flat-fixed-0.5-f1": "mine.own:agent",
+    }
+    _, alone = runs("--suite", "quick", "--pilot", "oracle")
+    assert alone == told[:1]
+    Path("my.toml").write_text('suite = ["quick"]\npilot = "oracle"\nagent = ["paper", "steady"]\n')
+    assert runs("my.toml")[1] == told[:2]
+
+
+def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(FILE)
+    args, told = runs("my.toml", "--jobs", "2", "--flights", "1", "--rate", "4", "--out", "there", "--parser", "strict")
+    assert (args.jobs, args.out) == (2, Path("there"))
+    assert {run.flight.latency for run in told} == {"rate:4"}
+    assert {run.flight.seed for run in told} == {5}
+    assert {run.flight.parser for run in told} == {"strict"}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("flihgts = 2", "'flihgts' is not known; did you mean flights?"),
+        ("flights = 2.5", "flights wants a whole number"),
+        ("flights = true", "flights wants a whole number"),
+        ("suite = [1]", "suite wants a list of words"),
+        ("suite = []", "suite wants a list of words"),
+        ('rate = ["two"]', "rate wants a list of numbers"),
+        ("full = 1", "full wants true or false"),
+        ('cost_limit = "much"', "cost_limit wants a number"),
+        ("out = []", "out wants a word"),
+        ("suite = ", "is not TOML"),
+        ('axis = "zz"', "axis wants one of xy, yx"),
+        ('suite = "quick"\nmodel = [{name = "local/x", tempo = 1}]', "a model of the file has 'tempo'"),
+        ('suite = "quick"\nmodel = [{axis = "yx"}]', "wants a name"),
+        (
+            'suite = "quick"\nmodel = [{name = "local/x", base_url="http://h/v1", axis = "zz"}]',
+            "axis of local/x wants one of xy, yx",
+        ),
+    ],
+)
+def test_a_file_that_says_something_else_is_refused(text, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(text)
+    assert main(["bench", "my.toml"]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert len(said.strip().splitlines()) == 1
+
+
+def bench(out, *words):
+    command = [sys.executable, "-m", "dronecats.cli.main", "bench", "--out", str(out), *words]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "OPENAI_API_KEY": KEY}
+    )
+
+
+def finished(process):
+    """Return (status, what it said, what it complained about) of a command that is over."""
+    out, errors = process.communicate(timeout=900)
+    return process.returncode, out, errors
+
+
+@pytest.mark.slow
+def test_one_budget_is_for_all_flights_and_ends_the_run(tmp_path):
+    """Two runs of a model that takes a move for every question; the money is gone in the first steps of the first."""
+    with PilotServer(lambda prompt, pictures: '{"action": "rotate", "angle_deg": 90}', "turns") as server:
+        words = [*THREE[:2], "--model", "local/turns", "--base-url", server.base_url, "--flights", "2", "--jobs", "2"]
+        status, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
+        assert status == 3, errors
+        told = json.loads(out.splitlines()[-1])
+        assert (told["ending"], told["episodes"]) == ("budget", 4)
+        assert told["done"] < 4
+        assert told["spent"]["tokens"] >= 3000
+        assert "the limit of 3,000 tokens is spent" in errors
+        assert "the same command goes on" in errors.splitlines()[-1]
+        again, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
+        assert again == 3  # nothing is left to fly on with, and that is said without a flight
+        assert json.loads(out.splitlines()[-1])["spent"] == told["spent"]
+    assert len(list(tmp_path.glob("b/**/ledger.sqlite"))) == 1
+    kept = json_object(tmp_path / "b" / "bench.json")
+    assert kept is not None
+    assert [run["name"] for run in kept["runs"]] == [f"local-turns-flat-fixed-0.5-f{k}" for k in (1, 2)]
+
+
+def flown_bytes(out):
+    """Return what lockstep makes the same, by place."""
+    names = ("truth.jsonl", "decisions.jsonl", "verdict.json")
+    return {str(f.relative_to(out)): f.read_bytes() for name in names for f in sorted(out.glob(f"*/*/{name}"))}
+
+
+def in_the_air(out, process):
+    """Wait until a flight of this sitting has begun; return False when the process has ended before."""
+    while process.poll() is None:
+        if any(not (log.parent / "verdict.json").exists() for log in out.glob("*/*/flight.tlog")):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.slow
+def test_whatever_is_killed_whenever_the_same_command_ends_with_the_same_bytes(tmp_path):
+    words = [*THREE, "--pilot", "oracle", "--flights", "2", "--jobs", "2"]
+    status, _, errors = finished(bench(tmp_path / "whole", *words))
+    assert status == 0, errors
+    whole, draw = flown_bytes(tmp_path / "whole"), random.Random(12)
+    assert len(whole) == 3 * 6
+    out, killed = tmp_path / "torn", 0
+    for what in ("worker", "parent", "worker", "parent"):
+        process = bench(out, *words)
+        if in_the_air(out, process):
+            time.sleep(draw.uniform(0.0, 3.0))  # any moment will do
+            children = [p for p in psutil.Process(process.pid).children() if "dronecats.campaign.worker" in p.cmdline()]
+            victim = process.pid if what == "parent" or not children else draw.choice(children).pid
+            os.kill(victim, signal.SIGKILL)
+            killed += 1
+        finished(process)
+        _, alive = psutil.wait_procs(children, timeout=20)
+        assert not alive
+        stored = flown_bytes(out)
+        done = [place for place in stored if place.endswith("verdict.json") and b'"error"' not in stored[place][:40]]
+        for place in done:  # whatever was finished before is as it is in the end
+            assert stored[place] == whole[place]
+    status, _, errors = finished(bench(out, *words))
+    assert status == 0, errors
+    assert killed >= 2
+    assert flown_bytes(out) == whole
+    status, said, errors = finished(bench(out, *words))  # and flies nothing more
+    assert (status, "6/6" in errors) == (0, True)
+    assert "6/6" in said

@@ -1,0 +1,115 @@
+"""The words for what is done to a flight on purpose, on every verb that flies one."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from dronecats.cli import bench_spec
+from dronecats.cli.disturbance_options import OPTIONS
+from dronecats.cli.fly_spec import said_of_replay, spec_of
+from dronecats.cli.main import main, parse
+from dronecats.flight.disturbances import UNDISTURBED, Disturbances, FrameFaults
+from dronecats.flight.disturbed import disturbed
+from dronecats.flight.file import as_json, from_json
+from dronecats.flight.spec import FlightSpec, Simulated
+from foundation.errors import UsageError
+from tests.flight.test_recording import EASY, FLOWN, folder
+
+WORDS = ["--frame-delay", "0.5", "--frame-drop", "0.1", "--frame-stale", "0.2", "--frame-rate", "4"]
+FRAME = FrameFaults(delay_s=0.5, dropped=0.1, stale=0.2, rate_hz=4.0)
+
+
+def test_fly_and_bench_and_a_file_say_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = spec_of(parse(["fly", "--sitl", "--pilot", "oracle", *WORDS]))
+    assert asked.disturbances == Disturbances(frame=FRAME)
+    Path("my.toml").write_text(
+        'suite = "quick"\npilot = "oracle"\nframe_delay = 0.5\nframe_drop = 0.1\nframe-stale = 0.2\nframe_rate = 4\n'
+    )
+    for words in (["my.toml"], ["--suite", "quick", "--pilot", "oracle", *WORDS]):
+        args = bench_spec.with_file(parse(["bench", *words]))
+        (entry,) = bench_spec.runs(args, bench_spec.suite(args), Path("out"))
+        assert entry.flight.disturbances == asked.disturbances
+        assert json.dumps(as_json(entry.flight)["disturbances"]) == json.dumps(as_json(asked)["disturbances"])
+    assert spec_of(parse(["fly", "--sitl"])).disturbances == UNDISTURBED
+    assert from_json(json.loads(json.dumps(as_json(asked))), "here") == asked
+
+
+def test_every_option_is_told_in_the_help_and_on_its_page():
+    page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
+    for option in OPTIONS:
+        assert option.help
+        assert f"--{option.name.replace('_', '-')}" in page
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--sitl", "--frame-drop", "1"], "the share of dropped pictures is 0 to 0.95, got 1"),
+        (["--sitl", "--frame-delay", "-1"], "a picture's delay is 0 to 60 s"),
+        (["--sitl", "--frame-rate", "0.1", "--frame-delay", "9"], "their delay and a period together is 0 to 15 s"),
+        (["--connect", "udpin://0.0.0.0:14540", "--frame-delay", "1"], "--frame-delay goes with --sitl"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(words, said, capsys):
+    assert main(["fly", *words]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_file_of_words_is_checked_too(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text('suite = "quick"\npilot = "oracle"\nframe_delay = "late"\n')
+    assert main(["bench", "my.toml"]) == 2
+    assert "frame_delay wants a number" in capsys.readouterr().err
+
+
+def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherwise(tmp_path, capsys):
+    flown = replace(FLOWN, disturbances=Disturbances(frame=FRAME))
+    kept = folder(tmp_path / "run", flown)
+    words = ["--sitl", "--model", f"replay:{kept}"]
+    assert spec_of(parse(["fly", *words])).disturbances == flown.disturbances
+    other = parse(["fly", *words, "--frame-delay", "0"])
+    assert spec_of(other).disturbances == Disturbances(frame=replace(FRAME, delay_s=0.0))
+    assert said_of_replay(other, EASY).endswith("but for --frame-delay")
+    assert main(["fly", "--spec", str(kept / "run.json"), "--frame-delay", "1"]) == 2
+    assert "leave --frame-delay out" in capsys.readouterr().err
+
+
+def test_a_connected_vehicle_has_disturbances_of_its_own():
+    from dronecats.flight.spec import Connected
+
+    with pytest.raises(ValueError, match="disturbances go with simulated"):
+        FlightSpec(
+            pilot="vision", instruction="go", connected=Connected(url="x"), disturbances=Disturbances(frame=FRAME)
+        )
+
+
+def test_what_is_done_is_said_in_words():
+    assert disturbed(UNDISTURBED) is None
+    assert disturbed(Disturbances(frame=FRAME)) == (
+        "pictures are taken 4 times a second, pictures come 0.5 s late, 10 % of pictures never come,"
+        " 20 % of questions have the picture of the question before"
+    )
+    vehicle = replace(UNDISTURBED.vehicle, wind_ned=(3.0, -4.0, 0.0), payload_kg=0.2)
+    told = disturbed(Disturbances(vehicle=vehicle))
+    assert told == "wind of 3 m/s north and -4 m/s east, a payload of 0.2 kg"
+
+
+def test_a_trace_that_a_bench_flies_is_named_after_its_numbers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("x.csv").write_text("0.5\n1.5\n")
+    args = bench_spec.with_file(
+        parse(["bench", "--suite", "quick", "--pilot", "oracle", "--latency", "trace:x.csv", "cap:0.5"])
+    )
+    entries = bench_spec.runs(args, bench_spec.suite(args), Path("out"))
+    assert [entry.flight.latency_trace for entry in entries] == [(0.5, 1.5), None]
+    assert [entry.name for entry in entries] == [f"oracle-flat-{entries[0].flight.latency.replace(':', '-')}-f1",
+                                                 "oracle-flat-cap-0.5-f1"]  # fmt: skip
+    assert entries[0].flight.simulated == Simulated(speed=None, rendered=False)
+    args.latency = ["trace:none.csv"]
+    with pytest.raises(UsageError, match="cannot be read"):
+        bench_spec.runs(args, bench_spec.suite(args), Path("out"))

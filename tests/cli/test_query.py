@@ -1,0 +1,93 @@
+"""`dronecats query` and the export as a user calls them."""
+
+import csv
+import io
+import json
+
+import pytest
+
+from dronecats.cli.main import main
+from tests.results.synthetic_runs import write_run
+
+SQL = "SELECT episode, success, ne_m, [1, 2] AS list, 'nan'::DOUBLE AS nan, NULL AS none FROM episodes ORDER BY ALL"
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_run(tmp_path / "runs" / "oracle", ("campus-searching-01", "residential-approaching-01"))
+    return tmp_path
+
+
+def test_runs_are_looked_for_in_runs_and_printed_as_a_table(place, capsys):
+    assert main(["query", SQL]) == 0
+    head, rule, *rows = capsys.readouterr().out.splitlines()
+    assert head.split() == ["episode", "success", "ne_m", "list", "nan", "none"]
+    assert set(rule) == {"─", " "}
+    assert rows[0].split() == ["campus-searching-01", "True", "1.5", "[1,", "2]", "nan", "–"]
+
+
+def test_json_is_one_object(place, capsys):
+    assert main(["query", SQL, "runs/oracle", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["damaged"] == []
+    assert told["rows"][0] == {
+        "episode": "campus-searching-01", "success": True, "ne_m": 1.5, "list": [1, 2], "nan": None, "none": None,
+    }  # fmt: skip
+
+
+def test_csv_goes_to_a_file_or_to_the_standard_output(place, capsys):
+    assert main(["query", SQL, "--csv", "-"]) == 0
+    printed = capsys.readouterr().out
+    assert main(["query", SQL, "--csv", "answer.csv"]) == 0
+    assert capsys.readouterr().out == ""
+    assert (place / "answer.csv").read_text() == printed
+    assert list(csv.reader(io.StringIO(printed)))[1] == ["campus-searching-01", "true", "1.5", "[1, 2]", "nan", ""]
+
+
+def test_parquet_is_a_file_of_its_own(place, capsys):
+    assert main(["query", SQL, "--parquet", "answer.parquet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert (place / "answer.parquet").read_bytes()[:4] == b"PAR1"
+
+
+def test_damage_is_told_on_standard_error(place, capsys):
+    (place / "runs" / "oracle" / "campus-searching-01" / "truth.jsonl").write_text("[]\n")
+    assert main(["query", "SELECT count(*) AS n FROM steps"]) == 0
+    told = capsys.readouterr()
+    assert told.out.split()[-1] == "5"
+    assert "truth.jsonl line 1 is damaged" in told.err
+
+
+def test_the_tables_are_told_without_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["query", "--tables"]) == 0
+    assert "| `ne_m` | DOUBLE | m; " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["query"], "--tables prints what there is"),
+        (["query", "SELECT 1", "nowhere"], "there is no folder nowhere"),
+        (["query", "SELECT 1", "--csv", "no/where.csv"], "there is no folder no"),
+        (["query", "SELECT 1", "--parquet", "no/where"], "there is no folder no"),
+        (["query", "SELECT 1", "--parquet", "runs"], "runs cannot be written"),
+        (["query", "SELECT 1", "--csv", "runs"], "runs cannot be written"),
+        (["query", "SELECT 1", "--csv", "-", "--json"], "choose one"),
+        (["query", "SELEC"], "syntax error"),
+    ],
+)
+def test_wrong_usage_is_one_sentence(arguments, said, place, capsys):
+    assert main(arguments) == 2
+    told = capsys.readouterr().err.strip()
+    assert said in told
+    assert len(told.splitlines()) == 1
+
+
+def test_the_export_is_an_action_of_bench(place, capsys):
+    assert main(["bench", "export-parquet", "runs", "--out", "out", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rows"]["episodes"] == 2
+    assert len(list((place / "out").glob("*.parquet"))) == 5
+    assert main(["bench", "export-parquet", "runs"]) == 2
+    assert "--out DIR" in capsys.readouterr().err

@@ -1,0 +1,78 @@
+"""What a model or a server says reaches the terminal as text, through the program as it is started."""
+
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.cli.output import Drawing, Lossy, Printing
+from tests.agent.models.pointing import wrapped
+from tests.agent.models.recording import Recording
+from tests.support.command_line import DRONECATS
+
+HOSTILE = "\x1b]52;c;cm0gLXJm\x07\x1b[2J\x9b31m\r\u202eelif\u2066 \x08\x00\x7f"
+STEERS = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
+
+
+def run(*words, **streams):
+    """Return what the program prints, standard error among it."""
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
+    done = subprocess.run([*DRONECATS, *words], capture_output=True, env=environment, timeout=120, check=False)
+    return done.returncode, (done.stdout + done.stderr).decode("utf-8")
+
+
+def said(text):
+    return json.dumps(wrapped("openai", text, 1, 1)).encode()
+
+
+@pytest.mark.parametrize("form", [[], ["--json"]])
+def test_the_words_of_a_model_that_is_checked(form):
+    with Recording(said(HOSTILE)) as server:
+        status, told = run("models", "check", "local/m", "--base-url", server.url, *form)
+    assert status == 1
+    assert "elif" in told
+    assert not STEERS.search(told)
+
+
+@pytest.mark.parametrize("answered", [400, 200])
+def test_the_words_of_a_server_that_gives_no_answer(answered):
+    with Recording(HOSTILE.encode(), answered) as server:
+        status, told = run("models", "check", "local/m", "--base-url", server.url)
+    assert status == 3
+    assert r"\u001b]52;c;cm0gLXJm\u0007" in told
+    assert "elif" in told
+    assert not STEERS.search(told)
+
+
+def test_the_words_of_the_command_line_itself():
+    status, told = run("fly", "--sitl", "--pilot", f"x{HOSTILE}".replace("\x00", ""))
+    assert status == 2
+    assert r"\u001b[2J" in told
+    assert not STEERS.search(told)
+
+
+@given(st.lists(st.text()))
+def test_nothing_else_than_text_comes_through_an_output(texts):
+    raw = io.BytesIO()
+    stream = Printing(raw, "utf-8", "backslashreplace")
+    assert [stream.write(text) for text in texts] == [len(text) for text in texts]
+    stream.writelines(texts)
+    print(*texts, file=stream, flush=True)
+    assert not STEERS.search(raw.getvalue().decode())
+
+
+def test_a_bar_of_our_own_may_go_back_on_its_line(monkeypatch):
+    reading, writing = os.pipe()
+    stream = Printing(io.BufferedWriter(Lossy(writing)), "utf-8")
+    monkeypatch.setattr(sys, "stderr", stream)
+    for file in (Drawing(), sys.stderr):
+        print("\r50 %", end="", file=file, flush=True)
+    os.close(writing)
+    with open(reading, "rb") as pipe:
+        assert pipe.read() == b"\r50 %\\u000d50 %"

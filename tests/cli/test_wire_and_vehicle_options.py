@@ -1,0 +1,118 @@
+"""What is done to wire and vehicle, in the words of `fly` and of a bench.toml."""
+
+import argparse
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from dronecats.cli.disturbance_options import add_disturbance_options, disturbances_of
+from dronecats.cli.link_option import link_faults
+from dronecats.flight.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
+from dronecats.flight.disturbed import disturbed
+from foundation.errors import UsageError
+from hil.impairment.channel import Impairment
+
+
+def parsed(*words: str, lockstep: bool = False) -> Disturbances:
+    parser = argparse.ArgumentParser()
+    add_disturbance_options(parser)
+    return disturbances_of(parser.parse_args(words), lockstep=lockstep)
+
+
+def test_a_wire_is_said_in_a_word_and_one_way_overrides_both() -> None:
+    both = Impairment(delay_s=0.1, loss=0.05, baud=57_600)
+    assert link_faults("delay=0.1,loss=0.05,baud=57600") == LinkFaults(to_vehicle=both, from_vehicle=both)
+    assert link_faults("to.loss=1,delay=0.2,from.delay=0.3, to.queue=4096") == LinkFaults(
+        to_vehicle=Impairment(delay_s=0.2, loss=1.0, queue_bytes=4096), from_vehicle=Impairment(delay_s=0.3)
+    )
+    every = "jitter=0.1,duplicate=0.2,reorder=0.3,corrupt=0.01"
+    assert link_faults(every).from_vehicle == Impairment(jitter_s=0.1, duplicate=0.2, reorder=0.3, corrupt=0.01)
+
+
+def test_every_option_reaches_its_field() -> None:
+    found = parsed(
+        "--wind=-4,3", "--gusts", "7.7", "--payload", "0.5", "--gps-delay", "0.2", "--gps-noise", "3", "--sensor-noise",
+        "2", "--setpoint-rate", "5", "--host-stalls", "0.1,0.6", "--link", "loss=0.1",
+    )  # fmt: skip
+    assert found == Disturbances(
+        link=LinkFaults(to_vehicle=Impairment(loss=0.1), from_vehicle=Impairment(loss=0.1)),
+        vehicle=VehicleFaults(
+            wind_ned=(-4.0, 3.0, 0.0), gusts_w20=7.7, payload_kg=0.5, gps_delay_s=0.2, gps_noise=3.0,
+            estimator_noise=2.0, setpoint_hz=5.0, stalled=0.1, stall_s=0.6,
+        ),
+    )  # fmt: skip
+    assert parsed() == Disturbances()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--link los=0.1", "--link takes NAME=VALUE,… with the names delay,"),
+        ("--link delay", "got 'delay'"),
+        ("--link .delay=1", "got '.delay=1'"),
+        ("--link via.delay=1", "got 'via.delay=1'"),
+        ("--link delay=fast", "takes a number where it says 'delay=fast'"),
+        ("--link baud=1e5", "takes a whole number where it says 'baud=1e5'"),
+        ("--link loss=2", "loss is a share from 0 to 1"),
+        ("--link delay=nan", "delay is 0 to 60 seconds"),
+        ("--link loss=1", "to.loss=1"),
+        ("--wind 4", "--wind wants N,E"),
+        ("--wind nan,0", "the wind is 0 to 30 m/s"),
+        ("--wind 30,30", "the wind is 0 to 30 m/s"),
+        ("--gusts 31", "the wind of the gusts is 0 to 30 m/s"),
+        ("--payload -1", "the payload is 0 to 20 kg"),
+        ("--gps-delay 2", "the GPS delay is 0 to 1.4 s"),
+        ("--setpoint-rate 1", "the setpoints' rate is 2 to 50 Hz"),
+        ("--host-stalls 0.1", "--host-stalls wants a share"),
+        ("--host-stalls 2,1", "the share of stalled seconds is 0 to 1"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_sentence(words: str, said: str) -> None:
+    with pytest.raises(UsageError) as told:
+        parsed(*words.split(" ", 1))
+    assert said in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_host_cannot_stall_in_lockstep() -> None:
+    with pytest.raises(UsageError, match="--host-stalls goes with --speed N"):
+        parsed("--host-stalls", "0.1,0.5", lockstep=True)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("--link", "delay=0.1,loss=0.05,baud=57600"),
+            "the wire both ways has a delay of 0.1 s and 5 % of frames lost and 57600 baud and a queue of 2048 bytes",
+        ),
+        (
+            ("--link", "to.jitter=0.1,from.reorder=0.2"),
+            "the wire to the vehicle has jitter of 0.1 s, the wire from the vehicle has 20 % of frames out of order",
+        ),
+        (("--gps-delay", "0.2", "--gps-noise", "3"), "fixes are 0.2 s older than they say, GPS noise × 3"),
+        (("--host-stalls", "0.1,0.5"), "the simulator stands still for 0.5 s in 10 % of seconds"),
+    ],
+)
+def test_what_is_done_is_said_in_words(words: tuple[str, ...], told: str) -> None:
+    assert disturbed(parsed(*words)) == told
+
+
+def test_nothing_that_is_done_is_left_unsaid() -> None:
+    told = [disturbed(UNDISTURBED)]
+    wires: dict[str, Any] = {
+        "loss": 0.1, "delay_s": 0.1, "jitter_s": 0.1, "duplicate": 0.1, "reorder": 0.1, "corrupt": 0.1, "baud": 300,
+        "cuts": ((1.0, 2.0),),
+    }  # fmt: skip
+    assert {*wires, "queue_bytes"} == {field.name for field in fields(Impairment)}
+    for name, value in wires.items():
+        wire = Impairment(**{name: value})
+        told += [disturbed(Disturbances(link=LinkFaults(**{way: wire}))) for way in ("to_vehicle", "from_vehicle")]
+    faults: dict[str, Any] = {
+        "wind_ned": (0.0, 0.0, 1.0), "gusts_w20": 1.0, "payload_kg": 1.0, "gps_delay_s": 0.1, "gps_noise": 0.0,
+        "estimator_noise": 0.0, "setpoint_hz": 20.0, "stalled": 0.1,
+    }  # fmt: skip
+    assert {*faults, "stall_s"} == {field.name for field in fields(VehicleFaults)}
+    told += [disturbed(Disturbances(vehicle=VehicleFaults(**{name: value}))) for name, value in faults.items()]
+    assert len(set(told)) == 1 + 2 * len(wires) + len(faults)

@@ -1,0 +1,109 @@
+"""One computes, the others wait: in the order of their asking, and beside whoever only waits."""
+
+import threading
+
+import pytest
+
+from foundation.turn import STEPS, ComputingTurn
+
+
+def start(*jobs):
+    threads = [threading.Thread(target=job, daemon=True) for job in jobs]
+    for thread in threads:
+        thread.start()
+    return threads
+
+
+def ended(threads):
+    for thread in threads:
+        thread.join(10.0)
+    return not any(thread.is_alive() for thread in threads)
+
+
+def asking(turn, seen, count):
+    """Wait until so many stand in the queue."""
+    while len(turn._queue) < count:
+        assert not seen.is_set()
+        threading.Event().wait(0.001)
+
+
+def test_only_one_computes_and_in_the_order_of_asking():
+    turn, order, inside, never = ComputingTurn(), [], [], threading.Event()
+
+    def job(number):
+        with turn.taken():
+            inside.append(number)
+            assert len(inside) == 1
+            order.append(number)
+            inside.remove(number)
+
+    with turn.taken():
+        threads = []
+        for number in range(5):
+            threads += start(lambda number=number: job(number))
+            asking(turn, never, number + 1)
+        assert order == []
+    assert ended(threads)
+    assert order == [0, 1, 2, 3, 4]
+
+
+def test_who_waits_lets_others_compute_and_then_stands_in_line_again():
+    turn, said = ComputingTurn(), threading.Event()
+
+    def answer():
+        with turn.taken():
+            said.set()
+
+    with turn.taken():
+        threads = start(answer)
+        with turn.lent():
+            assert said.wait(10.0)
+        assert not turn._queue
+        threads += start(answer)
+        asking(turn, threading.Event(), 1)
+    assert ended(threads)
+
+
+def test_who_does_not_have_it_lends_nothing():
+    turn = ComputingTurn()
+    with turn.taken():
+        threads = start(lambda: turn.lent().__enter__())
+        assert ended(threads)
+        late = start(lambda: turn.taken().__enter__())
+        asking(turn, threading.Event(), 1)
+    assert ended(late)
+
+
+def test_an_error_gives_it_back():
+    turn = ComputingTurn()
+    with pytest.raises(ValueError, match="lent"), turn.taken(), turn.lent():
+        raise ValueError("lent")
+    with pytest.raises(ValueError, match="taken"), turn.taken():
+        raise ValueError("taken")
+    assert ended(start(lambda: turn.taken().__enter__()))
+
+
+def test_who_never_waits_gives_it_to_the_others_after_some_steps():
+    turn, had = ComputingTurn(), threading.Event()
+
+    def other():
+        with turn.taken():
+            had.set()
+
+    with turn.taken():
+        threads = start(other)
+        asking(turn, had, 1)
+        for _ in range(STEPS):
+            turn.step()
+        assert not had.is_set()
+        turn.step()
+        assert had.is_set()
+        with turn.lent():  # and who has waited in between begins to count anew
+            pass
+        threads += start(other)
+        had.clear()
+        asking(turn, had, 1)
+        turn.step()
+        assert not had.is_set()
+    turn.step()  # without it: nothing
+    assert ended(threads)

@@ -1,0 +1,38 @@
+"""How often setpoints are sent: thinned to a rate on the ticks that there are, and ticks made more frequent."""
+
+import itertools
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from hil.link.streams import FAST, SetpointRate, Streams
+
+
+@given(st.floats(2.0, 20.0), st.lists(st.integers(-1, 1), min_size=400, max_size=400))
+@example(15.0, [0] * 400)
+def test_as_many_are_sent_as_was_asked_for_and_never_two_at_once(hz: float, rounding: list[int]) -> None:
+    rate = SetpointRate(hz)
+    ticks = [50_000 * (n + 20) + 1000 * off for n, off in enumerate(rounding)]
+    sent = [tick for tick in ticks if rate.due(tick)]
+    assert abs(len(sent) - 20.0 * hz) <= 2  # in twenty seconds; a stamp that is rounded up may cost one tick
+    assert all(later - earlier > 1e6 / hz - 52_000 for earlier, later in itertools.pairwise(sent))
+
+
+def test_without_a_rate_every_tick_sends_and_a_restarted_clock_is_no_reason_to_wait() -> None:
+    always, seldom = SetpointRate(), SetpointRate(2.0)
+    assert all(always.due(time_us) for time_us in (0, 50_000, 100_000, 10_000))
+    assert seldom.due(90_000_000)
+    assert not seldom.due(90_400_000)
+    assert seldom.due(1_000_000)  # the vehicle has rebooted
+    assert not seldom.due(1_400_000)
+    assert seldom.due(60_000_000)  # after a pause one is due, and not all that were missed
+    assert not seldom.due(60_050_000)
+
+
+def test_quicker_telemetry_is_asked_for_and_then_counted_anew() -> None:
+    streams = Streams()
+    streams.check(1_000_000)
+    asked = streams.quicken(20_000)
+    assert [(each.message_id, each.interval_us) for each in asked] == [(i, 20_000) for i in FAST]
+    assert streams.check(5_000_000) == []
+    assert {streams.wanted[i] for i in FAST} == {20_000}

@@ -1,0 +1,34 @@
+"""What was done to flights on purpose makes a line of its own, and is said above the tables."""
+
+from dronecats.results.entrants import entrants
+from dronecats.review.report import opening
+from dronecats.review.tables.setup import setup
+from foundation.protocol import RADIUS_M
+from tests.review.small import line, small
+from tests.support.scores import a_run, collected, flights
+
+LATE = "pictures come 0.5 s late"
+
+
+def disturbed():
+    """Return the flights of one pilot, as they are and with late pictures."""
+    late = a_run("runs/late", flight={"disturbances": {"frame": {"delay_s": 0.5}}}, disturbed=LATE)
+    return collected(flights(a_run("runs/plain"), {"campus-approaching": "ss"}),
+                     flights(late, {"campus-approaching": "sf"}))  # fmt: skip
+
+
+def test_a_disturbed_run_is_no_flight_of_the_undisturbed_line():
+    assert [entrant.label for entrant in entrants(disturbed())] == ["vision", f"vision, {LATE}"]
+
+
+def test_it_is_said_above_the_tables_and_in_the_one_that_tells_how_it_was_flown():
+    who = small(disturbed())
+    assert [said for said in opening(who, RADIUS_M) if "on purpose" in said] == [
+        f"vision, {LATE} was disturbed on purpose: {LATE}."
+    ]
+    table = setup(who)
+    assert line(table, f"vision, {LATE}")["disturbed"].value == LATE
+    assert line(table, "vision")["disturbed"].value is None
+    plain = small()
+    assert not [said for said in opening(plain, RADIUS_M) if "on purpose" in said]
+    assert "disturbed" not in [column.name for column in setup(plain).columns]

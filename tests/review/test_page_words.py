@@ -1,0 +1,170 @@
+"""The page in a real browser: its tables and words, how it looks where, and what strange or damaged runs do to it."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+from dronecats.results.collection import collect
+from dronecats.review.page import write_page
+from tests.review.paged_runs import EPISODES, TABLE, picture_is, point_of, ring_is_at
+from tests.support.run_folders import episode_folder, run_folder
+
+HOSTILE = (
+    "</script><script>window.hacked=1</script><img src=x onerror='window.hacked=2'><!-- <script> {{blocks}}</script x"
+)
+
+
+def test_the_tables_are_told_in_their_own_words_and_lead_on(reader, page):
+    reader.open(page)
+    told = reader.text()
+    for words in (
+        "Main results",
+        "Approaching",
+        "SR ↑",
+        "NE ↓",
+        "34–100",
+        "3.9",
+        "Intervals are Wilson's.",
+        "dronecats report runs",
+    ):
+        assert words in told
+    assert "built-in pilot, no model" in told
+    reader.click("100")
+    reader.until(lambda: re.fullmatch("#of/.*/approaching", reader.hash))
+
+
+def test_a_list_can_be_sorted_and_narrowed(reader, page):
+    from selenium.webdriver.support.ui import Select
+
+    reader.open(page, "#of/oracle")
+    names = lambda: [each.text for each in reader.all("main [data-row]")]  # noqa: E731
+    assert names() == sorted(EPISODES)
+    assert [each.text for each in reader.all("tbody td:nth-child(3)")] == ["success"] * 3
+    reader.click("Episode")
+    reader.click("Episode")
+    assert names() == sorted(EPISODES, reverse=True)
+    assert reader.one("th[aria-sort]").get_attribute("aria-sort") == "descending"
+    Select(reader.one("#outcome")).select_by_value("success")
+    assert len(names()) == 3
+
+
+def test_dark_and_light_as_the_system_and_as_one_likes(reader, page):
+    def paper():
+        return reader.script("return getComputedStyle(document.body).backgroundColor")
+
+    def system(theme):
+        features = [{"name": "prefers-color-scheme", "value": theme}]
+        reader.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+    reader.open(page)
+    system("light")
+    light = paper()
+    system("dark")
+    dark = paper()
+    assert dark != light
+    reader.one("#theme").click()  # dark, whatever the system has
+    system("light")
+    assert paper() == dark
+    reader.press("t")
+    system("dark")
+    assert paper() == light
+    reader.open(page, "#of/oracle")  # it is kept
+    assert paper() == light
+    reader.press("t")
+    assert paper() == dark  # the system's again
+
+
+@pytest.mark.parametrize("place", ["", "#of/oracle", "#qwen/yard-approaching-01/3", "#fleet/yard-commanding-01/2",
+                                   "#qwen/yard-approaching-01/3/qwen-again"])  # fmt: skip
+def test_it_fits_a_phone(reader, page, place):
+    phone = {"width": 360, "height": 780, "deviceScaleFactor": 2, "mobile": True}
+    reader.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
+    reader.open(page, place)
+    assert reader.script("return [document.documentElement.scrollWidth, innerWidth]") == [360, 360]
+    if "/" in place and not place.startswith("#of"):
+        boxes = reader.script("""return [...document.querySelectorAll(".view, .plan, .pilotage")].map(
+                                        (each) => each.getBoundingClientRect().width)""")
+        assert min(boxes) > 150
+
+
+@pytest.mark.parametrize("place", ["", "#of/oracle", "#fleet/yard-commanding-01/2"])
+def test_everything_that_can_be_used_has_a_name(reader, page, place):
+    """Whatever takes the focus says what it is, and pictures say what they show."""
+    reader.open(page, place)
+    tree = reader.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    named = {"button", "link", "combobox", "slider", "textbox", "image", "checkbox", "option", "dialog", "columnheader"}
+    told = [(node["role"]["value"], node.get("name", {}).get("value", "")) for node in tree if not node.get("ignored")]
+    used = [(role, name) for role, name in told if role in named]
+    assert len(used) > 3
+    assert [role for role, name in used if not name.strip()] == []
+
+
+def test_whatever_a_model_says_stays_words(reader, tmp_path):
+    """Beside the page and within it: as reply, as instruction, as the name of an episode's folder and of a model."""
+    model = {"provider": "vllm", "name": HOSTILE}
+    folder = tmp_path / "runs/<b>run"
+    run_folder(folder, {}, model=model)
+    episode_folder(folder / "yard-approaching-01", HOSTILE, told=HOSTILE)
+    for embed in (False, True):
+        page = write_page(collect([folder]), [], tmp_path / f"report-{embed}", embed=embed)
+        reader.open(page)
+        assert HOSTILE in reader.text()
+        reader.open(page, "#b-run/yard-approaching-01/1")
+        assert reader.text(".reply") == HOSTILE
+        assert HOSTILE in reader.text(".told")
+        assert reader.script("return window.hacked") is None
+        assert reader.errors() == []
+
+
+def test_embedded_it_is_one_file(reader, runs, tmp_path):
+    written = write_page(collect([runs]), [TABLE], tmp_path / "report", embed=True)
+    assert [path.name for path in written.parent.iterdir()] == ["index.html"]
+    alone = tmp_path / "elsewhere.html"
+    shutil.move(written, alone)
+    reader.open(alone)
+    reader.open(alone, "#qwen/yard-approaching-01/2")
+    reader.until(
+        lambda: reader.script(
+            "const i = document.querySelector('.view img'); return i.complete && i.naturalWidth === 320"
+        )
+    )
+    ring_is_at(reader, point_of(runs, "qwen/yard-approaching-01", 2))
+    reader.press("j")
+    reader.until(lambda: reader.hash.endswith("/3"))
+    assert reader.errors() == []
+
+
+def test_what_is_damaged_is_said_and_spoils_nothing_else(reader, runs, tmp_path):
+    shutil.copytree(runs / "qwen", tmp_path / "qwen")
+    log = tmp_path / "qwen/yard-approaching-01/truth.jsonl"
+    log.write_text("{}\n" + log.read_text())
+    (tmp_path / "qwen/yard-searching-01/commander.jsonl").write_text("{}\n")
+    page = write_page(collect([tmp_path / "qwen"]), [], tmp_path / "report")
+    for episode, file in (("yard-approaching-01", "truth.jsonl"), ("yard-searching-01", "commander.jsonl")):
+        reader.open(page, f"#qwen/{episode}")
+        assert f"{file} line 1 is damaged" in reader.text()
+    reader.open(page, "#qwen/yard-approaching-02/1")
+    picture_is(reader, "yard-approaching-02/000001.jpg")
+    (tmp_path / "report/data/qwen/yard-approaching-02.js").unlink()
+    reader.open(page, "#qwen/yard-approaching-02/1")
+    assert "belongs beside this page" in reader.text()
+
+
+def test_who_commands_is_listed(reader, runs, tmp_path):
+    shutil.copytree(runs / "fleet", tmp_path / "fleet")
+    asked = {"number": 0, "t_asked": 2.7, "t_answered": 3.2, "causes": [{"why": "report", "drone": 1}],
+             "roster": "Drone 1", "frames": [0, 1, 2, 3], "reply": HOSTILE,
+             "orders": [{"drone": 2, "goal": "look behind"}], "confirms": [1], "error": None, "latency_s": 0.5,
+             "tokens_in": 10, "tokens_out": 2, "model": "chief"}  # fmt: skip
+    (tmp_path / "fleet/yard-commanding-01/commander.jsonl").write_text(json.dumps(asked) + "\n")
+    page = write_page(collect([tmp_path / "fleet"]), [], tmp_path / "report")
+    reader.open(page, "#fleet/yard-commanding-01")
+    reader.one(".exchanges summary").click()
+    told = reader.text(".exchanges")
+    for words in ("2.7 s: report of drone 2", "Drone 3: look behind", "drone 2", "chief", HOSTILE):
+        assert words in told
+    reader.click("Go to this time")
+    reader.until(lambda: reader.hash == "#fleet/yard-commanding-01/1")
+    assert reader.script("return window.hacked") is None

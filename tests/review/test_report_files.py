@@ -1,0 +1,117 @@
+"""The report as files: the same as it was last looked at, the same twice, figures that say what their tables do."""
+
+import subprocess
+import sys
+
+import pytest
+
+from dronecats.review.figures import all as figures
+from dronecats.review.figures import bars, rates, style
+from dronecats.review.report import write
+from dronecats.review.report_table import ReportTable
+from dronecats.review.tables.all import tables
+from foundation.errors import InfrastructureError
+from tests.review import golden
+from tests.review.small import line, small
+from tests.support.scores import a_run, an_episode, collected, named
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_text(encoding="utf-8") for path in folder.rglob("*.*")}
+
+
+def test_the_small_report_is_as_it_was_looked_at(tmp_path):
+    golden.report(tmp_path)
+    assert files(tmp_path) == files(golden.FOLDER)
+
+
+def test_a_full_disk_is_said(tmp_path):
+    (tmp_path / "tables").write_text("a file where a folder should be")
+    with pytest.raises(InfrastructureError, match="the report cannot be written into"):
+        write((), {}, (), tmp_path)
+
+
+ENDED = ("success", "declared", "arrived", "did not move")
+
+
+def told(ended=ENDED) -> dict[str, ReportTable]:
+    """Return tables that every figure can be drawn of."""
+    run = a_run("runs/m", model=named("m"))
+    steps = {"rate_hz": tuple(float(n) for n in range(1, 22))}
+    flown = [an_episode(run, f"campus-approaching-{k:02}", "success" if mode == "success" else "failure", mode=mode,
+                        steps=steps) for k, mode in enumerate(ended)]  # fmt: skip
+    drones = {"drones_found": 1, "drones_beside": 2, "drones_elsewhere": 0, "drones_silent": 1}
+    flown.append(an_episode(run, "blocks-commanding-01", "success", values=drones))
+    flown.append(an_episode(a_run("runs/o", pilot="oracle"), "campus-approaching-00", "success", mode="success"))
+    return {table.name: table for table in tables(small(collected(flown)))}
+
+
+def drawn(figure):
+    """Return the bars of a figure as (left, width, height of its middle), rounded."""
+    (axis,) = figure.axes
+    return [
+        (round(p.get_x(), 3), round(p.get_width(), 3), round(p.get_y() + p.get_height() / 2, 3)) for p in axis.patches
+    ]
+
+
+def test_failure_bars_stand_end_to_end_and_are_the_tables_shares():
+    table = told()["failures"]
+    bar = [
+        (left, width) for left, width, y in drawn(bars.modes(table)) if y == drawn(bars.modes(table))[0][2] and width
+    ]
+    assert bar == [(0, 25), (25, 25), (50, 25), (75, 25)]
+
+
+def test_the_numbers_in_failure_bars_are_the_tables():
+    table = told(["success"] * 7 + ["declared"])["failures"]
+    (axis,) = bars.modes(table).axes
+    shares = [cell.text(column) for cell, column in zip(table.rows[0].cells, table.columns, strict=True)][2:4]
+    assert shares == ["88", "13"]
+    written = [text.get_text() for text in axis.texts if text.get_text().isdigit()]
+    assert written == [shares[0], "100", shares[1]]  # part by part: m's and the oracle's successes come first
+
+
+def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
+    figure = bars.decomposition(told()["drones"])
+    assert [each[:2] for each in drawn(figure) if each[1]] == [(0, 25), (25, 50), (75, 25)]
+    (axis,) = figure.axes
+    assert [list(mark.get_xdata()) for mark in axis.lines if mark.get_marker() == "D"] == [[100.0]]
+
+
+def test_nested_bars_are_the_tables_rates():
+    table = told()["approaching"]
+    row = line(table, "vllm/m")
+    widths = [width for _, width, _ in drawn(bars.nested(table))]
+    assert widths[0::2] == [row[column].value for column, _, _ in bars.NESTED]
+
+
+def test_boxes_are_the_tables_quantiles():
+    (box,) = drawn(rates.rates(told()["served"]))
+    assert box[:2] == (6.0, 10.0)
+
+
+def test_blocks_stay_apart():
+    lines, heads = style.lines(told()["approaching"])
+    assert [title for title, _ in heads] == ["Models", "Built-in pilots, no models"]
+    assert lines[0].y < heads[1][1] < lines[1].y
+
+
+def test_every_figure_is_drawn_in_three_formats_and_the_same_twice(tmp_path):
+    who, made = small(), tuple(told().values())
+    first = figures.draw(who, made, tmp_path / "a")
+    again = figures.draw(who, made, tmp_path / "b")
+    assert list(first) == ["approaching", "failures", "drones", "served", figures.GRID]
+    assert [path.name for path in first.values()] == [
+        "reach_declare_succeed.png", "failure_modes.png", "commanding_by_drone.png", "served_rate.png",
+        "episode_by_episode.png",
+    ]  # fmt: skip
+    for one, other in zip(first.values(), again.values(), strict=True):
+        for kind in style.FORMATS:
+            a, b = (path.with_suffix(f".{kind}").read_bytes() for path in (one, other))
+            assert a == b, f"{one.stem}.{kind}"
+            assert len(a) > 1000
+
+
+def test_nothing_is_drawn_at_the_import_of_the_verb():
+    code = "import sys, dronecats.cli.report; assert 'matplotlib' not in sys.modules and 'numpy' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

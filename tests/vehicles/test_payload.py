@@ -1,0 +1,52 @@
+"""What a payload does to the physics, and which is too heavy."""
+
+import numpy as np
+import pytest
+
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY
+from tests.vehicles.fleet import HIGH, ORIGIN, PERFECT, hover_speed, spin
+from vehicles.airframe import load, names
+from vehicles.multirotor import Multirotor
+from vehicles.payload import HOVER_MAX, laden, liftable_kg
+
+
+def craft(payload_kg: float) -> Multirotor:
+    return Multirotor(laden(load("x500"), payload_kg), seed=1, origin=ORIGIN, position_ned=HIGH, suite=PERFECT)
+
+
+def test_hovering_takes_thrust_by_the_ratio_of_the_masses() -> None:
+    empty, full = craft(0.0), craft(0.5)
+    assert hover_speed(full) ** 2 / hover_speed(empty) ** 2 == pytest.approx(2.5 / 2.0)
+    for speed, lift in ((hover_speed(empty), 2.0 / 2.5 * GRAVITY), (hover_speed(full), GRAVITY)):
+        spin(full, speed)
+        full.advance(1)
+        assert full.truth["accel_frd"][2] == pytest.approx(-lift, rel=0.001)
+
+
+def test_it_turns_more_slowly_about_roll_and_pitch_and_not_about_yaw() -> None:
+    frame = load("x500")
+    heavy = laden(frame, 0.5)
+    # Steiner for both masses about their common centre of mass, the payload halfway down to the feet
+    down = frame.standing_m / 2.0
+    centre = 0.5 * down / 2.5
+    expected = frame.inertia_frd[0] + 2.0 * centre**2 + 0.5 * (down - centre) ** 2
+    assert heavy.inertia_frd == pytest.approx((expected, expected, frame.inertia_frd[2]))
+    for axis, ratio in ((0, frame.inertia_frd[0] / expected), (2, 1.0)):
+        rates = []
+        for each in (craft(0.0), craft(0.5)):
+            each.state["external_torque"][axis] = 0.01
+            each.advance(50)
+            rates.append(float(each.state["rates"][axis]))
+        assert rates[1] / rates[0] == pytest.approx(ratio, rel=0.01)
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_leaves_no_thrust_to_steer_with_is_refused(name: str) -> None:
+    frame = load(name)
+    most_kg = liftable_kg(frame)
+    assert laden(frame, most_kg).mass_kg * GRAVITY == pytest.approx(HOVER_MAX * frame.thrust_max)
+    with pytest.raises(UsageError, match=f"'{name}' cannot carry"):
+        laden(frame, 1.01 * most_kg)
+    assert laden(frame, 0.0) is frame
+    assert np.isfinite(most_kg)

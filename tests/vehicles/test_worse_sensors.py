@@ -1,0 +1,107 @@
+"""Sensors made worse on purpose: by the factor that was asked for, and fixes that are older than they say."""
+
+import numpy as np
+import pytest
+
+from foundation.errors import UsageError
+from foundation.frames import geodetic_to_ned
+from tests.vehicles.fleet import HIGH, ORIGIN, PERFECT, vehicle
+from vehicles.multirotor import Multirotor
+from vehicles.sensors import Suite
+from vehicles.wind import Wind
+
+
+def sigma(craft: Multirotor, field: str, every: int) -> float:
+    """Return the standard deviation of 1,500 samples that come every so many milliseconds."""
+    values = []
+    for _ in range(1500):
+        craft.advance(every)
+        values.append(np.copy(craft.sensors[field]))
+    return float(np.mean(np.std(np.array(values), axis=0)))
+
+
+@pytest.mark.parametrize(("field", "every"), [("accel_frd", 1), ("gyro_frd", 1), ("mag_frd", 10), ("pressure_hpa", 20)])
+def test_noise_grows_by_its_factor_from_the_moment_on(field: str, every: int) -> None:
+    craft = vehicle(position_ned=HIGH)
+    assert sigma(craft, field, every) > 0.0
+    before, after = vehicle(), vehicle()
+    after.advance(100)
+    after.sense(Suite().worsened(noise=4.0))
+    assert sigma(after, field, every) == pytest.approx(4.0 * sigma(before, field, every), rel=0.15)
+
+
+def test_a_fixs_errors_grow_by_their_factor_and_what_the_receiver_reports_stays() -> None:
+    spread, reported = [], []
+    for factor in (1.0, 5.0):
+        errors = []
+        for seed in range(60):
+            craft = vehicle(seed=seed, suite=Suite().worsened(gps_noise=factor))
+            craft.advance(500)
+            fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
+            errors.append(np.array(geodetic_to_ned(*ORIGIN, *fix)) - craft.truth["position_ned"])
+            reported.append(float(craft.sensors["gps_eph_m"]))
+        spread.append(np.std(errors))
+    assert spread[1] == pytest.approx(5.0 * spread[0], rel=0.01)
+    assert set(reported) == {Suite().gps_eph_m}
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 10.0])
+def test_what_wanders_is_larger_by_its_factor_from_the_moment_on(factor: float) -> None:
+    """Else an error whose time constant is half an hour would grow throughout the flight."""
+    fixes: dict[float, list[np.ndarray]] = {0.5: [], 30.0: []}  # m, by the seconds since
+    drifts: dict[float, list[float]] = {0.5: [], 30.0: []}  # hPa
+    for changed in (1.0, factor):
+        for after_s in fixes:
+            errors, airs = [], []
+            for seed in range(12):
+                craft = vehicle(seed=seed)
+                craft.advance(500)
+                craft.sense(Suite().worsened(gps_noise=changed, noise=changed))
+                craft.advance(round(after_s * 1000))
+                fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
+                errors.append(np.array(geodetic_to_ned(*ORIGIN, *fix)) - craft.truth["position_ned"])
+                airs.append(float(craft.memory["baro_drift"]))
+            fixes[after_s].append(np.array(errors))
+            drifts[after_s].append(float(np.sqrt(np.mean(np.square(airs)))))
+    for after_s, (plain, worse) in fixes.items():
+        assert rms(worse) == pytest.approx(factor * rms(plain), rel=0.02)
+        assert drifts[after_s][1] == pytest.approx(factor * drifts[after_s][0], rel=0.02)
+
+
+def rms(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def test_a_late_fix_is_of_a_place_before_the_moment_that_it_names() -> None:
+    craft = vehicle(position_ned=HIGH, suite=PERFECT.worsened(gps_delay_s=0.3))
+    craft.state["velocity"] = (5.0, -3.0, 0.0)
+    places, seen = {}, set()
+    for _ in range(2000):
+        craft.advance(1)
+        places[int(craft.truth["time_us"])] = craft.truth["position_ned"].copy()
+        named = int(craft.sensors["gps_time_us"])
+        if named == 0 or named in seen:
+            continue
+        seen.add(named)
+        assert craft.sensors["time_us"] - named == PERFECT.gps_latency_us  # as if it came in time
+        fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
+        assert geodetic_to_ned(*ORIGIN, *fix) == pytest.approx(places[named - 300_000], abs=1e-3)
+    assert len(seen) == 16  # of twenty, four are under way
+
+
+def test_a_delay_beyond_the_fixes_under_way_is_refused() -> None:
+    Suite().worsened(gps_delay_s=1.4)
+    with pytest.raises(UsageError, match="gps_late_us = 1600000"):
+        Suite().worsened(gps_delay_s=1.6)
+
+
+def test_gusts_that_begin_later_are_as_fast_as_those_from_boot() -> None:
+    craft = vehicle(position_ned=(0.0, 0.0, -5000.0))
+    craft.advance(2000)
+    craft.meet(Wind((3.0, 0.0, 0.0), 10.0))
+    before = craft.air["filter"].copy()
+    craft.advance(1)
+    once = craft.air["filter"].copy()
+    craft.advance(9)
+    assert (once != before).any()
+    assert (craft.air["filter"] == once).all()  # one update a hundredth of a second, and none to catch up
