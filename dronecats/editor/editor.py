@@ -12,13 +12,13 @@ from typing import Any
 
 import viser
 
-from dronecats.editor import display
 from dronecats.editor.assessment import Previews, findings
 from dronecats.editor.draft import Draft, Drafting
 from dronecats.editor.latest import Latest
 from dronecats.editor.panels import Panels
 from dronecats.editor.scene_view import SceneView
 from dronecats.editor.session import Session
+from dronecats.scenery import display
 from episodes import catalogue, maps
 from episodes.check.finding import RuleFinding
 from episodes.record import EpisodeRecord

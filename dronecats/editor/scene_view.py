@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 
-from dronecats.editor import display
 from dronecats.editor.assessment import PREVIEW
 from dronecats.editor.draft import Draft, Drafting
+from dronecats.scenery import display
 from episodes.assets.paint import PAINTS
 from episodes.check.limits import OF_OTHER_MAPS, RULES
 from episodes.scene import Sun

@@ -7,8 +7,8 @@ import urllib.request
 
 import pytest
 
-from dronecats.editor import display
 from dronecats.editor.editor import Editor
+from dronecats.scenery import display
 from episodes import catalogue
 
 pytestmark = pytest.mark.slow

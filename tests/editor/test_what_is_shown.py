@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.editor import display, report
+from dronecats.editor import report
 from dronecats.editor.assessment import PREVIEW, Previews, findings
 from dronecats.editor.draft import Drafting
 from dronecats.editor.latest import Latest
+from dronecats.scenery import display
 from episodes import assets, maps
 from episodes.check import rules
 from episodes.check.finding import RuleFinding
