@@ -31,7 +31,7 @@ class Follower(Protocol):
         ...
 
 
-class ShownFlight:
+class LiveFlight:
     """One flight on the page."""
 
     def __init__(
@@ -71,7 +71,7 @@ class LivePage:
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
-        self._shown: ShownFlight | None = None
+        self._shown: LiveFlight | None = None
         self._folder: Path | None = None  # of the flight that is shown
         self._world: object = None  # of what map the ground is
         self._told: object = None
@@ -100,12 +100,12 @@ class LivePage:
         if self._shown is not None:
             self._shown.turn()
 
-    def _taken_up(self, folder: Path) -> ShownFlight:
+    def _taken_up(self, folder: Path) -> LiveFlight:
         """Return a flight where it is now. Building its world may take some seconds."""
         world = flown_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
-        return ShownFlight(self._server, follower, world, drones, lens_in(folder), follower.trails)
+        return LiveFlight(self._server, follower, world, drones, lens_in(folder), follower.trails)
 
     def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
         chosen = self._choice.value
