@@ -1,4 +1,4 @@
-"""What a flight's tlog tells beside the true poses: modes, battery, words, setpoints, and where an autopilot thought it was."""
+"""What a flight's tlog tells beside the true poses: modes, battery, words, setpoints, and the autopilot's own places."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -79,7 +79,7 @@ class _Wires:
 
     clocks: dict[int, VehicleClock] = field(default_factory=dict)
     newest_us: int = 0
-    state: VehicleState = VehicleState()
+    state: VehicleState = field(default_factory=VehicleState)
     states: list[tuple[float, OnboardState]] = field(default_factory=list)
     texts: list[tuple[float, str]] = field(default_factory=list)
     said: dict[int, StatusTexts] = field(default_factory=dict)  # by component

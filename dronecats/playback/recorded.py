@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +16,19 @@ from dronecats.film.track import DroneTrack, traced
 from dronecats.judge.measured import measured
 from dronecats.judge.verdict import Measured
 from dronecats.metrics.flown_episode import FlownEpisode, flown_episode
-from dronecats.metrics.flown_step import pointed
 from dronecats.playback.occurrences import OFFBOARD, Occurrence, OccurrenceKind, envelope_rows, occurrences
 from dronecats.playback.onboard import Heard, VehicleLog, vehicle_logs
 from dronecats.results.flown_run import FlownRun, flown_run
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, episode_folder
-from dronecats.rundir.rows import Decision, EstimatedPose, Pose
+from dronecats.rundir.rows import Decision, EstimatedPose, FrameTruth, Pose
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
+from dronecats.watch.sight import ChosenSight, chosen_go, sight
 from episodes.fleet import DronePose
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from foundation.frames import Vec3, rotate
-from foundation.protocol import POINT_SPAN
+from foundation.frames import Vec3
 
 SAID = 8  # texts that a moment remembers
 SOON_S = 1e-6
@@ -93,6 +93,11 @@ class ReplayedFlight:
         """Return where a drone of `drones` was; before the first sample and after the last it stays there."""
         return self.tracks[drone].at(t_s)
 
+    def way(self, drone: int, t_s: float, every_s: float) -> list[Vec3]:
+        """Return the places of a drone from the beginning to a time, so many seconds apart."""
+        places = self.tracks[drone].positions(np.append(np.arange(0.0, t_s, every_s), t_s))
+        return [(float(north), float(east), float(down)) for north, east, down in places]
+
     def moment(self, t_s: float) -> Moment:
         """Return all that is shown of a time; before the beginning and after the end, of these."""
         t_s = min(max(t_s, 0.0), self.end_s)
@@ -106,19 +111,21 @@ class ReplayedFlight:
             judge=self._judge(t_s),
             state=f"over: {end.reason}" if end is not None and over else "in the air",
             rate_hz=newest.rate_hz if newest else None,
+            instruction=self.instruction,
         )
 
     def _drone(self, drone: int, t_s: float) -> DroneMoment:
         pose, heard = self.pose(drone, t_s), self.vehicles.get(drone, VehicleLog(drone))
         asked, decided = self._newest(drone, t_s, "t_frame"), self._newest(drone, t_s, "t_decided")
         state = heard.states.at(t_s)
-        lens = self._lens(drone, decided.t_frame) if decided and pointed(decided) else None
+        ray = self._sight(decided)
         return DroneMoment(
             drone=drone,
             position_ned=pose.position_ned,
             attitude=pose.attitude,
             velocity_ned=(heard.true_velocity if self.true else heard.own_velocity).at(t_s),
             true=self.true,
+            height_m=self._height(pose.position_ned),
             setpoint_ned=heard.setpoints.at(t_s) if state is None or state.mode == OFFBOARD else None,
             mode=state.mode if state else "",
             armed=state.armed if state else None,
@@ -127,8 +134,8 @@ class ReplayedFlight:
             picture=self._picture(asked),
             decision=decided,
             decided_on=self._picture(decided),
-            chosen_ned=self._chosen(decided),
-            lens_ned=lens,
+            chosen_ned=ray.place_ned if ray else None,
+            lens_ned=ray.lens_ned if ray else None,
         )
 
     def _said(self, drone: int, t_s: float) -> tuple[str, ...]:
@@ -145,7 +152,7 @@ class ReplayedFlight:
         for drone in self.drones:
             own = [each for each in self.episode.logs.decisions if each.drone == drone]
             for when in ("t_frame", "t_decided"):
-                ordered = sorted(own, key=lambda each, when=when: (getattr(each, when), each.step))
+                ordered = sorted(own, key=attrgetter(when, "step"))
                 found[drone, when] = Heard(tuple(getattr(each, when) for each in ordered), tuple(ordered))
         return found
 
@@ -161,20 +168,16 @@ class ReplayedFlight:
         fresh = ShownPicture(decision.frame_id, jpeg, decision.t_frame)
         return self._pictures.setdefault((decision.drone, decision.frame_id), fresh)
 
-    def _lens(self, drone: int, t_s: float) -> Vec3:
-        pose = self.pose(drone, t_s)
-        return _moved(pose.position_ned, rotate(pose.attitude, self.camera.offset_frd))
-
-    def _chosen(self, decision: Decision | None) -> Vec3 | None:
-        """Return the place on the ray through the point, as deep in the picture as the pilot thought."""
-        go = pointed(decision) if decision else None
+    def _sight(self, decision: Decision | None) -> ChosenSight | None:
+        """Return the ray of a go, from where its picture was taken; None of any other decision."""
+        go = chosen_go(decision) if decision else None
         if decision is None or go is None:
             return None
-        across = go.depth_m / self.camera.focal_px
-        ray = (go.depth_m, (go.x / POINT_SPAN - 0.5) * self.camera.width * across,
-               (go.y / POINT_SPAN - 0.5) * self.camera.height * across)  # fmt: skip
-        attitude = self.pose(decision.drone, decision.t_frame).attitude
-        return _moved(self._lens(decision.drone, decision.t_frame), rotate(attitude, ray))
+        pose = self.pose(decision.drone, decision.t_frame)
+        return sight(go, pose.position_ned, pose.attitude, self.camera)
+
+    def _height(self, place: Vec3) -> float:
+        return (self.world.ground_down(place[0], place[1]) if self.world else 0.0) - place[2]
 
     # ---- what only the judge knows
 
@@ -208,7 +211,8 @@ class ReplayedFlight:
     @cached_property
     def _target_rows(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         logs = self.episode.logs
-        told = {row.t: row.target_ned for row in (*logs.poses, *logs.frames.values()) if row.target_ned is not None}
+        rows: list[Pose | FrameTruth] = [*logs.poses, *logs.frames.values()]
+        told = {row.t: row.target_ned for row in rows if row.target_ned is not None}
         return np.array(sorted(told)), np.array([told[t] for t in sorted(told)], np.float64).reshape(-1, 3)
 
 
@@ -249,11 +253,14 @@ def of_one_episode(flights: Sequence[ReplayedFlight]) -> None:
     """Raise UsageError naming two of these flights that are not of one episode."""
     first, others = flights[0], flights[1:]
     for other in others:
+        if other.true != first.true:
+            raise UsageError(f"of {first.episode.folder} and {other.episode.folder} only one tells the truth: places of "
+                             "the other are its autopilot's own, and lie in no common frame")  # fmt: skip
         if other.episode.id != first.episode.id:
             raise UsageError(f"{first.episode.folder} is of {first.episode.id} and {other.episode.folder} of "
                              f"{other.episode.id}: only flights of one episode are laid over one another")  # fmt: skip
         if other.episode.record != first.episode.record:
-            raise UsageError(f"{first.episode.folder} and {other.episode.folder} are of two records that are both named "
+            raise UsageError(f"{first.episode.folder} and {other.episode.folder} are of two records both named "
                              f"{first.episode.id}: only flights of one episode are laid over one another")  # fmt: skip
 
 
@@ -296,7 +303,3 @@ def _jpeg(path: Path) -> bytes | None:
         return path.read_bytes()
     except OSError:
         return None
-
-
-def _moved(place: Vec3, by: Vec3) -> Vec3:
-    return place[0] + by[0], place[1] + by[1], place[2] + by[2]

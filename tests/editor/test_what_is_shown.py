@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dronecats.editor import report
 from dronecats.editor.assessment import PREVIEW, Previews, findings
 from dronecats.editor.draft import Drafting
-from dronecats.editor.latest import Latest
+from foundation.latest import Latest
 from dronecats.scenery import display
 from episodes import assets, maps
 from episodes.check import rules
