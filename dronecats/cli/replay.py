@@ -18,7 +18,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     parser.add_argument("--at", type=float, default=0.0, metavar="S", help="stand there at first (default 0)")
     parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="seconds of flight a second (default 1)")
-    parser.add_argument("--port", type=int, default=PORT, metavar="N", help="of the page on this machine (default 8080)")
+    parser.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help="of the page on this machine (default 8080)"
+    )
     parser.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
     parser.set_defaults(run=run)
 

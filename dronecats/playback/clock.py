@@ -28,7 +28,7 @@ class PlaybackClock:
         return self.scrubbed(self.end_s, wall_s) if self.playing and self.at(wall_s) >= self.end_s else self
 
     def toggled(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock that plays where this one stands, and the other way round; from the end on it begins anew."""
+        """Return the clock that plays where this one stands, and the other way round; at the end it begins anew."""
         t_s = self.at(wall_s)
         begins = not self.playing and t_s >= self.end_s
         return replace(self, t_s=0.0 if begins else t_s, wall_s=wall_s, playing=not self.playing)

@@ -1,6 +1,7 @@
 """The panel of a page of flights: who flew, the time, its speed, what one can jump to, and the views drawn again."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -64,8 +65,8 @@ class Controls:
         self._time.on_update(self._by_hand(lambda: orders.go_to(float(self._time.value))))
         times.on_click(lambda event: TIMES[event.target.value](orders))
         self._speed.on_update(self._by_hand(lambda: orders.at_speed(float(self._speed.value[:-1]))))
-        for kind in self._lists:
-            self._lists[kind].on_update(self._by_hand(lambda kind=kind: self._jump(kind)))
+        for kind, handle in self._lists.items():
+            handle.on_update(self._by_hand(partial(self._jump, kind)))
 
     def on_view(self, chosen: Callable[[AgainView | None], None]) -> None:
         """Have it called with the view that somebody chooses here."""

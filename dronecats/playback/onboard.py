@@ -1,4 +1,4 @@
-"""What a flight's tlog tells beside the true poses: modes, battery, words, setpoints, and the autopilot's own places."""
+"""What a flight's tlog tells beside the true poses: modes, battery, words, setpoints, and an autopilot's places."""
 
 from bisect import bisect_right
 from collections.abc import Sequence

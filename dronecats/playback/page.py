@@ -219,9 +219,8 @@ class ReplayPage:
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
             scene.judge_shown = state.judge and number == state.flight
-            along = state.along and number == state.flight
-            if before is None or (before.flight, before.drone, before.along) != (state.flight, state.drone, state.along):
-                scene.follow(self._drone(state) if along else None)
+            if before is None or replace(before, judge=state.judge, view=state.view) != state:
+                scene.follow(self._drone(state) if state.along and number == state.flight else None)
 
     def _drone(self, state: PageState) -> int:
         """Return the chosen drone of the chosen flight, its first where that has none of the number."""

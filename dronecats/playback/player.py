@@ -48,9 +48,7 @@ class Player:
     def idle(self, timeout_s: float) -> bool:
         """Wait until it stands still and everything is shown; return whether that came to pass within the time."""
         with self._news:
-            return self._news.wait_for(
-                lambda: not (self._stale or self._busy or self._clock.playing), timeout_s
-            )
+            return self._news.wait_for(lambda: not (self._stale or self._busy or self._clock.playing), timeout_s)
 
     def close(self) -> None:
         """End the thread once what is being shown is shown."""

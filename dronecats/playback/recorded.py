@@ -254,8 +254,8 @@ def of_one_episode(flights: Sequence[ReplayedFlight]) -> None:
     first, others = flights[0], flights[1:]
     for other in others:
         if other.true != first.true:
-            raise UsageError(f"of {first.episode.folder} and {other.episode.folder} only one tells the truth: places of "
-                             "the other are its autopilot's own, and lie in no common frame")  # fmt: skip
+            raise UsageError(f"of {first.episode.folder} and {other.episode.folder} only one tells the truth: places "
+                             "of the other are its autopilot's own, and lie in no common frame")  # fmt: skip
         if other.episode.id != first.episode.id:
             raise UsageError(f"{first.episode.folder} is of {first.episode.id} and {other.episode.folder} of "
                              f"{other.episode.id}: only flights of one episode are laid over one another")  # fmt: skip
