@@ -16,17 +16,18 @@ from dronecats.playback.recorded import ReplayedFlight
 from dronecats.playback.views import HEIGHT_PX, WIDTH_PX, AgainView
 
 NOT_DRAWN = "not drawn"
+NONE = "none"
 TIMES: dict[str, Callable[[Orders], None]] = {
-    "⏮": lambda orders: orders.go_to(0.0),
-    "-0.1 s": lambda orders: orders.step(-STEP_S),
-    "⏯": lambda orders: orders.toggle(),
-    "+0.1 s": lambda orders: orders.step(STEP_S),
-    "⏭": lambda orders: orders.go_to(END_S),
+    "|◀": lambda orders: orders.go_to(0.0),
+    "-0.1": lambda orders: orders.step(-STEP_S),
+    "▶❚❚": lambda orders: orders.toggle(),
+    "+0.1": lambda orders: orders.step(STEP_S),
+    "▶|": lambda orders: orders.go_to(END_S),
 }
 LISTS = {
     OccurrenceKind.DECISION: "Decisions",
     OccurrenceKind.DECLARATION: "Declarations",
-    OccurrenceKind.FAULT: "What went wrong",
+    OccurrenceKind.FAULT: "Went wrong",
 }
 
 
@@ -40,23 +41,24 @@ class Controls:
         flights: Sequence[ReplayedFlight],
         shades: Sequence[tuple[int, int, int]],
         end_s: float,
+        pictures: Any,
     ) -> None:
-        """Lay the panel out; `shades` are the colours of the flights, RGB."""
+        """Lay the panel out; `shades` are the colours of the flights, RGB; `pictures` is where views are shown."""
         self._server, self._orders, self._flights, self._shades = server, orders, flights, shades
         self._told: dict[str, object] = {}
         self._listed: dict[OccurrenceKind, tuple[Occurrence, ...]] = {}
         self._modal: Any = None
         gui = server.gui
-        with gui.add_folder("Replay"):
+        with gui.add_folder("Replay", order=-1.0):
             self._who = gui.add_html("")
             self._clock = gui.add_html("")
             self._time: Any = gui.add_slider("Time", 0.0, max(end_s, 0.01), 0.01, 0.0)
             times: Any = gui.add_button_group("", tuple(TIMES))
             self._speed: Any = gui.add_dropdown("Speed", tuple(_times(s) for s in SPEEDS), initial_value=_times(1.0))
             self._lists: dict[OccurrenceKind, Any] = {
-                kind: gui.add_dropdown(title, (f"{title}: none",)) for kind, title in LISTS.items()
+                kind: gui.add_dropdown(title, (NONE,)) for kind, title in LISTS.items()
             }
-        with gui.add_folder("Drawn again"):
+        with pictures, gui.add_folder("Drawn again"):
             names = (NOT_DRAWN, *(view.value for view in AgainView))
             self._view: Any = gui.add_dropdown("View", names, initial_value=NOT_DRAWN)
             blank = np.full((HEIGHT_PX, WIDTH_PX, 3), 40, np.uint8)
@@ -89,9 +91,8 @@ class Controls:
         self._who.content = _who_html(self._flights, self._shades, number)
         for kind, handle in self._lists.items():
             self._listed[kind] = self._flights[number].of(kind)
-            title = LISTS[kind]
             rows = [f"{k}. {_row(one, self._flights[number])}" for k, one in enumerate(self._listed[kind], 1)]
-            handle.options = (f"{title}: {len(rows) or 'none'}", *rows)
+            handle.options = (f"{len(rows)} to jump to" if rows else NONE, *rows)
             handle.value = handle.options[0]
 
     def show_view(self, view: AgainView | None) -> None:

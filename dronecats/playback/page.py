@@ -69,8 +69,10 @@ class ReplayPage:
         several = len(flights) > 1
         drones = max(len(flight.drones) for flight in flights)
         colors = [(RUN_COLORS[k],) * len(f.drones) if several else COLORS for k, f in enumerate(flights)]
-        self._controls = Controls(self._server, self, flights, [shade(own[0]) for own in colors], clock.end_s)
         self._panels = FlightPanels(self._server, drones, on_judge=self._judged, on_follow=self._followed)
+        self._server.gui.main_panel.dock_right()
+        shades = [shade(own[0]) for own in colors]
+        self._controls = Controls(self._server, self, flights, shades, clock.end_s, self._panels.pictures)
         self._scenes = [
             FlightScene(
                 self._server,

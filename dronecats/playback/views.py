@@ -16,7 +16,7 @@ from foundation.frames import quat_from_euler, rotate
 from foundation.latest import Latest
 
 WIDTH_PX, HEIGHT_PX = 640, 360
-ABOVE_M = 14.0  # of the drone, from where it is seen from above
+ABOVE_M = 9.0  # of the drone, from where it is seen from above
 NO_WORLD = "the world of this flight is not known here: nothing can be drawn again"
 
 

@@ -32,7 +32,8 @@ class FlightPanels:
         gui = server.gui
         view = gui.add_panel()
         self._panel = view
-        with view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA):
+        self.pictures = view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA)
+        with self.pictures:
             self._frames = [gui.add_html("") for _ in range(drones)]
         view.dock_left()
         view.set_width(WIDTH_PX)
