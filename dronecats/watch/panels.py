@@ -30,6 +30,7 @@ class FlightPanels:
         self._on_judge = on_judge
         self.judge_shown = False
         gui = server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51))
         view = gui.add_panel()
         self._panel = view
         self.pictures = view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA)
