@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
@@ -20,10 +21,12 @@ from dronecats.playback.occurrences import OFFBOARD, Occurrence, OccurrenceKind,
 from dronecats.playback.onboard import Heard, VehicleLog, vehicle_logs
 from dronecats.results.flown_run import FlownRun, flown_run
 from dronecats.rundir import layout
-from dronecats.rundir.reading import Logs, episode_folder
-from dronecats.rundir.rows import Decision, EstimatedPose, FrameTruth, Pose
+from dronecats.rundir.reading import Logs, episode_folder, exchanges
+from dronecats.rundir.rows import Decision, EstimatedPose, FrameTruth, Order, Pose
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
+from dronecats.watch.questions import AskedQuestions, spec_in
 from dronecats.watch.sight import ChosenSight, chosen_go, sight
+from dronecats.watch.world import lens_in
 from episodes.fleet import DronePose
 from episodes.world import World
 from foundation.camera import CameraModel
@@ -131,6 +134,7 @@ class ReplayedFlight:
             armed=state.armed if state else None,
             battery=state.battery if state else None,
             said=self._said(drone, t_s),
+            prompt=self._prompts.get((drone, decided.step), "") if decided else "",
             picture=self._picture(asked),
             decision=decided,
             decided_on=self._picture(decided),
@@ -139,12 +143,15 @@ class ReplayedFlight:
         )
 
     def _said(self, drone: int, t_s: float) -> tuple[str, ...]:
-        told = (one for one in self._faults if one.drone in (drone, None) and one.t_s <= t_s + SOON_S)
-        return tuple(f"{one.t_s:.1f} s  {one.words}" for one in told)[-SAID:]
+        told = [(one.t_s, one.words) for one in self.of(OccurrenceKind.FAULT) if one.drone in (drone, None)]
+        told += [(t, f"commander: {order.goal}") for t, order in self._orders if order.drone == drone]
+        return tuple(f"{t:.1f} s  {words}" for t, words in sorted(told) if t <= t_s + SOON_S)[-SAID:]
 
     @cached_property
-    def _faults(self) -> tuple[Occurrence, ...]:
-        return self.of(OccurrenceKind.FAULT)
+    def _orders(self) -> list[tuple[float, Order]]:
+        """What a commander has had drones do, and when that came, s."""
+        answered = (one for one in exchanges(self.episode.folder) if one.t_answered is not None)
+        return [(one.t_answered or 0.0, order) for one in answered for order in one.orders]
 
     @cached_property
     def _decisions(self) -> dict[tuple[int, str], Heard[Decision]]:
@@ -154,6 +161,21 @@ class ReplayedFlight:
             for when in ("t_frame", "t_decided"):
                 ordered = sorted(own, key=attrgetter(when, "step"))
                 found[drone, when] = Heard(tuple(getattr(each, when) for each in ordered), tuple(ordered))
+        return found
+
+    @cached_property
+    def _prompts(self) -> dict[tuple[int, int], str]:
+        """What each decision was asked, by drone and step; a commander's orders are in them from when they came."""
+        asked = AskedQuestions(spec_in(self.run.configuration), self.instruction, len(self.drones))
+        found: dict[tuple[int, int], str] = {}
+        waiting = list(self._orders)
+        for _, of_step in groupby(self.episode.logs.decisions, key=attrgetter("step")):
+            together = list(of_step)
+            while waiting and waiting[0][0] <= together[0].t_frame + SOON_S:
+                _, order = waiting.pop(0)
+                asked.goal(order.drone, order.goal)
+            text = asked.asked(together)
+            found |= {(one.drone, one.step): text for one in together}
         return found
 
     def _newest(self, drone: int, t_s: float, when: str) -> Decision | None:
@@ -245,7 +267,7 @@ def replayed_flight(path: Path) -> ReplayedFlight:
     missing += [NOT_DRAWN] if not pictured else [] if kept else [NO_PICTURES]
     happened = occurrences(logs, vehicles, envelope_rows(folder / layout.SAFETY, t0_us), end_s)
     return ReplayedFlight(
-        episode, run, tracks, vehicles, filmed, _camera(run), end_s, happened, tuple(missing), pictured
+        episode, run, tracks, vehicles, filmed, lens_in(folder), end_s, happened, tuple(missing), pictured
     )  # fmt: skip
 
 
@@ -280,14 +302,6 @@ def _estimated(logs: Logs) -> list[Pose]:
     told: Sequence[EstimatedPose] = logs.estimate.poses if logs.estimate else ()
     return [Pose(t=row.t, drone=row.drone, position_ned=row.position_ned, yaw_deg=row.yaw_deg,
                  distance_m=row.distance_m, visible=None) for row in told]  # fmt: skip
-
-
-def _camera(run: FlownRun) -> CameraModel:
-    """Return the camera as the run announces it, the benchmark's where it does not."""
-    told = run.configuration.get("camera")
-    names = ("width", "height", "hfov_deg")
-    known = {name: told[name] for name in names if isinstance(told, dict) and isinstance(told.get(name), int | float)}
-    return CameraModel(**known) if all(value > 0 for value in known.values()) else CameraModel()
 
 
 def _declared(one: Measured, delta_m: float) -> str:
