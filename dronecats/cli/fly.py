@@ -1,15 +1,20 @@
 """`dronecats fly`: one episode, in simulation (`--sitl`) or on a vehicle you connect (`--connect`)."""
 
 import argparse
+import contextlib
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
 from dronecats.cli.disturbance_options import add_disturbance_options
 from dronecats.cli.model_options import add_accounts, add_manners, add_options, told
+from dronecats.cli.view_options import add_view, view_of
+
+if TYPE_CHECKING:
+    from dronecats.flight.spec import FlightSpec
 
 ARM = "ARM"  # what has to be typed
 
@@ -78,6 +83,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     run_group.add_argument("--full", action="store_true", help="fly to the cap even when the verdict is decided")
     run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
     run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
+    add_view(run_group)
     parser.set_defaults(run=run)
 
 
@@ -112,22 +118,38 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.cli.fly_spec import said_of_replay, spec_of
 
     signals.as_interrupts()
-    spec = spec_of(args)
+    spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:
         _confirm(spec.connected.url)
     if spec.replay:
         _say(said_of_replay(args, spec.replay.flight))
-    from dronecats.run.fly import fly
-
     if spec.model:
         _say(f"Model {told(spec.model)}")
+    if view is None:
+        return _fly(args, spec, args.out)
+    from dronecats.rundir.folder import fresh_run
+    from dronecats.watch.opening import opened
+
+    out = args.out or fresh_run(spec.pilot_name)
+    try:
+        with opened(view, out, spec.pilot_name, _say):
+            return _fly(args, spec, out)
+    finally:
+        if args.out is None:
+            with contextlib.suppress(OSError):
+                out.rmdir()  # nothing was flown into it
+
+
+def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:
+    from dronecats.run.fly import fly
+
     if spec.connected and not spec.connected.truth:
         from dronecats.afterflight.rejudge import rejudge
         from dronecats.afterflight.surveyed_target import target_from
 
         target = target_from(args.target, args.target_std) if args.target else None
-        return _report(rejudge(fly(spec, args.out, _say), target, say=_say), args.json)
-    return _report(fly(spec, args.out, _say), args.json)
+        return _report(rejudge(fly(spec, out, _say), target, say=_say), args.json)
+    return _report(fly(spec, out, _say), args.json)
 
 
 def _confirm(url: str) -> None:

@@ -26,7 +26,7 @@ CONNECTED_ONLY = (
 ACCOUNTS = ("cost_limit", "token_limit", "ledger", "cache")
 BESIDE_SPEC = (
     "episode", "base_url", "commander_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run",
-    *ACCOUNTS,
+    "view", "view_port", "view_stay", *ACCOUNTS,
 )  # fmt: skip
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",

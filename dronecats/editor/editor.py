@@ -2,36 +2,24 @@
 
 import contextlib
 import difflib
-import io
-import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import viser
-
 from dronecats.editor.assessment import Previews, findings
 from dronecats.editor.draft import Draft, Drafting
-from dronecats.editor.latest import Latest
 from dronecats.editor.panels import Panels
 from dronecats.editor.scene_view import SceneView
 from dronecats.editor.session import Session
 from dronecats.scenery import display
+from dronecats.scenery.page import LoopbackServer
 from episodes import catalogue, maps
 from episodes.check.finding import RuleFinding
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
-
-HOST = "127.0.0.1"  # whoever can open the page can write files into the editor's folder: this machine only
-
-
-class LoopbackServer(viser.ViserServer):
-    """viser's server without its way out: a page cannot ask it for a public address."""
-
-    def request_share_url(self, verbose: bool = True) -> None:
-        """Do nothing."""
+from foundation.latest import Latest
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +38,8 @@ class Editor:
         self.drafting = session.drafting
         self.findings: tuple[RuleFinding, ...] = ()  # of the newest record that was checked
         self.checked: EpisodeRecord | None = None
-        with contextlib.redirect_stdout(io.StringIO()):
-            self._server = LoopbackServer(host=HOST, port=port, label=f"DroneCATS · {scene_name}", verbose=False)
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        self.url = f"http://{HOST}:{self._server.get_port()}"
+        self._server = LoopbackServer(f"DroneCATS · {scene_name}", port)
+        self.url = self._server.url
         self._showing = threading.RLock()
         self._picker = display.Picker(self.drafting.scene)
         self._previews = Previews()
@@ -75,8 +61,7 @@ class Editor:
         self._pictures.close()
         self._checks.close()
         self._previews.close()
-        with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye on standard output
-            self._server.stop()
+        self._server.stop()
 
     # ---- orders of the panels
 

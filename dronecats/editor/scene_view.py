@@ -11,17 +11,15 @@ import viser
 
 from dronecats.editor.assessment import PREVIEW
 from dronecats.editor.draft import Draft, Drafting
-from dronecats.scenery import display
+from dronecats.scenery import daylight, display
 from episodes.assets.paint import PAINTS
 from episodes.check.limits import OF_OTHER_MAPS, RULES
-from episodes.scene import Sun
 from episodes.target import motion
 from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M
 
 DRONE_COLORS: tuple[Vec3, ...] = ((0.95, 0.25, 0.05), (0.05, 0.35, 0.95), (0.05, 0.6, 0.2), (0.75, 0.1, 0.7))
 LINE, PATH, RULER = (255, 107, 53), (255, 196, 0), (255, 255, 255)
-SKY_TOP, SKY_BOTTOM = (150, 188, 226), (233, 240, 245)
 
 
 class Hands(Protocol):
@@ -53,22 +51,9 @@ class SceneView:
         self._frustums: dict[int, Any] = {}
         self._held = ""
         self._lines: dict[str, tuple[object, Any]] = {}
-        server.scene.set_up_direction("+y")
-        server.scene.set_background_image(_sky())
-        self._light(drafting.scene.sun)
+        daylight.light(server, drafting.scene.sun)
         server.scene.add_glb("/map", display.map_glb(drafting.scene), cast_shadow=False, receive_shadow=False)
         self.look_at_start()
-
-    def _light(self, sun: Sun) -> None:
-        """Light the map as its sun does, without shadows: those that count are in the camera's picture."""
-        scene = self._server.scene
-        scene.configure_default_lights(enabled=False)
-        scene.configure_environment_map(None)
-        scene.add_light_ambient("/light/ambient", intensity=0.9)
-        scene.add_light_hemisphere("/light/sky", sky_color=(205, 222, 255), ground_color=(120, 115, 105), intensity=1.3)
-        n, e, d = (200.0 * v for v in sun.toward_ned)
-        place = display.place_of((n, e, d))
-        scene.add_light_directional("/light/sun", color=(255, 244, 224), intensity=2.2, position=place)
 
     def look_at_start(self) -> None:
         """Put the view of browsers that come behind and above the map's free place, looking north."""
@@ -257,9 +242,3 @@ class SceneView:
             f"/lines/{name}", text, position=display.place_of(place), anchor="bottom-center"
         )
         self._lines[name] = (key, handle)
-
-
-def _sky() -> Any:
-    share = np.linspace(0.0, 1.0, 64)[:, None, None]
-    rows = np.array(SKY_TOP) * (1.0 - share) + np.array(SKY_BOTTOM) * share
-    return np.repeat(rows.astype(np.uint8), 4, axis=1)

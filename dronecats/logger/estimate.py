@@ -46,6 +46,7 @@ class EstimateRecorder:
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self._clock.see(message.time_boot_ms)
                 self._pose(message)
+        self._tlog.flush()
 
     def _pose(self, message: dialect.MAVLink_message) -> None:
         if self._t0_us is None or self._t() < self._next_pose * POSE_PERIOD_S:

@@ -74,6 +74,7 @@ class Recorder:
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
                 self._frame(message)
             self._tlog.write(self._time_us, frame_of(message))
+        self._tlog.flush()
 
     def telemetry(self, data: bytes) -> None:
         """Take bytes of an autopilot's telemetry; kept raw for the ground-station tools."""
@@ -81,6 +82,7 @@ class Recorder:
             return
         for frame in self._telemetry_parser.frames(data):
             self._tlog.write(self._time_us, frame)
+        self._tlog.flush()
 
     def _pose(self, sample: HeardTruth) -> None:
         self._time_us = max(self._time_us, sample.time_us)

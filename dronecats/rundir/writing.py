@@ -61,6 +61,10 @@ class TelemetryLog:
         """Append a frame that was heard at `time_us` (µs, vehicle clock)."""
         self._file.write(_TIME.pack(time_us) + frame)
 
+    def flush(self) -> None:
+        """Have what was written on disk, for whoever follows the file while it grows."""
+        self._file.flush()
+
     def close(self) -> None:
         self._file.close()
 

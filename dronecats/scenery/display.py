@@ -17,7 +17,7 @@ from episodes.gltf.shapes import compact
 from episodes.gltf.writer import to_bytes
 from episodes.scene import Instance, Material, Mesh, Scene, Sun
 from episodes.visibility import turn
-from foundation.frames import Vec3
+from foundation.frames import Quat, Vec3
 from foundation.terrain import FLAT, HeightField
 
 Array = NDArray[np.float64]
@@ -40,6 +40,12 @@ def ned_of(position: tuple[float, float, float] | Array) -> Vec3:
 def wxyz_of(yaw: float) -> tuple[float, float, float, float]:
     """Return the browser's rotation of a yaw (rad, clockwise from above)."""
     return (math.cos(yaw / 2), 0.0, -math.sin(yaw / 2), 0.0)
+
+
+def turned(attitude: Quat) -> tuple[float, float, float, float]:
+    """Return the browser's rotation of an attitude (FRD → NED) for what stands in its own glTF axes."""
+    w, x, y, z = attitude
+    return (w, y, -z, -x)
 
 
 def yaw_of(wxyz: tuple[float, ...] | Array) -> float:

@@ -23,12 +23,14 @@ class DroneMoment:
     position_ned: Vec3 | None = None  # m, map frame, of the body; None: not heard yet
     attitude: Quat = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z, FRD → NED
     velocity_ned: Vec3 | None = None  # m/s
+    height_m: float | None = None  # m of the body above the ground, above the map's origin where no ground is known
     true: bool = False  # the pose is the truth bus's; else its autopilot's own
     setpoint_ned: Vec3 | None = None  # m/s, the velocity that it is told, map frame
     mode: str = ""  # as PX4 names it; "": not heard
     armed: bool | None = None
     battery: float | None = None  # 0 … 1
     said: tuple[str, ...] = ()  # newest last: warnings of the autopilot, and what the envelope limited
+    prompt: str = ""  # the text of the question of the newest decision; "": not known
     picture: ShownPicture | None = None  # the newest that the pilot was asked about
     decision: Decision | None = None  # the newest
     decided_on: ShownPicture | None = None  # the picture of that decision
@@ -55,3 +57,4 @@ class Moment:
     judge: JudgeMoment = JudgeMoment()
     state: str = ""  # in a few words: waiting, in the air, over: cap …
     rate_hz: float | None = None  # decisions per s of vehicle time, the newest
+    instruction: str = ""  # what is to be done; "": not known

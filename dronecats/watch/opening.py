@@ -1,0 +1,71 @@
+"""Opens the page beside a command that flies, and closes it with that: the command never waits for it."""
+
+import contextlib
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from dronecats.processes.supervisor import ChildKind, ChildProcess
+from dronecats.watch.config import ViewerConfig
+from foundation.errors import DronecatsError, UsageError
+
+VIEWER = ChildKind("viewer", "dronecats.watch.viewer_process", ViewerConfig)
+PORT = 8080
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """That a page is wanted, and where."""
+
+    port: int = PORT
+    stays: bool = False  # until it is interrupted, when the flight is over
+
+
+def check(view: View) -> None:
+    """Raise UsageError for a port that is none, or where nothing that serves a page is installed."""
+    if not 1 <= view.port <= 65535:
+        raise UsageError(f"--view-port {view.port} is no port: choose one from 1 to 65535.")
+    if find_spec("viser") is None:
+        raise UsageError("--view needs viser, which is not installed: pip install 'dronecats[view]'")
+
+
+@contextmanager
+def opened(view: View | None, root: Path, title: str, say: Callable[[str], None]) -> Iterator[None]:
+    """Have the flights below a folder shown while the body flies them; None: no page is wanted.
+
+    What becomes of the page is nothing to the body: one that cannot be opened is told of, and that is all.
+    """
+    if view is None:
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="dronecats-view-") as logs:
+        child = ChildProcess(VIEWER, ViewerConfig(root=str(root), port=view.port, title=title), Path(logs) / "log")
+        closing, address = threading.Event(), _Address()
+
+        def announce() -> None:
+            try:
+                address.url = str(child.ready()["url"])
+                say(f"watch it at {address.url} (this machine only)")
+            except (DronecatsError, OSError, ValueError) as error:
+                if not closing.is_set():
+                    say(f"there is no page to watch, and the flight goes on: {error}")
+
+        threading.Thread(target=announce, daemon=True, name="viewer-address").start()
+        try:
+            yield
+            if view.stays and address.url:
+                say(f"the page stays at {address.url} · Ctrl-C ends it")
+                with contextlib.suppress(KeyboardInterrupt):
+                    threading.Event().wait()
+        finally:
+            closing.set()
+            child.kill()
+
+
+@dataclass(slots=True)
+class _Address:
+    url: str = ""

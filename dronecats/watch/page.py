@@ -1,0 +1,113 @@
+"""The page: the list of flights, and the one of them that is shown, with its world and its panels."""
+
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from dronecats.rundir import layout
+from dronecats.rundir.reading import json_object
+from dronecats.watch.episodes import WatchedEpisode, newest_flown
+from dronecats.watch.follow import FlightFollower
+from dronecats.watch.panels import FlightPanels
+from dronecats.watch.scene import WORLD, FlightScene
+from dronecats.watch.world import flown_world, lens_in
+
+NEWEST = "the newest"
+LISTED = 200  # flights that can be chosen from
+WAITING = '<div style="font-size:13px;padding:4px 10px">waiting for a flight …</div>'
+
+
+class ShownFlight:
+    """One flight on the page."""
+
+    def __init__(self, server: viser.ViserServer, folder: Path) -> None:
+        """Take up a flight where it is. Building its world may take some seconds."""
+        self.folder = folder
+        world = flown_world(folder)
+        drones = len(world.record.starts) if world is not None else 1
+        self._follower = FlightFollower(folder, world, drones)
+        self._scene = FlightScene(server, world.scene if world else None, drones=drones, camera=lens_in(folder))
+        self._panels = FlightPanels(server, drones, on_judge=self._judge, on_follow=self._scene.follow)
+        self._trailed = False
+
+    def turn(self) -> None:
+        """Show the moment that the flight has come to."""
+        moment = self._follower.turn()
+        if not self._trailed:  # where it has been before somebody looked
+            self._trailed = True
+            for drone, places in self._follower.trails.items():
+                self._scene.show_trail(drone, places)
+        self._scene.show(moment)
+        self._panels.show(moment)
+
+    def remove(self) -> None:
+        """Take it off the page."""
+        self._panels.remove()
+        self._scene.remove()
+
+    def _judge(self, shown: bool) -> None:
+        self._scene.judge_shown = shown
+
+
+class LivePage:
+    """Shows one of several flights: the newest, until somebody chooses another."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._shown: ShownFlight | None = None
+        self._world: object = None  # of what map the ground is
+        self._told: object = None
+        server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self._waiting = server.gui.add_html(WAITING)
+        self._choice: Any = server.gui.add_dropdown("Flight", (NEWEST,), initial_value=NEWEST, visible=False)
+        self._list = server.gui.add_html("", visible=False)
+
+    def listed(self, episodes: list[WatchedEpisode]) -> None:
+        """Take the flights that there are, the newest first, and show the one that is chosen."""
+        self._tell(episodes)
+        wanted = self._wanted(episodes)
+        if wanted is None or (self._shown is not None and self._shown.folder == wanted.folder):
+            return
+        if self._shown is not None:
+            self._shown.remove()
+        ground = _ground(wanted.folder)
+        if ground != self._world and self._server.scene.get_handle_by_name(WORLD) is not None:
+            self._server.scene.remove_by_name(WORLD)
+        self._world = ground
+        self._waiting.visible = False
+        self._shown = ShownFlight(self._server, wanted.folder)
+
+    def turn(self) -> None:
+        """Bring the page up to now."""
+        if self._shown is not None:
+            self._shown.turn()
+
+    def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
+        chosen = self._choice.value
+        if chosen != NEWEST:
+            return next((one for one in episodes if one.name == chosen), None)
+        return newest_flown(episodes)
+
+    def _tell(self, episodes: list[WatchedEpisode]) -> None:
+        told = tuple((one.name, one.over) for one in episodes)
+        if told == self._told or len(episodes) < 2:
+            return
+        self._told = told
+        names = (NEWEST, *(one.name for one in sorted(episodes, key=lambda one: one.over)[:LISTED]))
+        if self._choice.options != names:
+            kept = self._choice.value
+            self._choice.options = names
+            self._choice.value = kept if kept in names else NEWEST
+        over = sum(one.over for one in episodes)
+        self._list.content = (
+            '<div class="flights" style="font-size:11px;opacity:0.65;padding:0 10px">'
+            f"{len(episodes) - over} in the air, {over} over</div>"
+        )
+        self._choice.visible = self._list.visible = True
+
+
+def _ground(folder: Path) -> object:
+    """Return what tells one map from another; a folder's own where none is told."""
+    record = json_object(folder / layout.WORLD) or json_object(folder / layout.EPISODE) or {}
+    return (record["map"], record.get("map_seed")) if "map" in record else folder

@@ -1,0 +1,121 @@
+"""The panels beside the map: what each pilot saw and said, what each vehicle does, and the judge's view on demand."""
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+from dronecats.watch import markup
+from dronecats.watch.moment import DroneMoment, Moment
+
+NOBODY = "nobody"
+WIDTH_PX = 400
+
+
+class FlightPanels:
+    """Shows moments of one flight; what it is told twice it sends once."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        drones: int,
+        *,
+        on_judge: Callable[[bool], None] | None = None,
+        on_follow: Callable[[int | None], None] | None = None,
+    ) -> None:
+        """Lay the panels out. `on_judge` and `on_follow` are called when somebody wants the judge's view, or to go
+        with a drone, which each browser then sees."""
+        self._server, self._drones = server, drones
+        self._told: dict[str, object] = {}
+        self._on_judge = on_judge
+        self.judge_shown = False
+        gui = server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51))
+        view = gui.add_panel()
+        self._panel = view
+        self.pictures = view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA)
+        with self.pictures:
+            self._frames = [gui.add_html("") for _ in range(drones)]
+        view.dock_left()
+        view.set_width(WIDTH_PX)
+        self._folder = gui.add_folder("Flight")
+        with self._folder:
+            self._state = gui.add_html("")
+            self._pilots, self._numbers = [], []
+            for k in range(drones):
+                if drones > 1:
+                    gui.add_html(f'<div style="font-size:13px;font-weight:600;padding:4px 10px 0">drone {k}</div>')
+                self._pilots.append(gui.add_html(""))
+                self._numbers.append(gui.add_html(""))
+            self._messages = gui.add_html("")
+            names = (NOBODY, *(f"drone {k}" for k in range(drones)))
+            self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
+            self._judge: Any = gui.add_checkbox("The judge's view", False)
+            self._judged = gui.add_html("")
+        if on_follow is not None:
+            self._follow.on_update(_by_hand(lambda: on_follow(_drone(self._follow.value))))
+        self._judge.on_update(_by_hand(lambda: self._ask(bool(self._judge.value))))
+
+    def show(self, moment: Moment) -> None:
+        """Bring the panels up to a moment."""
+        with self._server.atomic():
+            self._write("state", self._state, (markup.clock(moment.t_s), moment.state, moment.instruction),
+                        lambda: markup.state_html(moment))  # fmt: skip
+            for drone in moment.drones[: self._drones]:
+                self._show_drone(drone)
+            said = tuple(drone.said for drone in moment.drones)
+            self._write("messages", self._messages, said, lambda: markup.messages_html(moment.drones))
+            judged = markup.judge_html(moment.judge) if self.judge_shown else ""
+            self._write("judge", self._judged, judged)
+        self._server.flush()
+
+    def _show_drone(self, drone: DroneMoment) -> None:
+        k, step = drone.drone, drone.decision and drone.decision.step
+        picture, decision = markup.newest_decided(drone)
+        shown = (picture and picture.frame_id, decision and decision.step)
+        label = f"drone {k}" if self._drones > 1 else "the picture that was asked about"
+        self._write(f"frame-{k}", self._frames[k], shown, lambda: markup.frame_html(drone, label))
+        self._write(f"pilot-{k}", self._pilots[k], (step, drone.prompt), lambda: markup.decision_html(drone))
+        self._write(f"numbers-{k}", self._numbers[k], markup.numbers_html(drone))
+
+    def forget(self) -> None:
+        """Send everything anew with the next moment, which is of another flight."""
+        self._told.clear()
+
+    def show_wanted(self, judge: bool, followed: int | None) -> None:
+        """Have the fields say what is wanted otherwise, by a key: nobody is called back."""
+        self.judge_shown = judge
+        name = NOBODY if followed is None else f"drone {followed}"
+        for field, value in ((self._judge, judge), (self._follow, name)):
+            if field.value != value:
+                field.value = value
+
+    def remove(self) -> None:
+        """Take the panels away, for those of another flight."""
+        self._panel.remove()
+        self._folder.remove()
+
+    def _ask(self, wanted: bool) -> None:
+        self.judge_shown = wanted
+        if self._on_judge is not None:
+            self._on_judge(wanted)
+
+    def _write(self, name: str, handle: Any, key: object, html: Callable[[], str] | None = None) -> None:
+        """Send what a handle shows when its key has changed; without `html` the key is what it shows."""
+        if self._told.get(name) != key:
+            self._told[name] = key
+            handle.content = key if html is None else html()
+
+
+def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
+    """Return what takes an event of a browser, and passes over what we have set ourselves."""
+
+    def changed(event: Any) -> None:
+        if event.client is not None:
+            act()
+
+    return changed
+
+
+def _drone(name: str) -> int | None:
+    return None if name == NOBODY else int(name.removeprefix("drone "))
