@@ -72,7 +72,7 @@ def read(folder: Path) -> Decisions:
 
 
 def _rows(file: Path) -> Iterator[_Row]:
-    """Yield what can be learnt from of a file; each picture is made small at once, for all in full size are too much."""
+    """Yield what can be learnt from of a file; pictures are made small at once, since all in full size are too many."""
     for batch in pq.ParquetFile(file).iter_batches(
         batch_size=64, columns=[IMAGE, "action", "episode_index", "judge.success"]
     ):
