@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.agent.action import Finished, Go, Rotate, Think
+from dronecats.agent.action import Action, Finished, Go, Rotate, Think
 from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import briefing
@@ -13,7 +13,7 @@ from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.picture import encode
 
-FLOWN = (
+FLOWN: tuple[Action, ...] = (
     Rotate(-90.0),
     Rotate(-32.5),
     Go(412.0, 530.0, 13.25),
@@ -83,7 +83,8 @@ def test_a_picture_of_any_size_is_made_small():
     assert ok
     for data in (encode(shown), png.tobytes()):
         small = features.picture(data)
-        assert (small.shape, small.dtype) == ((3, features.HEIGHT, features.WIDTH), np.uint8)
+        assert small.shape == (3, features.HEIGHT, features.WIDTH)
+        assert small.dtype == np.uint8
         np.testing.assert_allclose(small[:, 70, -20], (250, 20, 20), atol=8)
         np.testing.assert_allclose(small[:, 70, 20], 0, atol=8)
 

@@ -87,7 +87,7 @@ def test_a_trained_head_is_served(tmp_path):
     from examples.action_head.settings import Shape
 
     file = tmp_path / "head.pt"
-    save(file, ActionHead(Shape(8, 4, 8)), 0.0, {})
+    save(file, ActionHead(Shape(16, 4, 8)), 0.0, {})
     with serve.server(file, 0, 1) as server:
         text = asked(server, [disc(640, 360)]).json()["choices"][0]["message"]["content"]
     assert parse(text) == Finished()  # from a probability of 0 on
