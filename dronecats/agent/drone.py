@@ -33,7 +33,7 @@ class Drone:
             self._seen, self._seen_us = self.aircraft.sight(time_us), time_us
 
     def _settle(self) -> None:
-        """Look once more where it was then, if that was not told yet: a decision comes later, and telemetry may, too."""
+        """Look once more where it was then, if nobody had told: telemetry may have come since."""
         if self._seen is not None and self._seen.carried_on:
             self._seen = self.aircraft.sight(self._seen_us)
 
