@@ -20,6 +20,7 @@ VERBS = {
     "judge": "derive the verdicts of runs again from their logs",
     "audit": "say what other rules would make of the same flights, and what think and mending bought",
     "query": "ask runs in SQL",
+    "replay": "show recorded flights in the browser again, several over one another",
     "film": "make a film of a flight, from its folder alone",
     "export": "write flights in other people's formats: MCAP, Rerun, LeRobot, ULog, KML, tables",
     "report": "make the paper's tables and figures, and a page to look through, from runs",

@@ -10,7 +10,6 @@ from typing import Any
 
 from dronecats.editor.assessment import Previews, findings
 from dronecats.editor.draft import Draft, Drafting
-from dronecats.editor.latest import Latest
 from dronecats.editor.panels import Panels
 from dronecats.editor.scene_view import SceneView
 from dronecats.editor.session import Session
@@ -20,6 +19,7 @@ from episodes import catalogue, maps
 from episodes.check.finding import RuleFinding
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
+from foundation.latest import Latest
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""A flight that was flown, in the browser again."""
+"""Flights in the browser again, from their folders alone: any moment of them, several of one episode at once."""

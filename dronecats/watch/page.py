@@ -76,6 +76,7 @@ class LivePage:
         self._world: object = None  # of what map the ground is
         self._told: object = None
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         self._waiting = server.gui.add_html(WAITING)
         self._choice: Any = server.gui.add_dropdown("Flight", (NEWEST,), initial_value=NEWEST, visible=False)
         self._list = server.gui.add_html("", visible=False)

@@ -33,7 +33,8 @@ class FlightPanels:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51))
         view = gui.add_panel()
         self._panel = view
-        with view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA):
+        self.pictures = view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA)
+        with self.pictures:
             self._frames = [gui.add_html("") for _ in range(drones)]
         view.dock_left()
         view.set_width(WIDTH_PX)
@@ -48,12 +49,12 @@ class FlightPanels:
                 self._numbers.append(gui.add_html(""))
             self._messages = gui.add_html("")
             names = (NOBODY, *(f"drone {k}" for k in range(drones)))
-            follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
+            self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
         if on_follow is not None:
-            follow.on_update(lambda _: on_follow(_drone(follow.value)))
-        self._judge.on_update(lambda _: self._ask(bool(self._judge.value)))
+            self._follow.on_update(_by_hand(lambda: on_follow(_drone(self._follow.value))))
+        self._judge.on_update(_by_hand(lambda: self._ask(bool(self._judge.value))))
 
     def show(self, moment: Moment) -> None:
         """Bring the panels up to a moment."""
@@ -77,6 +78,18 @@ class FlightPanels:
         self._write(f"pilot-{k}", self._pilots[k], (step, drone.prompt), lambda: markup.decision_html(drone))
         self._write(f"numbers-{k}", self._numbers[k], markup.numbers_html(drone))
 
+    def forget(self) -> None:
+        """Send everything anew with the next moment, which is of another flight."""
+        self._told.clear()
+
+    def show_wanted(self, judge: bool, followed: int | None) -> None:
+        """Have the fields say what is wanted otherwise, by a key: nobody is called back."""
+        self.judge_shown = judge
+        name = NOBODY if followed is None else f"drone {followed}"
+        for field, value in ((self._judge, judge), (self._follow, name)):
+            if field.value != value:
+                field.value = value
+
     def remove(self) -> None:
         """Take the panels away, for those of another flight."""
         self._panel.remove()
@@ -92,6 +105,16 @@ class FlightPanels:
         if self._told.get(name) != key:
             self._told[name] = key
             handle.content = key if html is None else html()
+
+
+def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
+    """Return what takes an event of a browser, and passes over what we have set ourselves."""
+
+    def changed(event: Any) -> None:
+        if event.client is not None:
+            act()
+
+    return changed
 
 
 def _drone(name: str) -> int | None:

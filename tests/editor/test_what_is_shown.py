@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from dronecats.editor import report
 from dronecats.editor.assessment import PREVIEW, Previews, findings
 from dronecats.editor.draft import Drafting
-from dronecats.editor.latest import Latest
 from dronecats.scenery import display
 from episodes import assets, maps
 from episodes.check import rules
@@ -22,6 +21,7 @@ from episodes.check.finding import RuleFinding
 from episodes.render import Renderer, camera_pose
 from episodes.scene import Mesh
 from episodes.world import World
+from foundation.latest import Latest
 
 
 @pytest.fixture

@@ -133,7 +133,7 @@ def test_the_wheel_describes_itself(wheel):
     assert (said["Name"], said["Version"], said["License-Expression"]) == ("dronecats", __version__, "Apache-2.0")
     assert said["Description-Content-Type"] == "text/markdown"
     extras = {"sim", "serial", "ulog", "edit", "view", "vision", "gymnasium", "inspect", "query", "cluster", "film"}
-    assert extras | {"export", "rerun", "lerobot", "dev"} == set(said.get_all("Provides-Extra") or ())
+    assert extras | {"export", "rerun", "lerobot", "train", "dev"} == set(said.get_all("Provides-Extra") or ())
     assert set(top) == ROOMS
 
 

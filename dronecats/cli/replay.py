@@ -1,0 +1,60 @@
+"""`dronecats replay RUN[/EPISODE] …`: recorded flights in the browser, at any moment, several over one another."""
+
+import argparse
+from pathlib import Path
+
+PORT = 8080
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("replay")
+    parser.add_argument(
+        "runs",
+        type=Path,
+        nargs="+",
+        metavar="RUN[/EPISODE]",
+        help="an episode's folder, or a run with only one; several of one episode are laid over one another",
+    )
+    parser.add_argument("--at", type=float, default=0.0, metavar="S", help="stand there at first (default 0)")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="seconds of flight a second (default 1)")
+    parser.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help="of the page on this machine (default 8080)"
+    )
+    parser.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the page until it is interrupted."""
+    import math
+    import threading
+    import webbrowser
+
+    from dronecats.cli import signals
+    from foundation.errors import UsageError
+
+    signals.as_interrupts()
+    if not 1 <= args.port <= 65535:
+        raise UsageError(f"--port {args.port} is no port: choose one from 1 to 65535.")
+    if not (math.isfinite(args.at) and args.at >= 0.0):
+        raise UsageError(f"--at wants seconds since the episode began, 0 or more, got {args.at:g}")
+    try:
+        import viser  # noqa: F401
+    except ImportError:
+        raise UsageError("the page needs viser, which is not installed: pip install 'dronecats[view]'") from None
+    from dronecats.playback.page import ReplayPage
+    from dronecats.playback.recorded import replayed_flight
+
+    print("reading the flights and building the map …", flush=True)
+    page = ReplayPage([replayed_flight(path) for path in args.runs], args.port, args.speed, args.at)
+    try:
+        print(f"replay at {page.url} (this machine only) · space plays, ? shows the keys · Ctrl-C ends", flush=True)
+        if not args.no_browser:
+            webbrowser.open(page.url)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        page.close()
+    return 0

@@ -1,0 +1,76 @@
+"""Two short flights of one episode after a target that moves, unrendered, in lockstep, and a browser to see them."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.playback.recorded import ReplayedFlight, replayed_flight
+from dronecats.run.fly import fly
+from dronecats.rundir import layout
+from tests.support.browser import chromium
+
+EPISODE = "residential-tracking-01"
+SECONDS = 6.0
+# what draws without a graphics card
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
+
+
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory) -> Path:
+    """A folder with the runs `paper` and `other`, of the oracle and of its flight with another seed."""
+    folder = tmp_path_factory.mktemp("replay")
+    for name, seed in (("paper", 0), ("other", 3)):
+        unseen = Simulated(speed=None, rendered=False)
+        spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=unseen, seconds=SECONDS, seed=seed, full=True)
+        fly(spec, folder / name, lambda words: None)
+    return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def folder(runs) -> Path:
+    """The folder of an episode whose frames show something: each a grey of its own."""
+    path = Path(runs / "paper" / EPISODE)
+    about = json.loads((path.parent / layout.RUN).read_text())
+    about["flight"]["simulated"]["rendered"] = True
+    (path.parent / layout.RUN).write_text(json.dumps(about))
+    for number, frame in enumerate(sorted((path / layout.FRAMES).glob("*.jpg"))):
+        cv2.imwrite(str(frame), np.full((360, 640, 3), 60 + 20 * number, np.uint8))
+    return path
+
+
+@pytest.fixture(scope="session")
+def flight(folder) -> ReplayedFlight:
+    """That flight."""
+    return replayed_flight(folder)
+
+
+@pytest.fixture
+def copied(folder, tmp_path) -> Path:
+    """The same folder in another place, to be damaged."""
+    shutil.copytree(folder.parent, tmp_path / "run")
+    return Path(tmp_path / "run" / EPISODE)
+
+
+@pytest.fixture
+def rewrite() -> Callable[..., None]:
+    """What changes the lines of a log: each object through a function, None leaves it out."""
+
+    def change(path: Path, how: Callable[[dict[str, Any]], dict[str, Any] | None]) -> None:
+        changed = [how(json.loads(line)) for line in path.read_text().splitlines()]
+        path.write_text("".join(json.dumps(row) + "\n" for row in changed if row is not None))
+
+    return change
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """Return a headless Chromium with a profile of its own; without one the test is skipped."""
+    with chromium(tmp_path_factory.mktemp("profile"), *SOFTWARE) as made:
+        yield made

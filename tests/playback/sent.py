@@ -1,0 +1,41 @@
+"""What a page sends, as a second viewer beside the browser gets it: every viewer gets the same."""
+
+from typing import Any
+
+from benchmarks.page_client import PageClient
+
+QUIET_S = 0.5  # s without a message after which all has come
+
+
+class Sent:
+    """All messages of a page, in their order."""
+
+    def __init__(self, url: str) -> None:
+        self._client = PageClient(url)
+        self.messages: list[dict[str, Any]] = []
+
+    def update(self) -> list[dict[str, Any]]:
+        """Return all messages that have come by now."""
+        while came := self._client.receive(QUIET_S):
+            self.messages += came
+        return self.messages
+
+    def newest(self, kind: str, name: str) -> dict[str, Any]:
+        """Return the newest message of a kind about a node. Raises LookupError without one."""
+        found = [each for each in self.update() if each["type"] == kind and each.get("name") == name]
+        return found[-1]
+
+    def text(self) -> str:
+        """Return everything that was said in words: names of nodes, labels, HTML."""
+        return "\n".join(word for message in self.update() for word in _words(message))
+
+    def close(self) -> None:
+        """Go away."""
+        self._client.close()
+
+
+def _words(value: Any) -> list[str]:
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
+    return [word for one in inner for word in _words(one)]
