@@ -6,9 +6,12 @@ import resource
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from dronecats.cli.view_options import view_of
 
 if TYPE_CHECKING:
     from dronecats.agent.models.ledger import Spent
@@ -35,8 +38,11 @@ class Sitting:
 
 
 def check_address(args: argparse.Namespace) -> None:
-    """Raise UsageError for the address of a cluster that nobody asks for."""
+    """Raise UsageError for the address of a cluster that nobody asks for, and a page that cannot be shown."""
     from foundation.errors import UsageError
+
+    if view_of(args) and args.engine == "ray":
+        raise UsageError("--view shows what flies on this machine, and not on a cluster's others; leave it out")
 
     if args.address and args.engine != "ray":
         raise UsageError("--address goes with --engine ray; add it or leave --address out")
@@ -54,13 +60,17 @@ def allow_locks(runs: int) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool) -> Sitting:
-    """Fly what is left of a folder, saying on standard error how it goes, and close it. Raises DronecatsError."""
+def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitStack) -> Sitting:
+    """Fly what is left of a folder, saying on standard error how it goes, and close it. Raises DronecatsError.
+
+    A page that is wanted is opened `beside`, and is there until that is closed.
+    """
     from dronecats.campaign.campaign import Came, Campaign
     from dronecats.campaign.local import cores
     from dronecats.campaign.progress import Progress
     from dronecats.cli.live import Live
     from dronecats.run.accounts import Spending
+    from dronecats.watch.opening import opened
 
     broken: dict[tuple[str, str], Result] = {}
     try:
@@ -91,6 +101,7 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool) -> Sitting:
         try:
             if left:
                 live.now(told())
+                beside.enter_context(opened(view_of(args), bench.out, bench.out.name, live.say))
                 ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
         except KeyboardInterrupt:
             live.close()
