@@ -1,0 +1,68 @@
+"""A browser's end of a page, without the browser: everything that the page sends, as it comes."""
+
+import time
+from typing import Any
+
+import msgspec
+import viser
+import zstandard
+from websockets.sync.client import connect
+
+HEAD = 16  # bytes: how long the messages are, and how long compressed
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 5.0), "fov": 1.0,
+    "near": 0.1, "far": 1000.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 1.0, 0.0),
+}  # fmt: skip
+
+
+class PageClient:
+    """Connects as a browser does, says where its camera is, and listens."""
+
+    def __init__(self, url: str) -> None:
+        """`url` is the page's. Raises OSError where nobody serves it."""
+        address = url.replace("http://", "ws://")
+        self._socket = connect(
+            address,
+            subprotocols=[f"viser-v{viser.__version__}"],
+            max_size=None,
+            compression=None,  # type: ignore[list-item]
+        )
+        self.bytes = 0  # received so far
+        self.send(CAMERA)
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Say something to the page."""
+        self._socket.send(msgspec.msgpack.encode(message))
+
+    def receive(self, timeout_s: float) -> list[dict[str, Any]]:
+        """Return the messages of the next delivery; none where none has come. Raises OSError, ConnectionClosed."""
+        try:
+            data = self._socket.recv(timeout_s)
+        except TimeoutError:
+            return []
+        assert isinstance(data, bytes)
+        self.bytes += len(data)
+        return decoded(data)
+
+    def until(self, wanted: Any, timeout_s: float) -> list[dict[str, Any]]:
+        """Return all messages until one for which `wanted` is true. Raises TimeoutError."""
+        due_s, found = time.monotonic() + timeout_s, []
+        while True:
+            left_s = due_s - time.monotonic()
+            if left_s <= 0.0:
+                raise TimeoutError
+            came = self.receive(left_s)
+            found += came
+            if any(wanted(message) for message in came):
+                return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def decoded(delivery: bytes) -> list[dict[str, Any]]:
+    """Return the messages in what a page sends at once. Arrays are left out: what stands for them is a number."""
+    size, packed = (int.from_bytes(delivery[at : at + 8], "little") for at in (0, 8))
+    inner = zstandard.ZstdDecompressor().decompress(delivery[HEAD : HEAD + packed], max_output_size=size)
+    return list(msgspec.msgpack.decode(inner)["messages"])

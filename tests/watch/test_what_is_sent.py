@@ -1,0 +1,245 @@
+"""What goes over the wire to a browser: everything once, the judge's knowledge on demand alone, nobody's markup."""
+
+import itertools
+import json
+import re
+import time
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.page_client import PageClient
+from dronecats.rundir.rows import Decision
+from dronecats.scenery import display
+from dronecats.scenery.page import LoopbackServer
+from dronecats.watch import markup
+from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment
+from dronecats.watch.panels import FlightPanels
+from dronecats.watch.scene import FlightScene
+from tests.watch.conftest import moment, picture
+
+PATIENCE_S = 30.0
+
+
+class Page:
+    """A server with one flight's scene and panels, and a browser's end of it."""
+
+    def __init__(self, world, drones: int = 1) -> None:
+        self.server = LoopbackServer("test", 0)
+        self.scene = FlightScene(self.server, world.scene if world else None, drones=drones)
+        self.panels = FlightPanels(self.server, drones, on_judge=self._judge, on_follow=self.scene.follow)
+        self.client = PageClient(self.server.url)
+        self._count = itertools.count()
+
+    def _judge(self, shown: bool) -> None:
+        self.scene.judge_shown = shown
+
+    def show(self, one: Moment) -> None:
+        self.scene.show(one)
+        self.panels.show(one)
+
+    def sent(self) -> list[dict]:
+        """Return all that has been sent since the last time."""
+        mark = f"mark {next(self._count)}"
+        self.server.gui.set_panel_label(mark)
+        found = self.client.until(lambda message: mark in message.values(), PATIENCE_S)
+        return [message for message in found if mark not in message.values()]
+
+    def close(self) -> None:
+        self.client.close()
+        self.server.stop()
+
+
+@pytest.fixture
+def page(world):
+    made = Page(world)
+    yield made
+    made.close()
+
+
+def of(messages, kind: str) -> list[dict]:
+    return [message for message in messages if message["type"] == kind]
+
+
+def tick(page: Page, messages) -> None:
+    """Tick the judge's box as a browser does, and wait until the page has heard of it."""
+    (box,) = of(messages, "GuiCheckboxMessage")
+    wanted, due_s = not page.panels.judge_shown, time.monotonic() + PATIENCE_S
+    page.client.send({"type": "GuiUpdateMessage", "uuid": box["uuid"], "updates": {"value": wanted}})
+    while page.panels.judge_shown != wanted:  # another thread takes it
+        assert time.monotonic() < due_s
+        page.sent()
+
+
+def test_the_judges_knowledge_is_not_sent_before_it_is_asked_for(page, world):
+    one = moment(world)
+    target = display.place_of(one.judge.target_ned or (0.0, 0.0, 0.0))
+    page.show(one)
+    before = page.sent()
+    assert any(str(m.get("name", "")).endswith("/drone-0") for m in before)  # so it is a flight that was sent
+    told = json.dumps(before, default=str)
+    for word in ("judge/", "6.54", "verdict", "(judge)"):
+        assert word not in told
+    assert not any(near(m["position"], target) for m in of(before, "SetPositionMessage"))
+    tick(page, before)
+    page.show(one)
+    after = page.sent()
+    told = json.dumps(after, default=str)
+    for word in ("/judge/target", "6.54", "verdict: success", "(judge)"):
+        assert word in told
+    assert any(near(m["position"], target, 2.5) for m in of(after, "SetPositionMessage"))
+    tick(page, before)
+    page.show(one)
+    gone = {m["name"] for m in of(page.sent(), "RemoveSceneNodeMessage")}
+    assert any(name.endswith("/judge/target") for name in gone)
+    late = PageClient(page.server.url)  # and who comes now is not sent what another had asked for
+    page.server.gui.set_panel_label("late")
+    told = json.dumps(late.until(lambda m: "late" in m.values(), PATIENCE_S), default=str)
+    late.close()
+    assert "/judge/target" not in told
+    assert "6.54" not in told
+
+
+def near(place, other, far: float = 0.5) -> bool:
+    return sum((a - b) ** 2 for a, b in zip(place, other, strict=True)) ** 0.5 < far
+
+
+def test_what_is_shown_twice_is_sent_once(page, world):
+    page.show(moment(world))
+    assert page.sent()
+    page.show(moment(world))
+    assert page.sent() == []
+
+
+def test_a_drone_that_moves_costs_a_few_messages(page, world):
+    page.show(moment(world, 1.0))
+    page.sent()
+    page.show(moment(world, 1.05))
+    kinds = [m["type"] for m in page.sent()]
+    assert kinds.count("SetPositionMessage") == 2  # the drone, and its setpoint's arrow
+    assert len(kinds) <= 3
+    assert not any("Image" in kind or "Glb" in kind for kind in kinds)
+
+
+def test_the_drone_is_where_the_moment_says(page, world):
+    page.show(moment(world, 1.0))
+    page.show(moment(world, 3.0, attitude=(0.8, 0.2, -0.4, 0.4)))
+    sent = page.sent()
+    (place,) = [m for m in of(sent, "SetPositionMessage") if m["name"] == "/world/flight/drone-0"][-1:]
+    (turn,) = [m for m in of(sent, "SetOrientationMessage") if m["name"] == "/world/flight/drone-0"][-1:]
+    assert place["position"] == pytest.approx((2.0, 2.0, -4.0))  # east, up, south
+    assert turn["wxyz"] == pytest.approx((0.8, -0.4, -0.4, -0.2))
+
+
+def test_who_is_followed_stays_where_the_view_has_it(page, world):
+    page.show(moment(world, 1.0))
+    page.scene.follow(0)
+    page.show(moment(world, 1.0))
+    page.show(moment(world, 4.0))
+    assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # three metres north are the world's three to the south
+    page.scene.follow(None)
+    page.show(moment(world, 9.0))
+    assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # the view stays where it is
+
+
+def test_four_drones_have_four_pictures_and_four_bodies(world):
+    page = Page(world, 4)
+    page.show(moment(world, drones=4))
+    sent = page.sent()
+    names = {m["name"] for m in sent if "name" in m}
+    assert {f"/world/flight/drone-{k}/camera" for k in range(4)} <= names
+    html = "".join(str(m["updates"].get("content", "")) for m in of(sent, "GuiUpdateMessage"))
+    told = html + json.dumps(of(sent, "GuiHtmlMessage"), default=str)
+    assert {f'data-drone="{k}"' in told or f'data-drone=\\"{k}\\"' in told for k in range(4)} == {True}
+    page.close()
+
+
+def test_a_ray_that_meets_something_on_its_way_says_where(page, world):
+    """The shed of the small map stands nine metres north and east, its near wall seven metres away."""
+    page.show(moment(world, lens_ned=(0.0, 9.0, -1.5), chosen_ned=(20.0, 9.0, -1.5)))
+    met = [m for m in of(page.sent(), "SetPositionMessage") if m["name"].endswith("/met-0")]
+    assert display.ned_of(met[-1]["position"]) == pytest.approx((6.0, 9.0, -1.5), abs=1e-3)
+    page.show(moment(world, lens_ned=(0.0, 9.0, -1.5), chosen_ned=(5.0, 9.0, -1.5)))
+    assert any(m["name"].endswith("/met-0") for m in of(page.sent(), "RemoveSceneNodeMessage"))
+
+
+def test_without_a_world_there_is_a_grid(world):
+    page = Page(None)
+    page.show(replace(moment(world), judge=JudgeMoment()))
+    assert any(m["type"] == "GridMessage" for m in page.sent())
+    page.close()
+
+
+def test_two_flights_share_a_map(page, world):
+    other = FlightScene(page.server, world.scene, name="other")
+    page.show(moment(world))
+    other.show(moment(world, 2.0))
+    sent = page.sent()
+    assert sum(m.get("name") == "/world/map" for m in sent if m["type"].startswith("Glb")) == 1
+    assert {"/world/flight/drone-0", "/world/other/drone-0"} <= {m.get("name") for m in sent}
+    other.remove()
+    gone = {m["name"] for m in of(page.sent(), "RemoveSceneNodeMessage")}
+    assert any(name.startswith("/world/other") for name in gone)
+    assert not any(name.startswith("/world/flight") for name in gone)
+
+
+def test_a_trail_grows_at_its_end_alone(page, world):
+    for k in range(400):
+        page.scene.show(moment(world, 0.2 * k))
+    page.sent()
+    page.scene.show(moment(world, 0.2 * 401))
+    grown = [m["name"] for m in page.sent() if "/trail-" in m.get("name", "")]
+    assert len(grown) == 1
+
+
+# ---- words
+
+
+def test_nobodys_words_become_markup(world):
+    (drone,) = moment(world).drones
+    assert drone.decision is not None
+    evil = '</pre><script>alert(1)</script><img src=x onerror="x">'
+    said = replace(drone.decision, reply=evil, action=None, error=evil)
+    html = "".join(
+        [
+            markup.decision_html(replace(drone, decision=said, prompt=evil)),
+            markup.messages_html([replace(drone, said=(evil,))]),
+            markup.numbers_html(replace(drone, mode=evil)),
+            markup.state_html(replace(moment(world), state=evil, instruction=evil)),
+            markup.judge_html(JudgeMoment(said=(evil,))),
+            markup.frame_html(drone, evil),
+        ]
+    )
+    assert "<script" not in html
+    assert "onerror=&quot;" in html
+    ours = {"div", "span", "b", "pre", "details", "summary", "img", "svg", "circle"}
+    assert set(re.findall(r"</?([a-z]+)", html)) <= ours
+
+
+def test_a_newer_picture_is_shown_without_the_ring_of_the_last_one(world):
+    (drone,) = moment(world).drones
+    assert 'data-x="250"' in markup.frame_html(drone, "")
+    html = markup.frame_html(replace(drone, picture=picture(4)), "")
+    assert 'data-frame="4"' in html
+    assert "ring" not in html
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        ({"action": "go", "point": [1.0, 2.0], "depth_m": 3.5}, "go to (1, 2), 3.5 m deep"),
+        ({"action": "rotate", "angle_deg": -30.0}, "rotate -30°"),
+        ({"action": "think"}, "think"),
+        (None, "no action: nothing said"),
+    ],
+)
+def test_actions_in_words(action, words):
+    said = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=action, error="nothing said")
+    assert markup.action_words(said) == words
+
+
+def test_a_drone_of_which_nothing_is_known_is_shown_too():
+    empty = DroneMoment(0)
+    assert "no picture yet" in markup.frame_html(empty, "")
+    assert "no decision yet" in markup.decision_html(empty)
+    markup.numbers_html(empty)
