@@ -7,6 +7,7 @@ import msgspec
 import viser
 import zstandard
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 HEAD = 16  # bytes: how long the messages are, and how long compressed
 CAMERA = {
@@ -22,12 +23,8 @@ class PageClient:
     def __init__(self, url: str) -> None:
         """`url` is the page's. Raises OSError where nobody serves it."""
         address = url.replace("http://", "ws://")
-        self._socket = connect(
-            address,
-            subprotocols=[f"viser-v{viser.__version__}"],
-            max_size=None,
-            compression=None,  # type: ignore[list-item]
-        )
+        protocol = Subprotocol(f"viser-v{viser.__version__}")
+        self._socket = connect(address, subprotocols=[protocol], max_size=None, compression=None)
         self.bytes = 0  # received so far
         self.send(CAMERA)
 

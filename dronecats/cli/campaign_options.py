@@ -5,6 +5,7 @@ from pathlib import Path
 
 from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli.model_options import add_accounts, add_manners, add_options
+from dronecats.cli.view_options import add_view
 
 
 def add_part(group: "argparse._ActionsContainer") -> None:
@@ -40,3 +41,4 @@ def add_place(group: "argparse._ActionsContainer", folder: str) -> None:
     group.add_argument("--address", metavar="HOST:PORT", help="with --engine ray: of the cluster (default: one here)")
     group.add_argument("--out", type=Path, metavar="DIR", help=f"folder, gone on with (default {folder})")
     group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
+    add_view(group)

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from dronecats.cli import signals
+from dronecats.cli.view_options import add_view, view_of
 
 WIND_MAX = 40.0  # m/s, a hurricane
 PX4_INSTANCES = 10  # further ones all send to port 14549
@@ -46,6 +47,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         "--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits for one"
     )
     parser.add_argument("--hitl", metavar="URL", help="a PX4 board flies: serial:///dev/ttyACM0:921600")
+    add_view(parser)
     parser.set_defaults(run=run)
 
 
@@ -81,6 +83,9 @@ def run(args: argparse.Namespace) -> int:
         _check_hitl(args, factor)
     elif args.autopilot == "px4" and args.instance + (args.count or 1) > PX4_INSTANCES:
         raise UsageError(f"PX4 has offboard ports of their own for instances 0 to {PX4_INSTANCES - 1} only")
+    view = view_of(args)
+    if view and view.stays:
+        raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
     signals.as_interrupts()
     print("loading the flight core (compiled on the first run, about a minute) …", flush=True)
     from dronecats.processes.supervisor import Supervisor
@@ -90,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.sitl.px4.simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
     from dronecats.stages import parts
+    from dronecats.watch.config import WatchedWires
+    from dronecats.watch.opening import opened
 
     config = SimulatorConfig(
         episode=episode,
@@ -131,12 +138,19 @@ def run(args: argparse.Namespace) -> int:
                 child = supervisor.start(parts.CAMERA, watched)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
-            simulator.ready()
-            while True:
-                simulator.turn()
-                supervisor.check()
-                if lag := simulator.pace.line():
-                    _say(lag)
+            wires = WatchedWires(
+                episode=episode,
+                drones=args.count or 1,
+                truth=f"udpout://127.0.0.1:{ports['truth']}",
+                telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in ports.get("log", ())),
+            )
+            with opened(view, wires, "simulator", _say):
+                simulator.ready()
+                while True:
+                    simulator.turn()
+                    supervisor.check()
+                    if lag := simulator.pace.line():
+                        _say(lag)
         except KeyboardInterrupt:
             if isinstance(simulator, Px4Simulator):
                 _say(simulator.summary())

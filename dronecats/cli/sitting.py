@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.view_options import view_of
+
 if TYPE_CHECKING:
     from dronecats.agent.models.ledger import Spent
     from dronecats.campaign.bench import Bench
@@ -35,8 +37,11 @@ class Sitting:
 
 
 def check_address(args: argparse.Namespace) -> None:
-    """Raise UsageError for the address of a cluster that nobody asks for."""
+    """Raise UsageError for the address of a cluster that nobody asks for, and a page that cannot be shown."""
     from foundation.errors import UsageError
+
+    if view_of(args) and args.engine == "ray":
+        raise UsageError("--view shows what flies on this machine, and not on a cluster's others; leave it out")
 
     if args.address and args.engine != "ray":
         raise UsageError("--address goes with --engine ray; add it or leave --address out")
@@ -61,6 +66,7 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool) -> Sitting:
     from dronecats.campaign.progress import Progress
     from dronecats.cli.live import Live
     from dronecats.run.accounts import Spending
+    from dronecats.watch.opening import opened
 
     broken: dict[tuple[str, str], Result] = {}
     try:
@@ -91,7 +97,8 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool) -> Sitting:
         try:
             if left:
                 live.now(told())
-                ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
+                with opened(view_of(args), bench.out, bench.out.name, live.say):
+                    ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
         except KeyboardInterrupt:
             live.close()
             print(f"go on where it stopped with the same command; {bench.out} holds what was flown", file=sys.stderr)

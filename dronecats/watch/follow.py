@@ -3,6 +3,7 @@
 import json
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from dronecats.rundir import layout
 from dronecats.rundir.damage import Row, taken
 from dronecats.rundir.reading import json_object
 from dronecats.rundir.rows import TRUTH_ROWS, Begin, Decision, End, Exchange, FrameTruth, Pose
-from dronecats.watch.heard import HeardFlight, HeardPose
+from dronecats.watch.heard import HeardFlight
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.watch.pictures import PictureTail
 from dronecats.watch.questions import AskedQuestions, spec_in
@@ -160,23 +161,11 @@ class FlightFollower:
     # ---- the moment
 
     def _drone(self, k: int) -> DroneMoment:
-        pose, heard, decision = self._heard.pose(k), self._heard.drones.get(k), self._decisions.get(k)
-        newest = self._pictures.newest(k)
+        decision, newest = self._decisions.get(k), self._pictures.newest(k)
         picture = None if newest is None else ShownPicture(newest[0], newest[1], self._taken(k, newest[0]))
         chosen = self._chosen(decision) if decision is not None else None
-        state = heard.state if heard is not None else None
-        told = heard is not None and heard.told
-        return DroneMoment(
-            drone=k,
-            position_ned=pose.position_ned if pose else None,
-            attitude=pose.attitude if pose else (1.0, 0.0, 0.0, 0.0),
-            velocity_ned=pose.velocity_ned if pose else None,
-            height_m=self._height(pose) if pose else None,
-            true=pose.true if pose else False,
-            setpoint_ned=heard.setpoint_ned if heard else None,
-            mode=state.mode if state else "",
-            armed=state.armed if state and told else None,
-            battery=state.battery_remaining if state else None,
+        return replace(
+            self._heard.moment(k, self._ground_down),
             said=self._words(k),
             prompt=self._prompts.get(k, ""),
             picture=picture,
@@ -207,10 +196,8 @@ class FlightFollower:
         true = self._frames.get((drone, frame_id))
         return true.t if true is not None else None
 
-    def _height(self, pose: HeardPose) -> float:
-        north, east, down = pose.position_ned
-        ground = self._world.ground_down(north, east) if self._world is not None else 0.0
-        return ground - down
+    def _ground_down(self, north: float, east: float) -> float:
+        return self._world.ground_down(north, east) if self._world is not None else 0.0
 
     def _words(self, drone: int) -> tuple[str, ...]:
         heard = self._heard.drones.get(drone)

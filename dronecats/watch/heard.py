@@ -3,10 +3,11 @@
 import math
 import struct
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from dronecats.watch.moment import DroneMoment
 from dronecats.watch.tails import intact
 from foundation import wire
 from foundation.frames import Quat, Vec3, quat_from_euler
@@ -97,6 +98,31 @@ class HeardFlight:
             nearest = min(heard.truths, key=lambda frame: abs(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0] - time_us))
             return self._truth(nearest)
         return min(heard.estimates, key=lambda pose: abs(pose.time_us - time_us), default=None)
+
+    def moment(self, drone: int, ground_down: Callable[[float, float], float]) -> DroneMoment:
+        """Return a drone as far as its wires tell of it; `ground_down`: m NED of the ground at a place."""
+        pose, heard = self.pose(drone), self.drones.get(drone)
+        if heard is None:
+            return DroneMoment(drone)
+        shown = DroneMoment(
+            drone,
+            setpoint_ned=heard.setpoint_ned,
+            mode=heard.state.mode,
+            armed=heard.state.armed if heard.told else None,
+            battery=heard.state.battery_remaining,
+            said=tuple(said.text for said in heard.texts.newest),
+        )
+        if pose is None:
+            return shown
+        north, east, down = pose.position_ned
+        return replace(
+            shown,
+            position_ned=pose.position_ned,
+            attitude=pose.attitude,
+            velocity_ned=pose.velocity_ned,
+            height_m=ground_down(north, east) - down,
+            true=pose.true,
+        )
 
     def _of(self, frame: bytes) -> HeardDrone:
         """Return the drone of a frame; where there is no truth, there is one vehicle, whatever its number."""

@@ -5,12 +5,12 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
 from dronecats.processes.supervisor import ChildKind, ChildProcess
-from dronecats.watch.config import ViewerConfig
+from dronecats.watch.config import ViewerConfig, WatchedWires
 from foundation.errors import DronecatsError, UsageError
 
 VIEWER = ChildKind("viewer", "dronecats.watch.viewer_process", ViewerConfig)
@@ -34,8 +34,8 @@ def check(view: View) -> None:
 
 
 @contextmanager
-def opened(view: View | None, root: Path, title: str, say: Callable[[str], None]) -> Iterator[None]:
-    """Have the flights below a folder shown while the body flies them; None: no page is wanted.
+def opened(view: View | None, what: Path | WatchedWires, title: str, say: Callable[[str], None]) -> Iterator[None]:
+    """Have the flights below a folder, or on a simulator's wires, shown meanwhile; None: no page is wanted.
 
     What becomes of the page is nothing to the body: one that cannot be opened is told of, and that is all.
     """
@@ -43,7 +43,9 @@ def opened(view: View | None, root: Path, title: str, say: Callable[[str], None]
         yield
         return
     with tempfile.TemporaryDirectory(prefix="dronecats-view-") as logs:
-        child = ChildProcess(VIEWER, ViewerConfig(root=str(root), port=view.port, title=title), Path(logs) / "log")
+        config = ViewerConfig(port=view.port, title=title)
+        config = replace(config, root=str(what)) if isinstance(what, Path) else replace(config, wires=what)
+        child = ChildProcess(VIEWER, config, Path(logs) / "log")
         closing, address = threading.Event(), _Address()
 
         def announce() -> None:

@@ -1,7 +1,8 @@
 """The page: the list of flights, and the one of them that is shown, with its world and its panels."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import viser
 
@@ -9,35 +10,50 @@ from dronecats.rundir import layout
 from dronecats.rundir.reading import json_object
 from dronecats.watch.episodes import WatchedEpisode, newest_flown
 from dronecats.watch.follow import FlightFollower
+from dronecats.watch.moment import Moment
 from dronecats.watch.panels import FlightPanels
 from dronecats.watch.scene import WORLD, FlightScene
 from dronecats.watch.world import flown_world, lens_in
+from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
 
 NEWEST = "the newest"
 LISTED = 200  # flights that can be chosen from
 WAITING = '<div style="font-size:13px;padding:4px 10px">waiting for a flight …</div>'
 
 
+class Follower(Protocol):
+    """Whatever tells what a flight has come to."""
+
+    def turn(self) -> Moment:
+        """Return the moment of now."""
+        ...
+
+
 class ShownFlight:
     """One flight on the page."""
 
-    def __init__(self, server: viser.ViserServer, folder: Path) -> None:
-        """Take up a flight where it is. Building its world may take some seconds."""
-        self.folder = folder
-        world = flown_world(folder)
-        drones = len(world.record.starts) if world is not None else 1
-        self._follower = FlightFollower(folder, world, drones)
-        self._scene = FlightScene(server, world.scene if world else None, drones=drones, camera=lens_in(folder))
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        follower: Follower,
+        world: World | None,
+        drones: int,
+        camera: CameraModel | None = None,
+        trails: Mapping[int, Sequence[Vec3]] | None = None,
+    ) -> None:
+        """`trails`: where each drone has been before somebody looked, m NED, once the follower has taken a turn."""
+        self._follower, self._trails = follower, trails
+        self._scene = FlightScene(server, world.scene if world else None, drones=drones, camera=camera)
         self._panels = FlightPanels(server, drones, on_judge=self._judge, on_follow=self._scene.follow)
-        self._trailed = False
 
     def turn(self) -> None:
         """Show the moment that the flight has come to."""
         moment = self._follower.turn()
-        if not self._trailed:  # where it has been before somebody looked
-            self._trailed = True
-            for drone, places in self._follower.trails.items():
-                self._scene.show_trail(drone, places)
+        for drone, places in (self._trails or {}).items():
+            self._scene.show_trail(drone, places)
+        self._trails = None
         self._scene.show(moment)
         self._panels.show(moment)
 
@@ -56,6 +72,7 @@ class LivePage:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._shown: ShownFlight | None = None
+        self._folder: Path | None = None  # of the flight that is shown
         self._world: object = None  # of what map the ground is
         self._told: object = None
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
@@ -67,21 +84,28 @@ class LivePage:
         """Take the flights that there are, the newest first, and show the one that is chosen."""
         self._tell(episodes)
         wanted = self._wanted(episodes)
-        if wanted is None or (self._shown is not None and self._shown.folder == wanted.folder):
+        if wanted is None or wanted.folder == self._folder:
             return
         if self._shown is not None:
             self._shown.remove()
         ground = _ground(wanted.folder)
         if ground != self._world and self._server.scene.get_handle_by_name(WORLD) is not None:
             self._server.scene.remove_by_name(WORLD)
-        self._world = ground
+        self._world, self._folder = ground, wanted.folder
         self._waiting.visible = False
-        self._shown = ShownFlight(self._server, wanted.folder)
+        self._shown = self._taken_up(wanted.folder)
 
     def turn(self) -> None:
         """Bring the page up to now."""
         if self._shown is not None:
             self._shown.turn()
+
+    def _taken_up(self, folder: Path) -> ShownFlight:
+        """Return a flight where it is now. Building its world may take some seconds."""
+        world = flown_world(folder)
+        drones = len(world.record.starts) if world is not None else 1
+        follower = FlightFollower(folder, world, drones)
+        return ShownFlight(self._server, follower, world, drones, lens_in(folder), follower.trails)
 
     def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
         chosen = self._choice.value

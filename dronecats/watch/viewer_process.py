@@ -8,7 +8,10 @@ from typing import Any
 from dronecats.scenery.page import LoopbackServer
 from dronecats.watch.config import ViewerConfig
 from dronecats.watch.episodes import EpisodeList
-from dronecats.watch.page import LivePage
+from dronecats.watch.page import LivePage, ShownFlight
+from dronecats.watch.wires import WireFollower
+from episodes import catalogue
+from episodes.world import World
 
 PERIOD_S = 0.04  # wall seconds from one update to the next while somebody looks …
 IDLE_S = 0.25  # … and while nobody does
@@ -16,15 +19,31 @@ LISTED_S = 0.5  # from one look for flights to the next
 NICE = 5  # whatever flies comes first
 
 
+class FolderPage:
+    """The flights of a folder."""
+
+    def __init__(self, server: LoopbackServer, root: Path) -> None:
+        self._episodes, self._page = EpisodeList(root), LivePage(server)
+        self._due_s = 0.0
+
+    def turn(self) -> None:
+        """Bring the page up to now."""
+        now_s = time.monotonic()
+        if now_s >= self._due_s:
+            self._page.listed(self._episodes.look())
+            self._due_s = now_s + LISTED_S
+        self._page.turn()
+
+
 class FlightViewer:
-    """Serves the page and brings it up to the folder, again and again."""
+    """Serves the page and brings it up to what has come, again and again."""
 
     def __init__(self, config: ViewerConfig) -> None:
         os.nice(NICE)
         self._server = LoopbackServer(f"DroneCATS · {config.title}" if config.title else "DroneCATS", config.port)
-        self._episodes = EpisodeList(Path(config.root))
-        self._page = LivePage(self._server)
-        self._due_s = self._list_due_s = 0.0
+        self._config = config
+        self._page: FolderPage | ShownFlight | None = None  # made in the first turn: a world may take seconds
+        self._due_s = 0.0
 
     def ready(self) -> dict[str, Any]:
         return {"url": self._server.url}
@@ -33,19 +52,23 @@ class FlightViewer:
         """Nothing is asked of it."""
 
     def turn(self) -> None:
-        now_s = time.monotonic()
-        time.sleep(max(0.0, self._due_s - now_s))
-        began_s = time.monotonic()
-        self._due_s = began_s + (PERIOD_S if self._server.get_clients() else IDLE_S)
-        if began_s >= self._list_due_s:
-            self._page.listed(self._episodes.look())
-            self._list_due_s = time.monotonic() + LISTED_S
+        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        self._due_s = time.monotonic() + (PERIOD_S if self._server.get_clients() else IDLE_S)
+        if self._page is None:
+            self._page = self._made()
         self._page.turn()
 
     def close(self) -> None:
         self._server.stop()
 
+    def _made(self) -> FolderPage | ShownFlight:
+        wires = self._config.wires
+        if wires is None:
+            return FolderPage(self._server, Path(self._config.root))
+        world = World(catalogue.load(wires.episode))
+        return ShownFlight(self._server, WireFollower(wires, world), world, wires.drones)
+
 
 def create(config: ViewerConfig) -> FlightViewer:
-    """Return the page of a folder."""
+    """Return the page of a folder, or of a simulator's wires."""
     return FlightViewer(config)

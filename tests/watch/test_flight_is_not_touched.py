@@ -98,7 +98,8 @@ class Watched:
 
 
 def test_a_page_that_hangs_is_killed_and_comes_again_changes_no_byte(alone, tmp_path):
-    out, steps = tmp_path / "watched", []
+    out = tmp_path / "watched"
+    steps: list[str] = []
     (tmp_path / "logs").mkdir()
     watched = Watched(out, tmp_path / "logs")
 

@@ -1,6 +1,7 @@
 """Files that grow, read while they grow: nothing is lost, nothing comes twice, and nothing that is torn is taken."""
 
 import itertools
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,7 +31,7 @@ def tlog(path, count: int = 24) -> tuple[bytes, list[tuple[int, bytes]]]:
     return path.read_bytes(), told
 
 
-def read_in_pieces(path, tail, data: bytes, cuts: list[int]) -> list:
+def read_in_pieces(path, tail, data: bytes, cuts: list[int]) -> list[Any]:
     """Let a file grow from cut to cut, and return what its tail gives on the way."""
     found = []
     edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]

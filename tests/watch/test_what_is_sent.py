@@ -2,9 +2,11 @@
 
 import itertools
 import json
+import math
 import re
 import time
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -38,7 +40,7 @@ class Page:
         self.scene.show(one)
         self.panels.show(one)
 
-    def sent(self) -> list[dict]:
+    def sent(self) -> list[dict[str, Any]]:
         """Return all that has been sent since the last time."""
         mark = f"mark {next(self._count)}"
         self.server.gui.set_panel_label(mark)
@@ -57,7 +59,7 @@ def page(world):
     made.close()
 
 
-def of(messages, kind: str) -> list[dict]:
+def of(messages, kind: str) -> list[dict[str, Any]]:
     return [message for message in messages if message["type"] == kind]
 
 
@@ -101,7 +103,7 @@ def test_the_judges_knowledge_is_not_sent_before_it_is_asked_for(page, world):
 
 
 def near(place, other, far: float = 0.5) -> bool:
-    return sum((a - b) ** 2 for a, b in zip(place, other, strict=True)) ** 0.5 < far
+    return math.dist(place, other) < far
 
 
 def test_what_is_shown_twice_is_sent_once(page, world):
