@@ -198,7 +198,9 @@ class ReplayPage:
         state = self.state
         self._apply(state)
         jumped = self._shown_s is None or not 0.0 <= t_s - self._shown_s <= GAP_S
-        for number, (flight, scene) in enumerate(zip(self.flights, self._scenes, strict=True)):
+        numbers = sorted(range(len(self.flights)), key=lambda number: number == state.flight)
+        for number in numbers:  # the chosen one last: that is whom a browser that comes looks at
+            flight, scene = self.flights[number], self._scenes[number]
             moment = flight.moment(t_s)
             if jumped:
                 for drone in flight.drones:
