@@ -13,6 +13,7 @@ class Sight:
     heading: float  # rad, 0 = north, clockwise
     roll: float = 0.0  # rad, right side down
     pitch: float = 0.0  # rad, nose up
+    carried_on: bool = False  # beyond the newest telemetry, which may tell it otherwise when it comes
 
 
 @dataclass(frozen=True, slots=True)

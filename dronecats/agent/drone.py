@@ -32,6 +32,11 @@ class Drone:
         if self._seen is None or time_us != self._seen_us:  # the same again may be older than what is remembered
             self._seen, self._seen_us = self.aircraft.sight(time_us), time_us
 
+    def _settle(self) -> None:
+        """Look once more where it was then, if nobody had told: telemetry may have come since."""
+        if self._seen is not None and self._seen.carried_on:
+            self._seen = self.aircraft.sight(self._seen_us)
+
     def plan(self, action: Action | None) -> None:
         """Take an action, None for an unreadable reply; `begin` flies it."""
         self._segments, self._counts_from = list(plan(action, self.history.camera)), None
@@ -53,6 +58,7 @@ class Drone:
 
     def _next_segment(self, starts_s: float, now_s: float) -> None:
         if self._segments:
+            self._settle()
             segment = self._segments[0]
             self._segment_ends_s = starts_s + segment.duration_s
             seconds = self._segment_ends_s + segment.settle_s - now_s

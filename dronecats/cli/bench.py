@@ -1,6 +1,7 @@
 """`dronecats bench`: fly a suite with models and pilots, several flights of each, and go on where it stopped."""
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 
 from dronecats.cli import signals, sitting
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     entries = bench_spec.runs(args, chosen, out)
     retry = not args.no_retry
     bench = Bench(out, chosen, entries, retry=retry, limit=args.limit, shard=shard)
-    sat = sitting.sit(bench, args, retry=retry)
-    sitting.say(sat, table(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)
+    with ExitStack() as beside:
+        sat = sitting.sit(bench, args, retry=retry, beside=beside)
+        sitting.say(sat, table(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)
     return sitting.status(sat, "bench")

@@ -6,6 +6,7 @@ import resource
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,8 +60,11 @@ def allow_locks(runs: int) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool) -> Sitting:
-    """Fly what is left of a folder, saying on standard error how it goes, and close it. Raises DronecatsError."""
+def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitStack) -> Sitting:
+    """Fly what is left of a folder, saying on standard error how it goes, and close it. Raises DronecatsError.
+
+    A page that is wanted is opened `beside`, and is there until that is closed.
+    """
     from dronecats.campaign.campaign import Came, Campaign
     from dronecats.campaign.local import cores
     from dronecats.campaign.progress import Progress
@@ -97,8 +101,8 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool) -> Sitting:
         try:
             if left:
                 live.now(told())
-                with opened(view_of(args), bench.out, bench.out.name, live.say):
-                    ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
+                beside.enter_context(opened(view_of(args), bench.out, bench.out.name, live.say))
+                ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
         except KeyboardInterrupt:
             live.close()
             print(f"go on where it stopped with the same command; {bench.out} holds what was flown", file=sys.stderr)

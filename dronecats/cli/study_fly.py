@@ -1,6 +1,7 @@
 """A study flown, and said: shared by the actions of `dronecats study` that fly."""
 
 import shlex
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,13 +32,14 @@ def fly(asked: "AskedStudy") -> int:
         out, asked.suite, asked.plan.entries, retry=False, limit=args.limit,
         shard=bench_spec.shard(args), first=lambda: folder.write(out, study),
     )  # fmt: skip
-    sat = sitting.sit(bench, args, retry=False)
-    repeats = {run.entry.name: again(run) for run in bench.runs if run.part}
-    if not args.json:
-        print("a flight of each run once more, alone and to the byte:")
-        for command in repeats.values():
-            print(f"  {command}")
-    sitting.say(sat, table(sat.scores), as_json=args.json, more={"study": study.name, "again": repeats})
+    with ExitStack() as beside:
+        sat = sitting.sit(bench, args, retry=False, beside=beside)
+        repeats = {run.entry.name: again(run) for run in bench.runs if run.part}
+        if not args.json:
+            print("a flight of each run once more, alone and to the byte:")
+            for command in repeats.values():
+                print(f"  {command}")
+        sitting.say(sat, table(sat.scores), as_json=args.json, more={"study": study.name, "again": repeats})
     return sitting.status(sat, "study")
 
 

@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dronecats.watch.opening import View
+    from dronecats.watch.opening import WantedPage
 
 
 def add_view(group: "argparse._ActionsContainer") -> None:
@@ -14,7 +14,7 @@ def add_view(group: "argparse._ActionsContainer") -> None:
     group.add_argument("--view-stay", action="store_true", help="with --view: keep the page afterwards, until Ctrl-C")
 
 
-def view_of(args: argparse.Namespace) -> "View | None":
+def view_of(args: argparse.Namespace) -> "WantedPage | None":
     """Return what page is wanted, None where none is. Raises UsageError for words that do not go together."""
     from foundation.errors import UsageError
 
@@ -23,8 +23,8 @@ def view_of(args: argparse.Namespace) -> "View | None":
             stray = "view-port" if args.view_port is not None else "view-stay"
             raise UsageError(f"--{stray} goes with --view; add it or leave --{stray} out")
         return None
-    from dronecats.watch.opening import PORT, View, check
+    from dronecats.watch.opening import PORT, WantedPage, check
 
-    view = View(port=PORT if args.view_port is None else args.view_port, stays=args.view_stay)
+    view = WantedPage(port=PORT if args.view_port is None else args.view_port, stays=args.view_stay)
     check(view)
     return view

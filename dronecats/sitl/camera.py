@@ -37,15 +37,18 @@ class WorldCamera:
         *,
         rendered: bool = True,
         optics: Optics | None = None,
+        seed: int = 0,
         kept: int = KEPT,
     ) -> None:
         """`rendered` False: every frame is plain grey, taken and announced like any other.
 
-        `optics` changes the pictures and nothing else; None is the benchmark's camera. `kept`: samples of the truth
-        of each drone that `at` can go back to.
+        `optics` changes the pictures and nothing else; None is the benchmark's camera. `seed` tells flights of one
+        episode apart: what is random in their pictures. `kept`: samples of the truth of each drone that `at` can go
+        back to.
         """
         self.world, self.camera = world, camera
         self._announce = announce
+        self._seed = (world.record.seed, seed)
         self._renderer: Renderer | OpticalRenderer | None = None
         if rendered:
             self._renderer = OpticalRenderer(world.filmed, camera, optics) if optics else Renderer(world.filmed, camera)
@@ -136,7 +139,9 @@ class WorldCamera:
         rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
         motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
         return self._renderer.picture(
-            motion, lambda t: self.world.moved(max(0.0, t), _after(others, t - t_s)), frame_id
+            motion,
+            lambda t: self.world.moved(max(0.0, t), _after(others, t - t_s)),
+            (*self._seed, sample.drone, frame_id),
         )
 
     def close(self) -> None:

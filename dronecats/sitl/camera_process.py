@@ -29,7 +29,9 @@ class CameraPart:
     def __init__(self, config: CameraConfig) -> None:
         optics = optics_of(config.optics, "optics") if config.optics else None
         world = load_world(config.episode, config.airframe, config.count)
-        self._camera = WorldCamera(world, CameraModel(), self._announce, optics=optics, kept=config.kept)
+        self._camera = WorldCamera(
+            world, CameraModel(), self._announce, optics=optics, seed=config.seed, kept=config.kept
+        )
         self._bus = Listener(config.truth, self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
         host, port = "127.0.0.1", int(config.port)

@@ -43,6 +43,7 @@ class CameraConfig:
     count: int | None = None
     port: int = 0  # TCP; 0: one that the system chose
     optics: dict[str, Any] | None = None
+    seed: int = 0  # tells flights of one episode apart, with optics
     kept: int = KEPT  # samples of the truth of each drone, of which pictures can be had
 
 

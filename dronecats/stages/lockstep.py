@@ -65,7 +65,7 @@ class LockstepStage:
             clock.followers.append(partial(self._log, port))
         self.camera = WorldCamera(
             world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics,
-            kept=truth_kept(spec.disturbances.frame),
+            seed=spec.seed, kept=truth_kept(spec.disturbances.frame),
         )  # fmt: skip
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()

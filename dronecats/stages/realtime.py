@@ -66,6 +66,7 @@ class RealtimeStage:
                 airframe=config.airframe,
                 truth=self._truth,
                 optics=simulated.optics,
+                seed=config.seed,
                 kept=truth_kept(flight.spec.disturbances.frame),
             ),
         )

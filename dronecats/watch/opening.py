@@ -18,14 +18,14 @@ PORT = 8080
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class WantedPage:
     """That a page is wanted, and where."""
 
     port: int = PORT
     stays: bool = False  # until it is interrupted, when the flight is over
 
 
-def check(view: View) -> None:
+def check(view: WantedPage) -> None:
     """Raise UsageError for a port that is none, or where nothing that serves a page is installed."""
     if not 1 <= view.port <= 65535:
         raise UsageError(f"--view-port {view.port} is no port: choose one from 1 to 65535.")
@@ -34,7 +34,9 @@ def check(view: View) -> None:
 
 
 @contextmanager
-def opened(view: View | None, what: Path | WatchedWires, title: str, say: Callable[[str], None]) -> Iterator[None]:
+def opened(
+    view: WantedPage | None, what: Path | WatchedWires, title: str, say: Callable[[str], None]
+) -> Iterator[None]:
     """Have the flights below a folder, or on a simulator's wires, shown meanwhile; None: no page is wanted.
 
     What becomes of the page is nothing to the body: one that cannot be opened is told of, and that is all.

@@ -31,7 +31,7 @@ class Follower(Protocol):
         ...
 
 
-class ShownFlight:
+class LiveFlight:
     """One flight on the page."""
 
     def __init__(
@@ -71,11 +71,12 @@ class LivePage:
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
-        self._shown: ShownFlight | None = None
+        self._shown: LiveFlight | None = None
         self._folder: Path | None = None  # of the flight that is shown
         self._world: object = None  # of what map the ground is
         self._told: object = None
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         self._waiting = server.gui.add_html(WAITING)
         self._choice: Any = server.gui.add_dropdown("Flight", (NEWEST,), initial_value=NEWEST, visible=False)
         self._list = server.gui.add_html("", visible=False)
@@ -100,12 +101,12 @@ class LivePage:
         if self._shown is not None:
             self._shown.turn()
 
-    def _taken_up(self, folder: Path) -> ShownFlight:
+    def _taken_up(self, folder: Path) -> LiveFlight:
         """Return a flight where it is now. Building its world may take some seconds."""
         world = flown_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
-        return ShownFlight(self._server, follower, world, drones, lens_in(folder), follower.trails)
+        return LiveFlight(self._server, follower, world, drones, lens_in(folder), follower.trails)
 
     def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
         chosen = self._choice.value

@@ -253,8 +253,10 @@ class FlightScene:
         c, s = math.cos(yaw), math.sin(yaw)
         view = self._server.initial_camera
         view.up = (0.0, 1.0, 0.0)
-        view.position = display.place_of((here[0] - 9.0 * c + 3.0 * s, here[1] - 9.0 * s - 3.0 * c, here[2] - 4.5))
-        view.look_at = display.place_of((here[0] + 5.0 * c, here[1] + 5.0 * s, here[2] + 0.5))
+        eye = display.place_of((here[0] - 9.0 * c + 3.0 * s, here[1] - 9.0 * s - 3.0 * c, here[2] - 4.5))
+        seen = display.place_of((here[0] + 5.0 * c, here[1] + 5.0 * s, here[2] + 0.5))
+        x, y, z = self.offset  # somebody may have been followed before
+        view.position, view.look_at = (eye[0] + x, eye[1] + y, eye[2] + z), (seen[0] + x, seen[1] + y, seen[2] + z)
 
     def _keep_up(self, drones: Sequence[DroneMoment]) -> None:
         """Move the world so that the drone that is followed stays where it was in the browser."""

@@ -8,7 +8,7 @@ from typing import Any
 from dronecats.scenery.page import LoopbackServer
 from dronecats.watch.config import ViewerConfig
 from dronecats.watch.episodes import EpisodeList
-from dronecats.watch.page import LivePage, ShownFlight
+from dronecats.watch.page import LiveFlight, LivePage
 from dronecats.watch.wires import WireFollower
 from episodes import catalogue
 from episodes.world import World
@@ -42,7 +42,7 @@ class FlightViewer:
         os.nice(NICE)
         self._server = LoopbackServer(f"DroneCATS · {config.title}" if config.title else "DroneCATS", config.port)
         self._config = config
-        self._page: FolderPage | ShownFlight | None = None  # made in the first turn: a world may take seconds
+        self._page: FolderPage | LiveFlight | None = None  # made in the first turn: a world may take seconds
         self._due_s = 0.0
 
     def ready(self) -> dict[str, Any]:
@@ -61,12 +61,12 @@ class FlightViewer:
     def close(self) -> None:
         self._server.stop()
 
-    def _made(self) -> FolderPage | ShownFlight:
+    def _made(self) -> FolderPage | LiveFlight:
         wires = self._config.wires
         if wires is None:
             return FolderPage(self._server, Path(self._config.root))
         world = World(catalogue.load(wires.episode))
-        return ShownFlight(self._server, WireFollower(wires, world), world, wires.drones)
+        return LiveFlight(self._server, WireFollower(wires, world), world, wires.drones)
 
 
 def create(config: ViewerConfig) -> FlightViewer:

@@ -1,7 +1,7 @@
 """The picture that a real camera would take: scene, haze, exposure, rain, lens, noise, in this order."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +43,8 @@ class VehicleMotion:
 class OpticalRenderer:
     """Draws one scene through one camera with `optics` before, in and behind its lens.
 
-    The bytes depend on scene, camera, optics, motion and frame id alone. Only the picture is changed: depth, ids and
-    visibility are the geometry's.
+    The bytes depend on scene, camera, optics, motion and what is drawn from alone. Only the picture is changed: depth,
+    ids and visibility are the geometry's.
     """
 
     def __init__(self, scene: Scene, camera: CameraModel, optics: Optics, threads: int = 2) -> None:
@@ -56,9 +56,14 @@ class OpticalRenderer:
         self._codes = Codes()
         self._air = weather.haze_color(optics.haze, daylight(sun).horizon)
 
-    def picture(self, motion: VehicleMotion, moved: Callable[[float], Moved], frame_id: int) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB picture of a frame; `moved` tells what stands where at a time (s)."""
-        optics, rng = self._optics, np.random.default_rng((self._optics.seed, frame_id))
+    def picture(
+        self, motion: VehicleMotion, moved: Callable[[float], Moved], drawn_from: Sequence[int]
+    ) -> NDArray[np.uint8]:
+        """Return the (H, W, 3) sRGB picture of a frame; `moved` tells what stands where at a time (s).
+
+        `drawn_from`: what tells it from every other picture. Of these numbers and the options' seed are noise and drops.
+        """
+        optics, rng = self._optics, np.random.default_rng((self._optics.seed, *drawn_from))
         exposure = optics.exposure
         shutter, poses = (exposure.time_s, exposure.poses) if exposure and exposure.time_s > 0.0 else (0.0, 1)
         seen = [self._seen(motion.after(shutter * ((k + 0.5) / poses - 0.5)), moved) for k in range(poses)]

@@ -81,7 +81,7 @@ class Optics:
     sun: SunPlace | None = None
     haze: Haze | None = None
     rain: Rain | None = None
-    seed: int = 0  # of noise and drops, with the frame's id
+    seed: int = 0  # of noise and drops, with that of the flight, the drone and the frame's id
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options that are on, as JSON holds them; `file.optics_of` reads it back."""

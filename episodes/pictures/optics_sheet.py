@@ -46,7 +46,7 @@ def tile(name: str, optics: Optics, world: World) -> NDArray[np.uint8]:
         rates_frd=(0.0, 0.0, math.radians(60.0) if turning else 0.0),
     )
     renderer = OpticalRenderer(world.scene, CameraModel(), optics)
-    picture = cv2.resize(renderer.picture(motion, world.moved, 1), TILE_PX, interpolation=cv2.INTER_AREA)
+    picture = cv2.resize(renderer.picture(motion, world.moved, (1,)), TILE_PX, interpolation=cv2.INTER_AREA)
     renderer.close()
     label = np.full((LABEL_PX, TILE_PX[0], 3), 246, np.uint8)
     cv2.putText(label, name, (6, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (36, 38, 42), 1, cv2.LINE_AA)

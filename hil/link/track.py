@@ -7,7 +7,7 @@ from typing import TypeVar
 from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Sight
 
-KEPT_US = 75_000_000  # µs; frames are younger, which on purpose come up to a minute late
+KEPT_US = 375_000_000  # µs; a frame that is acted on is younger: up to a minute late, its reply five more
 AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
 
 Report = TypeVar("Report", tuple[int, Vec3, Vec3], tuple[int, float, float], tuple[int, float])
@@ -50,7 +50,8 @@ class Track:
         first, second, part, on_s = _around(self._headings, time_us)
         heading = first[1] + part * wrap_pi(second[1] - first[1]) + on_s * second[2]
         roll, pitch = self._tilt(time_us)
-        return Sight((place[0], place[1], place[2]), wrap_pi(heading), roll, pitch)
+        carried_on = time_us > min(self._places[-1][0], self._headings[-1][0])
+        return Sight((place[0], place[1], place[2]), wrap_pi(heading), roll, pitch, carried_on)
 
     def _tilt(self, time_us: int) -> tuple[float, float]:
         """Return roll and pitch (rad) at a time, level while nothing is known; never carried on."""

@@ -7,7 +7,7 @@ import pytest
 
 from tests.architecture.import_graph import ROOMS, ROOT, circles, graph, modules
 
-BESIDE = {"tests", "benchmarks"}  # top-level packages that no room imports
+BESIDE = {"tests", "benchmarks", "examples"}  # top-level packages that no room imports
 
 
 def test_no_file_is_in_a_circle_of_imports():

@@ -145,3 +145,13 @@ def test_film():
     (found,) = printed("film")
     assert_figures(found, {"wall_s", "cpu_s", "shared_out_s", "cpu_ms_per_picture", "megabytes"})
     assert (found["pictures"], found["read_back"], found["film_s"]) == (10, 10, 1.0)
+
+
+@pytest.mark.slow
+def test_view():
+    (found,) = printed("view")
+    assert found["matched"] > 10
+    assert 0.0 <= found["late_ms_median"] < 1000.0
+    assert found["updates_hz"] > 1.0
+    assert found["viewer_core"] > 0.0
+    assert found["flush_ratio"] > 0.0

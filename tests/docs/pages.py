@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 # what makes a line a command of ours; `dronecats fly: …` is what one printed
 BEGINS = re.compile(
-    r"dronecats(?: (?!\S*:\s)|$)|python -m (?:benchmarks|dronecats|episodes)\b|pytest |make |echo .* \| dron"
+    r"dronecats(?: (?!\S*:\s)|$)|python -m (?:benchmarks|dronecats|episodes|examples)\b|pytest |make |echo .* \| dron"
 )
 BEFORE = re.compile(r"(?:\$ |ExecStart=\S*/(?=dronecats )|(?:[A-Z_0-9]+=(?:\"[^\"]*\"|\S+) )+(?=pytest|dronecats))")
 

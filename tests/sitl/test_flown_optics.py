@@ -14,7 +14,7 @@ from dronecats.sitl.camera import WorldCamera, rates_between
 from dronecats.sitl.scenario import origin
 from episodes import catalogue
 from episodes.optics.file import load
-from episodes.optics.options import Exposure, Optics, Sensor
+from episodes.optics.options import Exposure, Optics, Rain, Sensor
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler, quat_integrate
@@ -49,18 +49,18 @@ def world():
     return World(catalogue.load(catalogue.DEFAULT))
 
 
-def bus(world, time_us, yaw):
+def bus(world, time_us, yaw, drone=0):
     spawn = world.scene.spawn_ned
     place = (spawn[0], spawn[1], spawn[2] - 3.0)
     zero = (0.0, 0.0, 0.0)
     message = truth_message(time_us, place, zero, quat_from_euler(0.0, 0.0, yaw), zero, zero, origin(world))
-    return Packer(1, 51).pack(message)
+    return Packer(drone + 1, 51).pack(message)
 
 
-def frames(world, optics, turn):
+def frames(world, optics, turn, seed=0):
     """Return two pictures and what was announced, the vehicle turning by `turn` (rad) in 20 ms."""
     said: list[bytes] = []
-    camera = WorldCamera(world, SMALL, said.append, optics=optics)
+    camera = WorldCamera(world, SMALL, said.append, optics=optics, seed=seed)
     camera.feed(bus(world, 1_000_000, 0.3))
     camera.feed(bus(world, 1_020_000, 0.3 + turn))
     return [camera.newest().image_rgb for _ in range(2)], said
@@ -81,6 +81,26 @@ def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
     assert (first != second).mean() > 0.5
     assert np.abs(first.astype(float) - second.astype(float)).mean() < 15.0
     np.testing.assert_array_equal(frames(world, Optics(sensor=Sensor(2000.0, 5.0)), 0.0)[0][1], second)
+
+
+@pytest.mark.parametrize("optics", [Optics(sensor=Sensor(2000.0, 5.0)), Optics(rain=Rain(100.0))])
+def test_another_flight_has_other_noise_and_other_drops(world, optics):
+    (one, _), _ = frames(world, optics, 0.0, seed=1)
+    (other, _), _ = frames(world, optics, 0.0, seed=2)
+    assert (one != other).any()
+    np.testing.assert_array_equal(frames(world, optics, 0.0, seed=2)[0][0], other)
+    plain = [frames(world, None, 0.0, seed=seed)[0][0] for seed in (1, 2)]
+    np.testing.assert_array_equal(*plain)
+
+
+def test_two_drones_of_a_fleet_at_one_place_have_each_its_own_noise():
+    fleet, seen = World(catalogue.load("residential-commanding-01")), []
+    for drone in (0, 1):
+        camera = WorldCamera(fleet, SMALL, lambda data: None, optics=Optics(sensor=Sensor(2000.0, 5.0)))
+        camera.feed(bus(fleet, 1_000_000, 0.3, drone))
+        seen.append(camera.newest(drone).image_rgb)
+    assert (seen[0] != seen[1]).mean() > 0.5
+    assert np.abs(seen[0].astype(float) - seen[1].astype(float)).mean() < 15.0
 
 
 def test_a_run_says_what_it_was_flown_with(tmp_path):

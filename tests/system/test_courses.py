@@ -47,6 +47,13 @@ def test_a_go_flies_to_its_pixel_and_a_rotate_shows_its_angle_whatever_came_befo
 
 
 @pytest.mark.slow
+def test_so_it_is_where_the_vehicle_tells_late_where_it_was(high_up, tmp_path):
+    """When the picture is taken, the newest that is known of place and heading is half a second old."""
+    words = ("--speed", "max", "--latency", "fixed:1", "--link", "from.delay=0.5", "--seed", "5")
+    holds(fly(tmp_path, high_up, 5, *words))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("latency", ["real", "fixed:1.5"])
 def test_so_it_is_over_real_sockets_in_real_time(high_up, tmp_path, latency):
     holds(fly(tmp_path, high_up, 4, "--latency", latency, "--speed", "3"), share=0.9)  # five minutes in less than two

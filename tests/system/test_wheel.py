@@ -132,8 +132,8 @@ def test_the_wheel_describes_itself(wheel):
         top = archive.read(f"dronecats-{__version__}.dist-info/top_level.txt").decode().split()
     assert (said["Name"], said["Version"], said["License-Expression"]) == ("dronecats", __version__, "Apache-2.0")
     assert said["Description-Content-Type"] == "text/markdown"
-    extras = {"sim", "serial", "ulog", "edit", "vision", "gymnasium", "inspect", "query", "cluster", "film", "export"}
-    assert extras | {"rerun", "lerobot", "dev"} == set(said.get_all("Provides-Extra") or ())
+    extras = {"sim", "serial", "ulog", "edit", "view", "vision", "gymnasium", "inspect", "query", "cluster", "film"}
+    assert extras | {"export", "rerun", "lerobot", "train", "dev"} == set(said.get_all("Provides-Extra") or ())
     assert set(top) == ROOMS
 
 

@@ -46,6 +46,7 @@ class SteadyDrone(Drone):
         if not isinstance(action, Go):
             super().plan(action)
             return
+        self._settle()
         assert self._seen is not None  # a picture was asked about
         seen = seen_place(action, self._seen, self.history.camera)
         self._pursuit.see(self._seen_s, seen.lens_ned, seen.place_ned)

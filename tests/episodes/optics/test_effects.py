@@ -48,7 +48,7 @@ def nothing(_):
 def picture(scene, optics, motion=STILL, frame_id=1, camera=CAMERA, moved=nothing, threads=1):
     renderer = OpticalRenderer(scene, camera, optics, threads)
     try:
-        return renderer.picture(motion, moved, frame_id)
+        return renderer.picture(motion, moved, (frame_id,))
     finally:
         renderer.close()
 

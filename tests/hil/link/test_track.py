@@ -42,6 +42,11 @@ def test_a_picture_that_is_newer_than_the_newest_report_is_carried_on_for_a_mome
     assert track.at(1_050_000).position_ned[0] == pytest.approx(1.06)
     assert track.at(1_050_000).heading == pytest.approx(0.55)
     assert track.at(9_000_000).position_ned[0] == pytest.approx(1.24)
+    assert [track.at(time_us).carried_on for time_us in (999_999, 1_000_000, 1_000_001)] == [False, False, True]
+    track.place(1_100_000, (1.3, 0.0, -2.0), (0.0, 0.0, 0.0))
+    assert track.at(1_050_000).carried_on  # its heading is
+    track.heading(1_100_000, 0.6, 0.0)
+    assert not track.at(1_050_000).carried_on
 
 
 def test_what_is_older_than_everything_known_is_where_the_oldest_was():

@@ -1,0 +1,209 @@
+"""How late the live page is, how often it is brought up to date, and what it costs: `python -m benchmarks.view --json`.
+
+An episode is flown in real time by `dronecats fly --view`, with a browser's end of the page connected that notes when
+each attitude of the truth bus arrives. The simulator's clock is laid over the wall's by the earliest moment at which
+any sample was in flight.tlog after its own time: what a sample waits for in logger, file, viewer and socket counts,
+but for the least wait of the first two. Drawing is the browser's own and not in it: a frame, 17 ms, where there is a
+graphics card. `flush_ratio` is the processor time of flights in lockstep whose logger hands on every delivery, by that
+of flights whose logger does not, flown by turns: medians.
+"""
+
+import argparse
+import json
+import math
+import os
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import Machine
+from benchmarks.page_client import PageClient
+from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.run.fly import fly
+from dronecats.rundir import layout
+from dronecats.rundir.writing import TelemetryLog
+from dronecats.scenery import display
+from dronecats.watch.heard import HeardFlight
+from dronecats.watch.tails import FrameTail
+from dronecats.watch.world import flown_world
+
+EPISODE = "residential-approaching-03"
+NODE = "/world/flight/drone-0"
+GOALS = {"late_ms_p95": "<= 150", "updates_hz": ">= 15", "viewer_core": "<= 0.10"}
+READY_S = 300.0
+DIGITS = 9  # of a quaternion, by which a sample is told
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class Arrivals(threading.Thread):
+    """When each attitude of the drone came to a browser's end: quaternion → wall s."""
+
+    def __init__(self, url: str) -> None:
+        super().__init__(daemon=True)
+        self._client = PageClient(url)
+        self.at: dict[tuple[float, ...], float] = {}
+        self.done = threading.Event()
+
+    def run(self) -> None:
+        while not self.done.is_set():
+            for message in self._client.receive(0.2):
+                if message["type"] == "SetOrientationMessage" and message["name"] == NODE:
+                    self.at.setdefault(_key(message["wxyz"]), time.monotonic())
+
+
+class Written(threading.Thread):
+    """When each true pose was in flight.tlog: (quaternion in the browser's axes, vehicle s, wall s)."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(daemon=True)
+        self._folder = folder
+        self.samples: list[tuple[tuple[float, ...], float, float]] = []
+        self.done = threading.Event()
+
+    def run(self) -> None:
+        while not (self._folder / layout.TLOG).exists():
+            if self.done.wait(0.05):
+                return
+        world = flown_world(self._folder)
+        assert world is not None
+        scene, tail = world.scene, FrameTail(self._folder / layout.TLOG)
+        heard = HeardFlight((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
+        while not self.done.wait(0.002):
+            for frame in tail.read():
+                before = heard.time_us
+                heard.feed([frame])
+                pose = heard.pose(0)
+                if pose is not None and pose.true and heard.time_us > before:
+                    turned = _key(display.turned(pose.attitude))
+                    self.samples.append((turned, pose.time_us / 1e6, time.monotonic()))
+
+
+def _keep_back(log: TelemetryLog) -> None:
+    """Do nothing."""
+
+
+def _key(quaternion: Any) -> tuple[float, ...]:
+    return tuple(round(float(value), DIGITS) for value in quaternion)
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time that a process has used, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def viewer_of(pid: int) -> int:
+    """Return the process that serves the page of a command. Raises StopIteration where there is none."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    for child in children:
+        if b"viewer_process" in Path(f"/proc/{child}/cmdline").read_bytes():
+            return int(child)
+    raise StopIteration
+
+
+def free_port() -> int:
+    """Return a port that nobody has now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
+    """Return how much longer a flight in lockstep computes since the logger hands on every delivery."""
+    spec = FlightSpec(
+        pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
+    )
+    flush, used = TelemetryLog.flush, {True: list[float](), False: list[float]()}
+    for flight in range(-1, flights):  # the first one reads the kernels
+        for handed_on in (True, False):
+            setattr(TelemetryLog, "flush", flush if handed_on else _keep_back)  # noqa: B010 - a method of another flight
+            began_s = time.process_time()
+            try:
+                fly(spec, scratch / f"lockstep-{flight}-{handed_on}", lambda line: None)
+            finally:
+                setattr(TelemetryLog, "flush", flush)  # noqa: B010
+            if flight >= 0:
+                used[handed_on].append(time.process_time() - began_s)
+    return round(statistics.median(used[True]) / statistics.median(used[False]), 3)
+
+
+def figures(scratch: Path, seconds: float) -> dict[str, Any]:
+    """Fly, and return the figures of so many seconds of it."""
+    machine, run = Machine(), scratch / "run"
+    words = ["fly", "--sitl", "--pilot", "oracle", "--full", "--episode", EPISODE, "--out", str(run)]
+    command = subprocess.Popen(
+        [sys.executable, "-m", "dronecats.cli.main", *words, "--view", "--view-port", str(free_port())],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    written = Written(run / EPISODE)
+    try:
+        assert command.stdout
+        url = next(line.split(" at ")[1].split()[0] for line in command.stdout if line.startswith("watch it at "))
+        threading.Thread(target=command.stdout.read, daemon=True).start()
+        arrivals = Arrivals(url)
+        arrivals.start()
+        written.start()
+        due_s = time.monotonic() + READY_S
+        while not (run / EPISODE / layout.DECISIONS).exists() or not (run / EPISODE / layout.DECISIONS).read_bytes():
+            assert time.monotonic() < due_s, "the flight does not begin"
+            time.sleep(0.2)
+        viewer = viewer_of(command.pid)
+        began_s, before_s = time.monotonic(), processor_s(viewer)
+        time.sleep(seconds)
+        used_s, wall_s = processor_s(viewer) - before_s, time.monotonic() - began_s
+        arrivals.done.set()
+        written.done.set()
+    finally:
+        command.terminate()
+        command.wait(60.0)
+    machine.look()
+    samples = [one for one in written.samples if began_s - 5.0 < one[2] < began_s + wall_s]
+    least_s = min(wall - vehicle for _, vehicle, wall in samples)
+    late = [arrivals.at[key] - vehicle - least_s for key, vehicle, _ in samples if key in arrivals.at]
+    shown = sorted(at for at in arrivals.at.values() if began_s <= at <= began_s + wall_s)
+    core = used_s / wall_s
+    return {
+        "machine": machine.figures(),
+        "seconds": round(wall_s, 1),
+        "samples": len(samples),
+        "matched": len(late),
+        "late_ms_median": round(1e3 * float(np.median(late)), 1),
+        "late_ms_p95": round(1e3 * float(np.percentile(late, 95)), 1),
+        "updates_hz": round(len(shown) / wall_s, 1),
+        "gap_ms_p99": round(1e3 * float(np.percentile(np.diff(shown), 99)), 1),
+        "viewer_core": round(core, 3),
+        "viewer_core_per_loop": machine.per_loop(1e3 * core),
+        "goals": GOALS,
+    }
+
+
+def main() -> int:
+    """Print the figures; return the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.view", description="How late the live page is.")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of flight (default 60)")
+    parser.add_argument("--short", action="store_true", help="seconds: shows that every figure can be had")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="dronecats-view-") as scratch:
+        found = figures(Path(scratch), 5.0 if args.short else args.seconds)
+        flown = (1, 3.0) if args.short else (7, 60.0)
+        found["flush_ratio"] = flush_ratio(Path(scratch), *flown)
+    if args.json:
+        print(json.dumps(found))
+    else:
+        for name, value in found.items():
+            print(f"{name:24} {value}")
+    return 0 if math.isfinite(found["late_ms_median"]) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

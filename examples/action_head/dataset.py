@@ -1,0 +1,125 @@
+"""What is learnt from: a LeRobot dataset that `dronecats export --to lerobot` has written, as arrays.
+
+Read by pyarrow, which is enough for it; LeRobot's own class finds the same (tests/export/test_lerobot.py).
+"""
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.pilots.briefing import PastAction
+from examples.action_head import features
+from foundation.errors import UsageError
+from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
+
+IMAGE = "observation.images.front"
+HELD_OUT = 8  # one flight in so many is learnt nothing from
+
+
+@dataclass(frozen=True, slots=True)
+class Decisions:
+    """The decisions of some flights, each beside what the pilot knew; n of them, in the order of the flights.
+
+    What a mirror changes is there twice: [0] as flown, [1] as flown in the mirror.
+    """
+
+    pictures: NDArray[np.uint8]  # (n, 3, HEIGHT, WIDTH), RGB
+    words: NDArray[np.float32]  # (2, n, WORDS)
+    past: NDArray[np.float32]  # (2, n, PAST)
+    kinds: NDArray[np.int64]  # (n,), places in KINDS
+    points: NDArray[np.float32]  # (n, 2), x and y 0 … 1 from the top left; of a go
+    depths_m: NDArray[np.float32]  # (n,), m; of a go
+    angles_deg: NDArray[np.float32]  # (n,), °, positive to the right; of a rotate
+    flights: NDArray[np.int64]  # (n,), which flight each belongs to
+    held_out: NDArray[np.bool_]  # (n,), of a flight that is kept to judge by
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A frame of the dataset."""
+
+    picture: NDArray[np.uint8]
+    action: NDArray[np.float32]
+    flight: int
+
+
+def read(folder: Path) -> Decisions:
+    """Return the decisions of a dataset's flights that succeeded.
+
+    Raises UsageError where there is no such dataset, it is damaged, or nothing in it can be learnt from.
+    """
+    if not (folder / "meta" / "info.json").is_file():
+        raise UsageError(f"{folder} is no dataset: `dronecats export RUN --to lerobot --out {folder}` writes one.")
+    try:
+        rows = [row for file in sorted((folder / "data").rglob("*.parquet")) for row in _rows(file)]
+        flights = pq.read_table(folder / "meta" / "episodes", columns=["episode_index", "tasks", "flight.episode"])
+        about = {one["episode_index"]: (one["tasks"][0], one["flight.episode"]) for one in flights.to_pylist()}
+    except (OSError, KeyError, pa.ArrowException) as error:
+        raise UsageError(f"{folder} is damaged: {str(error).splitlines()[0]}") from None
+    if not rows:
+        raise UsageError(f"{folder} has no flight that succeeded: there is nothing to learn from.")
+    return _decisions(rows, about)
+
+
+def _rows(file: Path) -> Iterator[_Row]:
+    """Yield what can be learnt from of a file; pictures are made small at once, since all in full size are too many."""
+    for batch in pq.ParquetFile(file).iter_batches(
+        batch_size=64, columns=[IMAGE, "action", "episode_index", "judge.success"]
+    ):
+        for row in batch.to_pylist():
+            if row["judge.success"] and any(row["action"][: len(features.KINDS)]):
+                shown = features.picture(row[IMAGE]["bytes"])
+                yield _Row(shown, np.array(row["action"], np.float32), row["episode_index"])
+
+
+def _decisions(rows: list[_Row], about: dict[int, tuple[str, str]]) -> Decisions:
+    past: list[PastAction] = []
+    pasts, flight = [], -1
+    for row in rows:
+        if row.flight != flight:
+            past, flight = [], row.flight
+        pasts.append(tuple(past))
+        past = [*past, features.as_past(action_of(row.action))][-HISTORY_LENGTH:]
+    texts = [about[row.flight][0] for row in rows]
+    actions = np.stack([row.action for row in rows])
+    both = (False, True)
+    return Decisions(
+        pictures=np.stack([row.picture for row in rows]),
+        words=np.stack([np.stack([features.words(one, mirrored=m) for one in texts]) for m in both]),
+        past=np.stack([np.stack([features.history(one, mirrored=m) for one in pasts]) for m in both]),
+        kinds=actions[:, :4].argmax(1).astype(np.int64),
+        points=actions[:, 4:6] / np.float32(POINT_SPAN),
+        depths_m=actions[:, 6],
+        angles_deg=actions[:, 7],
+        flights=np.array([row.flight for row in rows], np.int64),
+        held_out=np.array([is_held_out(about[row.flight][1]) for row in rows]),
+    )
+
+
+def action_of(vector: NDArray[np.float32]) -> Action:
+    """Return the action that eight numbers of a dataset stand for. Raises UsageError where they stand for none."""
+    match [bool(one) for one in vector[:4]]:
+        case [True, False, False, False]:
+            return Go(float(vector[4]), float(vector[5]), float(vector[6]))
+        case [False, True, False, False]:
+            return Rotate(float(vector[7]))
+        case [False, False, True, False]:
+            return Think()
+        case [False, False, False, True]:
+            return Finished()
+    raise UsageError(f"an action of the dataset is none: {vector.tolist()}")
+
+
+def is_held_out(episode: str) -> bool:
+    """Return whether a flight of this id is kept to judge by: its id alone says so, whatever else was flown."""
+    return zlib.crc32(episode.encode()) % HELD_OUT == 0

@@ -1,0 +1,59 @@
+"""From what the network says to one of the four actions, as a reply. Pure, and without PyTorch.
+
+Two rules are ours and not learnt, since no flight that is learnt from shows their cases: who has just claimed in vain
+does something else first, and who has turned five times and gone nowhere looks from another place.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.pilots import reply
+from dronecats.pilots.briefing import PastAction
+from examples.action_head.features import KINDS
+from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
+
+COLUMNS, ROWS = 32, 18  # of the grid that a point is sought on, cells of 8 px of the picture
+TURNS_DEG = tuple(float(angle) for angle in range(-90, 91, 15))
+ELSEWHERE_M = 6.0  # depth that is named where it flies on to look from another place: a whole stride
+NEAREST_M, FARTHEST_M = 0.5, 60.0  # depths that are believed
+_AROUND = 1  # cells about the best one whose middle is the point
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """What the network makes of one picture."""
+
+    kinds: NDArray[np.float32]  # (4,), the probability of each of KINDS
+    heat: NDArray[np.float32]  # (ROWS, COLUMNS), the probability that the point is in each cell
+    depth_m: float  # m, of a go
+    turns: NDArray[np.float32]  # (len(TURNS_DEG),), the probability of each turn
+
+
+def point(heat: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the point of a heat map, x and y 0 … 1: the mean place about its highest cell."""
+    row, column = np.unravel_index(int(heat.argmax()), heat.shape)
+    rows = slice(max(0, int(row) - _AROUND), int(row) + _AROUND + 1)
+    columns = slice(max(0, int(column) - _AROUND), int(column) + _AROUND + 1)
+    near = heat[rows, columns].astype(np.float64)
+    near /= max(near.sum(), 1e-12)
+    y = (near.sum(1) * (np.arange(heat.shape[0])[rows] + 0.5)).sum() / heat.shape[0]
+    x = (near.sum(0) * (np.arange(heat.shape[1])[columns] + 0.5)).sum() / heat.shape[1]
+    return float(x), float(y)
+
+
+def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str:
+    """Return the reply for one drone; `declares_at` is the probability from which on it claims to have arrived."""
+    chance = dict(zip(KINDS, seen.kinds.tolist(), strict=True))
+    in_vain = bool(past) and past[-1].kind == FINISHED
+    if chance[FINISHED] >= declares_at and not in_vain:
+        return reply.finished()
+    x, y = point(seen.heat)
+    depth_m = min(max(seen.depth_m, NEAREST_M), FARTHEST_M)
+    if chance[GO] >= chance[ROTATE]:
+        return reply.go(POINT_SPAN * x, POINT_SPAN * y, depth_m)
+    if len(past) == HISTORY_LENGTH and all(one.kind in (ROTATE, THINK) for one in past):
+        return reply.go(POINT_SPAN / 2.0, POINT_SPAN / 2.0, ELSEWHERE_M)
+    return reply.rotate(TURNS_DEG[int(seen.turns.argmax())])

@@ -1,0 +1,90 @@
+"""What the head is given, as arrays: the picture, the instruction's words and what the drone did last.
+
+All of it is in the prompt and the picture, so that a served head sees what any model sees and no more. The words are
+hashed, not listed, so that an instruction nobody has seen is a vector like any other.
+"""
+
+import re
+import zlib
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.pilots.briefing import LEVEL_PX, PastAction
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
+
+KINDS = (GO, ROTATE, THINK, FINISHED)  # in the order of the dataset's `action`
+WIDTH, HEIGHT = 256, 144  # px, of the picture that the head looks at
+WORDS = 512  # buckets that words are hashed into
+RECENT = 3  # actions of the history that are told one by one
+PAST = RECENT * (len(KINDS) + 2) + 2
+_REFERRING = {"nearest", "left", "right", "front", "behind", "between"}  # what follows is a landmark, not the target
+_SWAPPED = {"left": "right", "right": "left"}
+_FULL_TURN_DEG = 360.0
+
+
+def picture(jpeg: bytes) -> NDArray[np.uint8]:
+    """Return a JPEG's picture, RGB, (3, HEIGHT, WIDTH). Raises UsageError for bytes that are none."""
+    shown = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB) if jpeg else None
+    if shown is None:
+        raise UsageError("The picture cannot be read: the head wants a JPEG or a PNG.")
+    small = cv2.resize(shown, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(small.transpose(2, 0, 1), np.uint8)
+
+
+def words(instruction: str, *, mirrored: bool = False) -> NDArray[np.float32]:
+    """Return an instruction as (WORDS,): which words, and pairs of them, it has, of unit length; noughts of none.
+
+    Words behind a relation ("nearest Darwin Hall") count as others than those before it. `mirrored` exchanges left and
+    right, as a mirrored picture does.
+    """
+    vector = np.zeros(WORDS, np.float32)
+    told, before, behind = re.findall(r"[a-z0-9]+", instruction.lower()), "", ""
+    for word in told:
+        word = _SWAPPED.get(word, word) if mirrored else word
+        for token in (behind + word, f"{behind}{before} {word}"):
+            vector[zlib.crc32(token.encode()) % WORDS] = 1.0
+        behind, before = "of " if word in _REFERRING else behind, word
+    return vector / max(float(np.linalg.norm(vector)), 1.0)
+
+
+def history(past: Sequence[PastAction], *, mirrored: bool = False) -> NDArray[np.float32]:
+    """Return the last actions as (PAST,): the last three, newest first, and how far it has turned without a go.
+
+    The depths that were named are left out: in the flights that are learnt from they are true, and would be believed.
+    """
+    sign, width = -1.0 if mirrored else 1.0, float(CameraModel().width)
+    vector = np.zeros(PAST, np.float32)
+    for place, one in enumerate(list(past)[: -RECENT - 1 : -1]):
+        at = place * (len(KINDS) + 2)
+        vector[at + KINDS.index(one.kind)] = 1.0
+        if one.kind == GO:
+            vector[at + 4] = sign * (one.x_px / width - 0.5)
+        vector[at + 5] = sign * one.angle_deg / 90.0
+    turned = [0.0]
+    for one in reversed(past):
+        if one.kind == GO:
+            break
+        turned.append(one.angle_deg)
+    vector[-2] = sign * sum(turned) / _FULL_TURN_DEG
+    vector[-1] = len(past) / HISTORY_LENGTH
+    return vector
+
+
+def as_past(action: Action) -> PastAction:
+    """Return an action as the next prompt's history shows it."""
+    match action:
+        case Go(x, y, depth_m):
+            camera = CameraModel()
+            return PastAction(GO, x * camera.width / POINT_SPAN, y * camera.height / POINT_SPAN, depth_m)
+        case Rotate(angle_deg):
+            return PastAction(ROTATE, y_px=LEVEL_PX, angle_deg=angle_deg)
+        case Think():
+            return PastAction(THINK)
+        case Finished():
+            return PastAction(FINISHED)

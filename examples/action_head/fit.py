@@ -1,0 +1,179 @@
+"""The fit: batches that are mirrored and shifted, one loss for all that the network says, one step after another."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from examples.action_head.dataset import Decisions
+from examples.action_head.decide import COLUMNS, FARTHEST_M, NEAREST_M, ROWS, TURNS_DEG, point
+from examples.action_head.features import KINDS, WIDTH
+from examples.action_head.network import ActionHead
+from examples.action_head.settings import Shape, Training
+from foundation.protocol import FINISHED, GO, ROTATE
+
+_CELL_PX = WIDTH // COLUMNS
+_SHIFT_CELLS = (4, 1)  # how far a batch is moved at most, sideways and up or down
+_FORGETS = 0.3  # share of decisions whose history is left out
+_SPREAD_CELLS = 0.7  # σ of what the map of cells should be about the point
+_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # of the kinds, since a flight ends once and turns seldom
+_WARM = 0.1  # of the steps, in which the learning rate rises
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Some decisions as tensors, mirrored and shifted."""
+
+    pictures: Tensor  # uint8 (n, 3, HEIGHT, WIDTH)
+    words: Tensor  # (n, WORDS)
+    past: Tensor  # (n, PAST)
+    kinds: Tensor  # int64 (n,)
+    points: Tensor  # (n, 2), 0 … 1; outside where the shift has moved it out of the picture
+    depths_m: Tensor  # (n,)
+    angles_deg: Tensor  # (n,)
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """How a network does on decisions that it has not learnt from."""
+
+    decisions: int
+    right_kind: float  # share whose action is the right one
+    point_error: float  # median, of the picture's width; of gos
+    depth_factor: float  # median of the factor by which a depth is wrong; of gos
+    declares_at: float  # the probability of `finished` from which on claiming is most often right (by F1)
+    declared: float  # share of the arrivals that are claimed from there on …
+    precise: float  # … and share of such claims that are arrivals
+
+
+def fit(data: Decisions, shape: Shape, how: Training, told: Callable[[int, float], None]) -> ActionHead:
+    """Return a network fitted to the decisions that are not held out; `told` hears each epoch's number and mean loss.
+
+    The same data, shape and training give the same weights on the same machine.
+    """
+    torch.set_num_threads(how.threads)
+    torch.manual_seed(how.seed)
+    torch.use_deterministic_algorithms(True)
+    numbers = np.random.default_rng(how.seed)
+    head = ActionHead(shape)
+    learnt = np.flatnonzero(~data.held_out)
+    each = math.ceil(len(learnt) / how.batch)
+    fitter = torch.optim.AdamW(head.parameters(), lr=how.rate, weight_decay=how.decay)
+    rates = torch.optim.lr_scheduler.OneCycleLR(fitter, how.rate, total_steps=each * how.epochs, pct_start=_WARM)
+    for epoch in range(how.epochs):
+        head.train()
+        losses = []
+        for chosen in _shuffled(learnt, how.batch, numbers):
+            loss = loss_of(head, drawn(data, chosen, numbers))
+            fitter.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(head.parameters(), 1.0)
+            fitter.step()
+            rates.step()
+            losses.append(float(loss.detach()))
+        told(epoch, float(np.mean(losses)))
+    return head
+
+
+def _shuffled(learnt: NDArray[np.int64], size: int, numbers: np.random.Generator) -> Iterator[NDArray[np.int64]]:
+    order = numbers.permutation(learnt)
+    for first in range(0, len(order), size):
+        yield order[first : first + size]
+
+
+def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generator) -> Batch:
+    """Return some decisions as a batch: each mirrored or not by lot, all moved by as many cells as the lot says."""
+    mirrored = numbers.random(len(chosen)) < 0.5
+    side = mirrored.astype(int)
+    pictures = data.pictures[chosen]
+    pictures[mirrored] = pictures[mirrored][..., ::-1]
+    points, sign = data.points[chosen], np.where(mirrored, -1.0, 1.0).astype(np.float32)
+    points = np.stack([np.where(mirrored, 1.0 - points[:, 0], points[:, 0]), points[:, 1]], 1)
+    columns, rows = (int(numbers.integers(-most, most + 1)) for most in _SHIFT_CELLS)
+    past = data.past[side, chosen] * (numbers.random((len(chosen), 1)) >= _FORGETS)
+    return Batch(
+        pictures=moved(torch.from_numpy(pictures), columns * _CELL_PX, rows * _CELL_PX),
+        words=torch.from_numpy(data.words[side, chosen]),
+        past=torch.from_numpy(past.astype(np.float32)),
+        kinds=torch.from_numpy(data.kinds[chosen]),
+        points=torch.from_numpy(points + np.array([columns / COLUMNS, rows / ROWS], np.float32)),
+        depths_m=torch.from_numpy(data.depths_m[chosen]),
+        angles_deg=torch.from_numpy(data.angles_deg[chosen] * sign),
+    )
+
+
+def moved(pictures: Tensor, right_px: int, down_px: int) -> Tensor:
+    """Return pictures moved by so many pixels; what comes in from a side repeats its edge."""
+    height, width = pictures.shape[2:]
+    rows = (torch.arange(height) - down_px).clamp(0, height - 1)
+    columns = (torch.arange(width) - right_px).clamp(0, width - 1)
+    return pictures[:, :, rows][:, :, :, columns]
+
+
+def loss_of(head: ActionHead, batch: Batch) -> Tensor:
+    """Return the loss of a batch: of the kind always, of each number only where the action has it."""
+    kinds, heat, depth, turns = head(batch.pictures, batch.words, batch.past)
+    inside = ((batch.points >= 0.0) & (batch.points < 1.0)).all(1)
+    go = (batch.kinds == KINDS.index(GO)) & inside
+    known = go | (batch.kinds != KINDS.index(GO))
+    weights = torch.tensor([_WEIGHTS.get(kind, 0.0) for kind in KINDS])
+    loss = functional.cross_entropy(kinds[known], batch.kinds[known], weights) if known.any() else kinds.sum() * 0.0
+    if go.any():
+        wanted = _cells(batch.points[go])
+        loss = loss + functional.cross_entropy(heat[go], wanted)
+        loss = loss + 2.0 * functional.smooth_l1_loss(depth[go], batch.depths_m[go].clamp(NEAREST_M, FARTHEST_M).log())
+    turning = batch.kinds == KINDS.index(ROTATE)
+    if turning.any():
+        apart = (batch.angles_deg[turning][:, None] - torch.tensor(TURNS_DEG)).abs()
+        loss = loss + 0.3 * functional.cross_entropy(turns[turning], apart.argmin(1))
+    return loss
+
+
+def _cells(points: Tensor) -> Tensor:
+    """Return the map of cells that some points (n, 2) want: a bell about each, (n, ROWS · COLUMNS), of sum 1."""
+    x = (torch.arange(COLUMNS) + 0.5)[None, None, :] - points[:, 0, None, None] * COLUMNS
+    y = (torch.arange(ROWS) + 0.5)[None, :, None] - points[:, 1, None, None] * ROWS
+    bell = torch.exp(-(x**2 + y**2) / (2.0 * _SPREAD_CELLS**2)).flatten(1)
+    return bell / bell.sum(1, keepdim=True)
+
+
+def judged(head: ActionHead, data: Decisions) -> Judgement | None:
+    """Return how a network does on what is held out; None when nothing is, or nothing arrives there."""
+    kept = np.flatnonzero(data.held_out)
+    finished = data.kinds[kept] == KINDS.index(FINISHED)
+    if not finished.any():
+        return None
+    seen = [head.outlook(data.pictures[k], data.words[0, k], data.past[0, k]) for k in kept]
+    chance = np.array([one.kinds[KINDS.index(FINISHED)] for one in seen])
+    declares_at = threshold(chance, finished)
+    claims = chance >= declares_at
+    said = np.array([one.kinds.argmax() for one in seen])
+    gos = [k for k, place in enumerate(kept) if data.kinds[place] == KINDS.index(GO)]
+    off = [abs(point(seen[k].heat)[0] - float(data.points[kept[k], 0])) for k in gos]
+    factors = [abs(math.log(seen[k].depth_m / max(float(data.depths_m[kept[k]]), NEAREST_M))) for k in gos]
+    return Judgement(
+        decisions=len(kept),
+        right_kind=float((said == data.kinds[kept]).mean()),
+        point_error=float(np.median(off)) if off else math.nan,
+        depth_factor=float(np.exp(np.median(factors))) if factors else math.nan,
+        declares_at=declares_at,
+        declared=float(claims[finished].mean()),
+        precise=float(finished[claims].mean()) if claims.any() else 0.0,
+    )
+
+
+def threshold(chance: NDArray[np.float64], arrived: NDArray[np.bool_]) -> float:
+    """Return the probability from which on claiming has the highest F1; the middle one where several do."""
+    tried = np.linspace(0.05, 0.95, 19)
+    scores = []
+    for least in tried:
+        claims = chance >= least
+        true = float((claims & arrived).sum())
+        scores.append(2.0 * true / max(float(claims.sum() + arrived.sum()), 1.0))
+    best = np.flatnonzero(np.isclose(scores, max(scores)))
+    return round(float(tried[best[len(best) // 2]]), 2)

@@ -1,0 +1,113 @@
+"""The network: a picture, the instruction's words and the last actions to the four actions and their numbers.
+
+Five convolutions look at the picture; after each of the later ones the words turn every channel up or down (FiLM, Perez
+et al. 2018), so that what is looked for is known where it is looked at. A map of 32 × 18 cells says where the point is;
+what the network saw there, and what it saw anywhere, says which action it is, how far and how much to turn.
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from examples.action_head.decide import COLUMNS, ROWS, TURNS_DEG, Outlook
+from examples.action_head.features import HEIGHT, KINDS, PAST, WIDTH, WORDS
+from examples.action_head.settings import Shape
+from foundation.errors import UsageError
+
+FORMAT = 1  # of the file of a head
+
+
+class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library without types here
+    """Maps (pictures, words, past) to logits of kinds, of cells and of turns, and the logarithm of the depth."""
+
+    def __init__(self, shape: Shape) -> None:
+        super().__init__()
+        self.shape = shape
+        widths = (5, shape.channels // 4, shape.channels // 2, shape.channels, shape.channels, shape.channels)
+        strides = (2, 2, 2, 1, 1)
+        self.words = nn.Sequential(nn.Linear(WORDS, shape.words), nn.ReLU())
+        self.looks = nn.ModuleList(
+            nn.Conv2d(a, b, 3, stride, padding=1, bias=False)
+            for a, b, stride in zip(widths, widths[1:], strides, strict=False)
+        )
+        self.norms = nn.ModuleList(nn.GroupNorm(4, width) for width in widths[1:])
+        self.tunes = nn.ModuleList(nn.Linear(shape.words, 2 * width) for width in widths[1:])
+        self.heat = nn.Conv2d(shape.channels, 1, 1)
+        self.mind = nn.Sequential(
+            nn.Linear(3 * shape.channels + 4 + PAST + shape.words, shape.hidden), nn.ReLU(), nn.Dropout(0.2)
+        )
+        self.kinds = nn.Linear(shape.hidden, len(KINDS))
+        self.depth = nn.Linear(shape.hidden, 1)
+        self.turns = nn.Linear(shape.hidden, len(TURNS_DEG))
+
+    def forward(self, pictures: Tensor, words: Tensor, past: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return logits of kinds (n, 4), cells (n, ROWS · COLUMNS) and turns, and depths (n,), the logarithm of metres.
+
+        pictures: uint8 (n, 3, HEIGHT, WIDTH); words: (n, WORDS); past: (n, PAST).
+        """
+        told = self.words(words)
+        seen = torch.cat([pictures.float() / 255.0 - 0.5, _places(len(pictures))], 1)
+        for look, norm, tune in zip(self.looks, self.norms, self.tunes, strict=True):
+            fresh = norm(look(seen))
+            scale, shift = tune(told)[:, :, None, None].chunk(2, 1)
+            fresh = functional.relu(fresh * (1.0 + scale) + shift)
+            seen = fresh + seen if fresh.shape == seen.shape else fresh
+        heat = self.heat(seen).flatten(1)
+        flat, share = seen.flatten(2), heat.softmax(1)
+        there = (flat * share[:, None]).sum(2)
+        grid = _places(len(pictures), ROWS, COLUMNS).flatten(2)
+        where = (grid * share[:, None]).sum(2)
+        sure = torch.stack([heat.amax(1), heat.logsumexp(1)], 1)
+        thought = self.mind(torch.cat([there, flat.amax(2), flat.mean(2), where, sure, past, told], 1))
+        return self.kinds(thought), heat, self.depth(thought)[:, 0], self.turns(thought)
+
+    def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
+        """Return what it makes of one picture."""
+        self.eval()
+        with torch.inference_mode():
+            given = (torch.from_numpy(each)[None] for each in (picture, words, past))
+            kinds, heat, depth, turns = self(*given)
+        return Outlook(
+            kinds=kinds.softmax(1)[0].numpy(),
+            heat=heat.softmax(1)[0].reshape(ROWS, COLUMNS).numpy(),
+            depth_m=float(depth.exp()),
+            turns=turns.softmax(1)[0].numpy(),
+        )
+
+
+def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
+    """Return where each cell is, (count, 2, rows, columns), x and y -1 … 1: what is far is high in the picture."""
+    y, x = torch.meshgrid(torch.linspace(-1, 1, rows), torch.linspace(-1, 1, columns), indexing="ij")
+    return torch.stack([x, y]).expand(count, 2, rows, columns)
+
+
+def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]) -> None:
+    """Write a trained head. Raises UsageError when the file cannot be written."""
+    told = {"format": FORMAT, "shape": asdict(head.shape), "declares_at": declares_at, "about": about}
+    try:
+        torch.save({**told, "weights": head.state_dict()}, path)
+    except (OSError, RuntimeError) as error:
+        raise UsageError(f"'{path}' cannot be written: {str(error).splitlines()[0]}") from None
+
+
+def load(path: Path) -> tuple[ActionHead, float]:
+    """Return a trained head and from which probability on it declares. Raises UsageError for a file that is none."""
+    try:
+        told = torch.load(path, weights_only=True, map_location="cpu")
+        if told["format"] != FORMAT:
+            raise UsageError(f"'{path}' is a head of another version: train it anew.")
+        head = ActionHead(Shape(**told["shape"]))
+        head.load_state_dict(told["weights"])
+        return head, float(told["declares_at"])
+    except FileNotFoundError:
+        raise UsageError(f"'{path}' does not exist: `python -m examples.action_head.train` writes one.") from None
+    except UsageError:
+        raise
+    except Exception as error:  # whatever PyTorch's reader makes of a file that is no head
+        raise UsageError(f"'{path}' is no trained head: {str(error).splitlines()[0][:120]}") from None

@@ -1,0 +1,90 @@
+"""The episodes that are learnt from: `python -m examples.action_head.records --out runs/learnt/records`.
+
+They stand on maps of other seeds than the benchmark's, so that neither a record nor a neighbourhood of the hundred is
+among them. Roads, plots and halls' sites are the same on every seed of a map.
+"""
+
+import argparse
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from episodes import catalogue
+from episodes.processes import share_out
+from episodes.propose.proposals import RecordRequest, propose
+from episodes.record import EpisodeRecord
+from examples.action_head import script
+from foundation.errors import UsageError
+
+CELLS = ("approaching", "searching", "tracking", "search-and-track")
+FIRST_ID = 11  # ids go on after the ten that ship of each cell
+FIRST_MAP_SEED = 2  # the benchmark's maps have the seed 1
+EACH = 4  # records of a request, all on one map
+REQUESTS = {"residential": 20, "campus": 8}  # of each cell, every one with a map seed of its own
+_APART_M = 0.5  # a start and a target nearer than this to a shipped record's are that record
+
+
+def requests(share: float = 1.0) -> list[RecordRequest]:
+    """Return what is asked for, in an order in which any beginning is mixed; `share` (0 … 1] is how much of it."""
+    turns = math.ceil(max(REQUESTS.values()) * share)
+    return [
+        RecordRequest(name, cell, FIRST_ID + EACH * turn, EACH, 1000 + turn, FIRST_MAP_SEED + turn)
+        for turn in range(turns)
+        for name, most in REQUESTS.items()
+        for cell in CELLS
+        if turn < most
+    ]
+
+
+def must_be_new(records: Iterable[EpisodeRecord]) -> None:
+    """Raise UsageError when one of the records is an episode of the benchmark, by its seed or by what stands where."""
+    shipped = [catalogue.load(name) for name in catalogue.known()]
+    maps, seeds = {(one.map, one.map_seed) for one in shipped}, {one.seed for one in shipped}
+    for record in records:
+        if (record.map, record.map_seed) in maps:
+            raise UsageError(f"{record.id} stands on a map of the benchmark: choose another map seed.")
+        if record.seed in seeds:
+            raise UsageError(f"{record.id} has the seed of a shipped record: choose another seed.")
+        if any(_same_place(record, other) for other in shipped):
+            raise UsageError(f"{record.id} has the start and the words of a shipped record: choose another seed.")
+
+
+def _same_place(record: EpisodeRecord, other: EpisodeRecord) -> bool:
+    pairs = zip(record.starts, other.starts, strict=False)
+    near = any(math.dist(mine.position_ned, its.position_ned) < _APART_M for mine, its in pairs)
+    return near and (record.map, record.instruction) == (other.map, other.instruction)
+
+
+def write(out: Path, share: float, jobs: int) -> int:
+    """Draft the records into a folder and return how many it got; the same arguments give the same files.
+
+    Raises UsageError when the folder cannot be written, or a record is the benchmark's.
+    """
+    script.make_folder(out)
+    count = 0
+    for batch in share_out(propose, requests(share), jobs):
+        must_be_new(batch)
+        for record in batch:
+            (out / f"{record.id}.json").write_text(record.to_json(), encoding="utf-8")
+            count += 1
+        script.say(f"{count} records; {batch[-1].id}: {batch[-1].instruction}")
+    return count
+
+
+def main(words: list[str] | None = None) -> int:
+    """Read the command line and draft."""
+    parser = argparse.ArgumentParser(prog="python -m examples.action_head.records", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
+    parser.add_argument("--share", type=float, default=1.0, metavar="X", help="how much of it, 0 … 1 (default: all)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="J", help="processes (default 2)")
+    args = parser.parse_args(words)
+    if not 0.0 < args.share <= 1.0:
+        raise UsageError(f"--share wants a number above 0 and at most 1, got {args.share:g}.")
+    if args.jobs < 1:
+        raise UsageError(f"--jobs wants a number from 1 on, got {args.jobs}.")
+    write(args.out, args.share, args.jobs)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(script.ended(main))

@@ -1,0 +1,24 @@
+"""How large the head is and how it is trained: all that decides, beside the flights and the seed, what comes of it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The sizes of a network."""
+
+    channels: int = 64  # of the maps on the grid of 32 × 18 cells
+    words: int = 32  # numbers that an instruction becomes
+    hidden: int = 96  # numbers that the actions are read from
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """How a network is fitted."""
+
+    epochs: int = 20
+    batch: int = 32
+    rate: float = 2e-3  # the learning rate at its highest
+    decay: float = 0.02  # of the weights
+    seed: int = 0
+    threads: int = 1  # of PyTorch; the same number gives the same weights

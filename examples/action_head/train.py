@@ -1,0 +1,59 @@
+"""Train a head: `python -m examples.action_head.train runs/learnt/dataset --out head.pt`."""
+
+import argparse
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from examples.action_head import dataset, script
+from examples.action_head.settings import Shape, Training
+from foundation.errors import UsageError
+
+
+def train(folder: Path, out: Path, how: Training) -> None:
+    """Fit a head to a dataset's flights and write it. Raises UsageError for what cannot be learnt from or written."""
+    from examples.action_head.fit import fit, judged
+    from examples.action_head.network import save
+
+    script.make_folder(out.parent)
+    begun = time.monotonic()
+    data = dataset.read(folder)
+    flights = len(set(data.flights.tolist()))
+    script.say(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out")
+    if data.held_out.all():
+        raise UsageError(f"{folder} has held-out flights alone: more of them are needed to learn from.")
+
+    def told(epoch: int, loss: float) -> None:
+        script.say(f"epoch {epoch + 1}/{how.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s")
+
+    head = fit(data, Shape(), how, told)
+    found = judged(head, data)
+    if found is None:
+        raise UsageError(f"{folder} has no held-out flight that arrives, so when to declare cannot be told: fly more.")
+    script.say(
+        f"held out: {found.right_kind:.0%} right actions of {found.decisions}, points off by {found.point_error:.1%}"
+        f" of the width and depths by a factor of {found.depth_factor:.2f} (medians);"
+        f" declares from {found.declares_at:g} on: {found.declared:.0%} of arrivals, {found.precise:.0%} of them true"
+    )
+    save(out, head, found.declares_at, {"flights": flights, "training": asdict(how), "held_out": asdict(found)})
+    script.say(f"{out}, {time.monotonic() - begun:.0f} s")
+
+
+def main(words: list[str] | None = None) -> int:
+    """Read the command line and train."""
+    normal = Training()
+    parser = argparse.ArgumentParser(prog="python -m examples.action_head.train", description=__doc__)
+    parser.add_argument("dataset", type=Path, help="folder that `dronecats export --to lerobot` has written")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file of the trained head")
+    parser.add_argument("--epochs", type=int, default=normal.epochs, metavar="N", help=f"(default {normal.epochs})")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="the same seed gives the same weights")
+    parser.add_argument("--threads", type=int, default=normal.threads, metavar="N", help="of PyTorch (default 1)")
+    args = parser.parse_args(words)
+    if args.epochs < 1 or args.threads < 1:
+        raise UsageError("--epochs and --threads want a number from 1 on.")
+    train(args.dataset, args.out, Training(epochs=args.epochs, seed=args.seed, threads=args.threads))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(script.ended(main))

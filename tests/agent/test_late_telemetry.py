@@ -1,0 +1,101 @@
+"""What a decision counts from where the vehicle tells late how it stood when its picture was taken."""
+
+import math
+
+import pytest
+
+from dronecats.agent.action import Go, Rotate
+from dronecats.agent.drone import Drone
+from dronecats.agent.steady.drone import SteadyDrone
+from dronecats.agent.steady.place import seen_place
+from foundation.camera import CameraModel
+from hil.link.track import Track
+
+CAMERA = CameraModel(width=64, height=36)
+TAKEN_US, TELLS_US = 1_000_000, 50_000
+AHEAD, ASIDE = Go(500.0, 500.0, 20.0), Go(970.0, 500.0, 20.0)  # this one turns first
+
+
+class TellsLate:
+    """A vehicle that flies north and turns all the time, and tells half a second later where it was."""
+
+    def __init__(self):
+        self.time_us, self.steady = TAKEN_US, True
+        self.flown = []  # what each setpoint's angles count from
+        self._told_us = -TELLS_US
+        self._track = Track()
+        self.listen()
+
+    def pose(self, time_us):
+        return (2.0 * time_us / 1e6) ** 2, 0.8 * (time_us / 1e6) ** 2  # nothing that could be carried on
+
+    def listen(self):
+        while self._told_us <= self.time_us - 500_000 - TELLS_US:
+            self._told_us += TELLS_US
+            north, heading = self.pose(self._told_us)
+            self._track.place(self._told_us, (north, 0.0, -2.0), (0.0, 0.0, 0.0))
+            self._track.heading(self._told_us, heading, 0.0)
+
+    def sight(self, time_us):
+        return self._track.at(time_us)
+
+    def fly(self, setpoint, seconds=None, seen=None):
+        if seen is not None:
+            self.flown.append(seen)
+
+    def pass_to(self, time_us):
+        self.time_us = time_us
+        self.listen()
+
+
+def where(sight):
+    return sight.position_ned[0], sight.heading
+
+
+@pytest.mark.parametrize("action", [AHEAD, ASIDE, Rotate(30.0)])
+def test_a_decision_counts_from_where_the_vehicle_was_and_not_from_what_was_known_at_the_shutter(action):
+    one = TellsLate()
+    drone = Drone(0, one, CAMERA)
+    drone.see(TAKEN_US)
+    assert where(one.sight(TAKEN_US)) != pytest.approx(one.pose(TAKEN_US), abs=0.1)  # not told yet
+    one.pass_to(1_600_000)
+    drone.plan(action)
+    drone.begin(0.6)
+    assert where(one.flown[0]) == pytest.approx(one.pose(TAKEN_US))
+
+
+def test_what_is_told_during_the_turn_counts_for_the_move_after_it():
+    one = TellsLate()
+    drone = Drone(0, one, CAMERA)
+    drone.see(TAKEN_US)
+    one.pass_to(1_100_000)
+    drone.plan(ASIDE)
+    drone.begin(0.1)
+    one.pass_to(4_100_000)
+    drone.advance(3.1)
+    assert [where(seen) == pytest.approx(one.pose(TAKEN_US)) for seen in one.flown] == [False, True]
+
+
+def test_the_steady_drone_sees_its_place_from_there_too():
+    one = TellsLate()
+    drone = SteadyDrone(0, one, CAMERA)
+    drone.see(TAKEN_US)
+    one.pass_to(1_600_000)
+    drone.plan(AHEAD)
+    assert drone._place is not None
+    assert drone._place == seen_place(AHEAD, one.sight(TAKEN_US), CAMERA)
+    north, heading = one.pose(TAKEN_US)
+    assert drone._place.from_ned[0] == pytest.approx(north)
+    bearing = math.atan2(drone._place.place_ned[1], drone._place.place_ned[0] - north)
+    assert bearing == pytest.approx(heading, abs=0.01)
+
+
+def test_after_the_slowest_reply_to_the_latest_picture_it_is_still_known():
+    """A minute from the shutter to the agent, five to the reply."""
+    one = TellsLate()
+    drone = Drone(0, one, CAMERA)
+    drone.see(TAKEN_US)
+    one.pass_to(TAKEN_US + 360_000_000)
+    drone.plan(AHEAD)
+    drone.begin(360.0)
+    assert where(one.flown[0]) == pytest.approx(one.pose(TAKEN_US))

@@ -1,0 +1,96 @@
+"""A dataset read as arrays, beside the logs of the flight that it was made of."""
+
+import json
+import shutil
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from dronecats.agent.action import Finished, Go, Rotate, Think, action_from
+from dronecats.pilots.briefing import PastAction
+from examples.action_head import dataset, features
+from examples.action_head.dataset import action_of
+from examples.action_head.features import KINDS
+from foundation.errors import UsageError
+from tests.examples.conftest import EPISODE
+
+
+def decided(flown):
+    lines = (flown / EPISODE / "decisions.jsonl").read_text().splitlines()
+    return [json.loads(line) for line in lines]
+
+
+def test_every_decision_is_there_with_what_the_pilot_knew(flown, dataset_folder):
+    data, logged = dataset.read(dataset_folder), decided(flown)
+    record = json.loads((flown / EPISODE / "episode.json").read_text())
+    assert len(data) == len(logged)
+    past: list[PastAction] = []
+    for k, row in enumerate(logged):
+        action = action_from(row["action"])
+        assert KINDS[data.kinds[k]] == row["action"]["action"]
+        assert data.past[0, k] == pytest.approx(features.history(past[-5:]), abs=1e-6)
+        assert data.past[1, k] == pytest.approx(features.history(past[-5:], mirrored=True), abs=1e-6)
+        np.testing.assert_array_equal(data.words[0, k], features.words(record["instruction"]))
+        if isinstance(action, Go):
+            np.testing.assert_allclose(data.points[k] * 1000.0, (action.x, action.y), rtol=1e-5)
+            assert data.depths_m[k] == pytest.approx(action.depth_m)
+        if isinstance(action, Rotate):
+            assert data.angles_deg[k] == pytest.approx(action.angle_deg)
+        past.append(features.as_past(action))
+    assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # else this flight shows too little
+
+
+def test_the_pictures_are_the_pilots_own(flown, dataset_folder):
+    data = dataset.read(dataset_folder)
+    frames = sorted((flown / EPISODE / "frames").iterdir())
+    for shown, frame in zip(data.pictures, frames, strict=True):
+        np.testing.assert_array_equal(shown, features.picture(frame.read_bytes()))
+
+
+def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):
+    folder = tmp_path / "failed"
+    shutil.copytree(dataset_folder, folder)
+    (file,) = (folder / "data").rglob("*.parquet")
+    table = pq.read_table(file)
+    place = table.column_names.index("judge.success")
+    pq.write_table(table.set_column(place, table.schema.field(place), [[False] * len(table)]), file)
+    with pytest.raises(UsageError, match="no flight that succeeded"):
+        dataset.read(folder)
+
+
+def test_what_is_no_dataset_is_told(dataset_folder, tmp_path):
+    with pytest.raises(UsageError, match="is no dataset"):
+        dataset.read(tmp_path)
+    folder = tmp_path / "broken"
+    shutil.copytree(dataset_folder, folder)
+    (file,) = (folder / "data").rglob("*.parquet")
+    file.write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(UsageError, match="is damaged"):
+        dataset.read(folder)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "action"),
+    [
+        ((1, 0, 0, 0, 250, 400, 6.5, 0), Go(250.0, 400.0, 6.5)),
+        ((0, 1, 0, 0, 0, 0, 0, -30), Rotate(-30.0)),
+        ((0, 0, 1, 0, 0, 0, 0, 0), Think()),
+        ((0, 0, 0, 1, 0, 0, 0, 0), Finished()),
+    ],
+)
+def test_eight_numbers_are_an_action(numbers, action):
+    assert action_of(np.array(numbers, np.float32)) == action
+
+
+@pytest.mark.parametrize("numbers", [(0,) * 8, (1, 1, 0, 0, 0, 0, 0, 0)])
+def test_eight_numbers_that_are_none_are_refused(numbers):
+    with pytest.raises(UsageError, match="is none"):
+        action_of(np.array(numbers, np.float32))
+
+
+def test_a_flight_is_held_out_by_its_name_alone():
+    names = [f"residential-approaching-{k}" for k in range(11, 91)]
+    kept = [name for name in names if dataset.is_held_out(name)]
+    assert 3 <= len(kept) <= 20
+    assert kept == [name for name in reversed(names) if dataset.is_held_out(name)][::-1]

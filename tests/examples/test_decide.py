@@ -1,0 +1,66 @@
+"""From probabilities to a reply that the agent's own parser reads."""
+
+import numpy as np
+import pytest
+
+from dronecats.agent.action import Finished, Go, Rotate, Think
+from dronecats.agent.reply.strict import parse
+from examples.action_head.decide import COLUMNS, ELSEWHERE_M, ROWS, TURNS_DEG, Outlook, decide, point
+from examples.action_head.features import as_past
+
+
+def outlook(go=0.0, rotate=0.0, finished=0.0, *, cell=(9, 16), depth_m=7.0, turn_deg=0.0):
+    heat = np.zeros((ROWS, COLUMNS), np.float32)
+    heat[cell] = 1.0
+    turns = np.array([float(angle == turn_deg) for angle in TURNS_DEG], np.float32)
+    return Outlook(np.array([go, rotate, 0.0, finished], np.float32), heat, depth_m, turns)
+
+
+def test_a_go_names_the_point_and_the_depth():
+    action = parse(decide(outlook(go=0.9, cell=(4, 24), depth_m=7.25), (), 0.5))
+    assert isinstance(action, Go)
+    assert action.x == pytest.approx(24.5 / 32 * 1000, abs=1)
+    assert (action.y, action.depth_m) == (250.0, 7.25)
+
+
+@pytest.mark.parametrize("cell", [(0, 0), (0, COLUMNS - 1), (ROWS - 1, 0), (ROWS - 1, COLUMNS - 1)])
+def test_a_point_lies_in_its_cell_at_every_edge(cell):
+    x, y = point(outlook(cell=cell).heat)
+    assert x * COLUMNS == pytest.approx(cell[1] + 0.5)
+    assert y * ROWS == pytest.approx(cell[0] + 0.5)
+
+
+def test_a_point_lies_between_cells_that_share_it():
+    heat = outlook(cell=(9, 10)).heat
+    heat[9, 11] = 1.0 / 3.0
+    heat[2, 30] = 0.9  # elsewhere, and not so sure: no mean of the two is a place where anything is
+    assert point(heat)[0] * COLUMNS == pytest.approx(10.75)
+
+
+@pytest.mark.parametrize(("said", "named"), [(0.0, 0.5), (1e9, 60.0), (float("inf"), 60.0)])
+def test_no_depth_is_beyond_belief(said, named):
+    action = parse(decide(outlook(go=1.0, depth_m=said), (), 0.5))
+    assert isinstance(action, Go)
+    assert action.depth_m == named
+
+
+def test_it_turns_where_turning_is_likelier():
+    assert parse(decide(outlook(go=0.3, rotate=0.4, turn_deg=-75.0), (), 0.5)) == Rotate(-75.0)
+
+
+def test_it_declares_from_the_threshold_on():
+    assert parse(decide(outlook(go=0.6, finished=0.4), (), 0.4)) == Finished()
+    assert isinstance(parse(decide(outlook(go=0.6, finished=0.39), (), 0.4)), Go)
+
+
+def test_who_has_claimed_in_vain_does_something_else_first():
+    past = [as_past(Finished())]
+    assert isinstance(parse(decide(outlook(go=0.1, finished=0.9), past, 0.4)), Go)
+    assert parse(decide(outlook(go=0.1, finished=0.9), [*past, as_past(Go(1.0, 2.0, 3.0))], 0.4)) == Finished()
+
+
+def test_who_has_turned_all_the_way_round_looks_from_elsewhere():
+    turned = [as_past(Rotate(75.0))] * 4 + [as_past(Think())]
+    assert parse(decide(outlook(rotate=1.0), turned, 0.5)) == Go(500.0, 500.0, ELSEWHERE_M)
+    assert isinstance(parse(decide(outlook(rotate=1.0), turned[1:], 0.5)), Rotate)
+    assert isinstance(parse(decide(outlook(rotate=1.0), [as_past(Go(1.0, 2.0, 3.0)), *turned[1:]], 0.5)), Rotate)

@@ -1,0 +1,95 @@
+"""What the head is given: the same from a dataset as from a served prompt, and mirrored as a mirror would."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.agent.history import History
+from dronecats.agent.prompt import Prompt
+from dronecats.pilots import briefing
+from examples.action_head import features
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.picture import encode
+
+FLOWN: tuple[Action, ...] = (
+    Rotate(-90.0),
+    Rotate(-32.5),
+    Go(412.0, 530.0, 13.25),
+    Think(),
+    Go(500.0, 498.0, 4.5),
+    Finished(),
+    Rotate(40.0),
+)
+
+
+def test_a_prompt_tells_what_a_dataset_tells():
+    """What is learnt from is made of actions, what is flown on of the prompt's text."""
+    history = History(CameraModel())
+    for count, action in enumerate(FLOWN, 1):
+        history.append(action)
+        prompt = Prompt.load().render("go to the cyan SUV", history.render(), 5)
+        told = briefing.read(prompt)
+        flown = [features.as_past(one) for one in FLOWN[:count]][-5:]
+        np.testing.assert_allclose(features.history(told.past(0)), features.history(flown), atol=1e-3)
+        assert told.command == "go to the cyan SUV"
+    assert not features.history(
+        briefing.read(Prompt.load().render("x", History(CameraModel()).render(), 5)).past(0)
+    ).any()
+
+
+def test_the_newest_action_is_told_first_and_no_depth_is():
+    near, far = (features.history([features.as_past(Go(250.0, 500.0, depth_m))]) for depth_m in (3.0, 30.0))
+    np.testing.assert_array_equal(near, far)
+    vector = features.history([features.as_past(one) for one in (Rotate(90.0), Go(250.0, 500.0, 3.0))])
+    assert vector[:6].tolist() == [1.0, 0.0, 0.0, 0.0, -0.25, 0.0]
+    assert vector[6:12].tolist() == [0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+
+
+def test_what_it_has_turned_since_it_last_went():
+    past = [features.as_past(one) for one in (Rotate(-90.0), Go(500.0, 500.0, 5.0), Rotate(90.0), Rotate(45.0))]
+    assert features.history(past)[-2] == pytest.approx(135.0 / 360.0)
+
+
+def test_a_mirror_turns_the_history_round():
+    past = [features.as_past(one) for one in FLOWN[:3]]
+    mirrored = [features.as_past(one) for one in (Rotate(90.0), Rotate(32.5), Go(588.0, 530.0, 13.25))]
+    np.testing.assert_allclose(features.history(past, mirrored=True), features.history(mirrored), atol=1e-6)
+
+
+def test_words_tell_colours_things_and_landmarks_apart():
+    def alike(one, other):
+        return float(features.words(one) @ features.words(other))
+
+    told = "fly to the cyan SUV"
+    assert alike(told, told) == pytest.approx(1.0)
+    assert alike(told, "fly to the brown SUV") < 0.9
+    assert alike(told, "fly to the cyan van") > alike(told, "fly to the brown van")
+    assert alike("the bench nearest the kiosk", "the kiosk nearest the bench") < 0.9
+    assert not features.words("").any()
+
+
+def test_a_mirror_exchanges_left_and_right():
+    left, right = "the kiosk left of the bench", "the kiosk right of the bench"
+    np.testing.assert_array_equal(features.words(left, mirrored=True), features.words(right))
+    assert (features.words(left) != features.words(right)).any()
+
+
+def test_a_picture_of_any_size_is_made_small():
+    shown = np.zeros((720, 1280, 3), np.uint8)
+    shown[:, 640:] = (250, 20, 20)
+    ok, png = cv2.imencode(".png", shown[:, :, ::-1])
+    assert ok
+    for data in (encode(shown), png.tobytes()):
+        small = features.picture(data)
+        assert small.shape == (3, features.HEIGHT, features.WIDTH)
+        assert small.dtype == np.uint8
+        np.testing.assert_allclose(small[:, 70, -20], (250, 20, 20), atol=8)
+        np.testing.assert_allclose(small[:, 70, 20], 0, atol=8)
+
+
+@pytest.mark.parametrize("data", [b"", b"no picture", b"\xff\xd8\xff\xe0"])
+def test_what_is_no_picture_is_refused(data):
+    with pytest.raises(UsageError, match="picture cannot be read"):
+        features.picture(data)

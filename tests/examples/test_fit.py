@@ -1,0 +1,112 @@
+"""The fit, where PyTorch is installed: a few steps on a few made-up pictures."""
+
+import numpy as np
+import pytest
+
+from examples.action_head import features
+from examples.action_head.dataset import Decisions
+from examples.action_head.settings import Shape, Training
+from foundation.errors import UsageError
+
+torch = pytest.importorskip("torch", reason="the extra `train` is not installed")
+
+from examples.action_head import fit, network, train  # noqa: E402
+
+SMALL = Shape(channels=16, words=8, hidden=16)
+
+
+def made_up(count=48):
+    """Return decisions on a blue square: to go to it, to turn where there is none, to declare where it is large."""
+    numbers = np.random.default_rng(1)
+    pictures = np.full((count, 3, features.HEIGHT, features.WIDTH), 120, np.uint8)
+    kinds = np.arange(count) % 4
+    kinds[kinds == 2] = 0  # nobody thinks
+    points = numbers.uniform(0.2, 0.8, (count, 2)).astype(np.float32)
+    for k, (x, y) in enumerate(points * (features.WIDTH, features.HEIGHT)):
+        half = {0: 8, 3: 40}.get(int(kinds[k]), 0)
+        rows = slice(max(0, int(y) - half), int(y) + half)
+        pictures[k, :, rows, max(0, int(x) - half) : int(x) + half] = np.array((20, 20, 240))[:, None, None]
+    told = np.stack([features.words("go to the blue square")] * count)
+    return Decisions(
+        pictures=pictures,
+        words=np.stack([told, told]),
+        past=np.zeros((2, count, features.PAST), np.float32),
+        kinds=kinds,
+        points=points,
+        depths_m=np.full(count, 8.0, np.float32),
+        angles_deg=np.full(count, 45.0, np.float32),
+        flights=np.arange(count) // 8,
+        held_out=np.arange(count) >= count - 8,
+    )
+
+
+def fitted(data, epochs, seed=0):
+    losses = []
+    head = fit.fit(data, SMALL, Training(epochs=epochs, batch=8, seed=seed), lambda _, loss: losses.append(loss))
+    return head, losses
+
+
+def test_the_loss_falls_and_what_was_learnt_can_be_judged():
+    data = made_up()
+    head, losses = fitted(data, 12)
+    assert losses[-1] < 0.75 * losses[0]
+    found = fit.judged(head, data)
+    assert found is not None
+    assert found.decisions == 8
+    assert (found.declared, found.precise) == (1.0, 1.0)  # what is large is told from what is small and what is none
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_one_others():
+    data = made_up(16)
+    one, same, other = (fitted(data, 1, seed)[0].state_dict() for seed in (3, 3, 4))
+    assert all(torch.equal(one[name], same[name]) for name in one)
+    assert any(not torch.equal(one[name], other[name]) for name in one)
+
+
+def test_a_mirrored_decision_points_to_the_other_side():
+    data = made_up()
+    numbers = np.random.default_rng(0)
+    chosen = np.flatnonzero(data.kinds == 0)
+    batch = fit.drawn(data, chosen, numbers)
+    for picture, place in zip(batch.pictures.numpy(), batch.points.numpy(), strict=True):
+        rows, columns = np.nonzero(picture[2] > 200)
+        if len(columns) == 256:  # whole in the picture
+            x, y = (columns.mean() + 0.5) / features.WIDTH, (rows.mean() + 0.5) / features.HEIGHT
+            assert (x, y) == (pytest.approx(place[0], abs=0.01), pytest.approx(place[1], abs=0.01))
+    mirrored = batch.angles_deg.numpy() < 0
+    assert 0 < mirrored.sum() < len(chosen)
+
+
+def test_a_picture_is_moved_and_its_edge_repeated():
+    shown = torch.arange(8, dtype=torch.uint8)[None, None, None].expand(1, 1, 2, 8)
+    assert fit.moved(shown, 3, 0)[0, 0, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4]
+    assert fit.moved(shown, -2, 1)[0, 0, 0].tolist() == [2, 3, 4, 5, 6, 7, 7, 7]
+
+
+def test_the_threshold_is_where_claims_are_right():
+    chance = np.array([0.1, 0.2, 0.3, 0.62, 0.7, 0.9])
+    assert 0.3 < fit.threshold(chance, chance > 0.5) <= 0.62
+
+
+def test_a_head_is_kept_and_read_again(tmp_path):
+    head, _ = fitted(made_up(16), 1)
+    network.save(tmp_path / "head.pt", head, 0.35, {"flights": 2})
+    again, declares_at = network.load(tmp_path / "head.pt")
+    assert declares_at == 0.35
+    data = made_up(16)
+    given = (data.pictures[0], data.words[0, 0], data.past[0, 0])
+    np.testing.assert_array_equal(again.outlook(*given).heat, head.outlook(*given).heat)
+
+
+def test_a_file_that_is_no_head_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="does not exist"):
+        network.load(tmp_path / "none.pt")
+    (tmp_path / "text.pt").write_text("no head")
+    with pytest.raises(UsageError, match="is no trained head"):
+        network.load(tmp_path / "text.pt")
+
+
+def test_one_flight_is_too_little_to_learn_when_to_declare(dataset_folder, tmp_path):
+    with pytest.raises(UsageError, match="held-out flight"):
+        train.main([str(dataset_folder), "--out", str(tmp_path / "head.pt"), "--epochs", "1"])
+    assert not (tmp_path / "head.pt").exists()

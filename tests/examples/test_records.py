@@ -1,0 +1,53 @@
+"""Nothing that is learnt from is an episode of the benchmark."""
+
+from dataclasses import replace
+
+import pytest
+
+from episodes import catalogue
+from episodes.propose.proposals import propose
+from examples.action_head import records
+from foundation.errors import UsageError
+
+
+def test_requests_are_of_other_maps_and_their_ids_are_their_own():
+    asked = records.requests()
+    shipped = {(one.map, one.map_seed) for one in map(catalogue.load, catalogue.known())}
+    assert not {(one.map, one.map_seed) for one in asked} & shipped
+    ids = [f"{one.map}-{one.cell}-{one.first + k:02d}" for one in asked for k in range(one.count)]
+    assert len(ids) == len(set(ids)) == 448
+    assert not set(ids) & set(catalogue.known())
+
+
+def test_any_beginning_is_mixed():
+    first = records.requests(0.05)
+    assert {(one.map, one.cell) for one in first} == {(m, c) for m in ("residential", "campus") for c in records.CELLS}
+    assert first == records.requests()[: len(first)]
+
+
+def test_what_is_drafted_is_new():
+    """A request as it is made, but for its length."""
+    made = propose(replace(records.requests()[0], count=1))
+    records.must_be_new(made)
+    assert made[0].map_seed == records.FIRST_MAP_SEED
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, "on a map of the benchmark"),
+        ({"map_seed": 2}, "has the seed of a shipped record"),
+        ({"map_seed": 2, "seed": 5}, "has the start and the words of a shipped record"),
+    ],
+)
+def test_an_episode_of_the_benchmark_is_refused(changed, said):
+    shipped = catalogue.load("residential-approaching-01")
+    with pytest.raises(UsageError, match=said):
+        records.must_be_new([replace(shipped, **changed)])
+
+
+@pytest.mark.parametrize("words", [["--share", "0"], ["--share", "1.5"], ["--share", "nan"], ["--jobs", "0"]])
+def test_a_count_that_is_none_is_refused(words, tmp_path):
+    with pytest.raises(UsageError, match=words[0]):
+        records.main(["--out", str(tmp_path / "out"), *words])
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,99 @@
+"""A head behind the interface of a model: real requests, by the client that the agent has."""
+
+import base64
+import json
+
+import httpx
+import numpy as np
+import pytest
+
+from dronecats.agent.action import Finished, Go
+from dronecats.agent.history import History
+from dronecats.agent.prompt import Prompt
+from dronecats.agent.reply.strict import parse, parse_fleet
+from dronecats.cli.main import main
+from dronecats.pilots.server import PilotServer
+from examples.action_head import serve
+from examples.action_head.decide import COLUMNS, ROWS, TURNS_DEG, Outlook
+from examples.action_head.pilot import pilot
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.picture import encode
+
+
+class Reddest:
+    """A head that was not learnt: it goes to where the picture is reddest."""
+
+    def outlook(self, picture, words, past):
+        red = picture[0].astype(int) - picture[1:].max(0)
+        cells = red.reshape(ROWS, 8, COLUMNS, 8).mean((1, 3))
+        heat = (cells == cells.max()).astype(np.float32)
+        return Outlook(np.array([0.9, 0.0, 0.0, 0.1], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32))
+
+
+@pytest.fixture
+def served():
+    with PilotServer(pilot(Reddest(), 0.5), serve.NAME) as server:
+        yield server
+
+
+def disc(x, y):
+    shown = np.full((720, 1280, 3), 128, np.uint8)
+    shown[y - 40 : y + 40, x - 40 : x + 40] = (230, 20, 20)
+    return encode(shown)
+
+
+def asked(server, pictures, drones=1):
+    prompt = Prompt.load().render("go to the red disc", History(CameraModel()).render(), 5, drones=drones)
+    parts: list[dict[str, object]] = [{"type": "text", "text": prompt}]
+    for jpeg in pictures:
+        url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+        parts.append({"type": "image_url", "image_url": {"url": url}})
+    body = {"model": serve.NAME, "messages": [{"role": "user", "content": parts}]}
+    return httpx.post(f"{server.base_url}/chat/completions", json=body, timeout=30.0)
+
+
+def test_it_points_at_what_it_saw(served):
+    action = parse(asked(served, [disc(960, 180)]).json()["choices"][0]["message"]["content"])
+    assert isinstance(action, Go)
+    assert action.x == pytest.approx(750, abs=32)
+    assert action.y == pytest.approx(250, abs=56)
+
+
+def test_each_drone_of_a_fleet_is_asked_alone(served):
+    text = asked(served, [disc(320, 360), disc(960, 360)], drones=2).json()["choices"][0]["message"]["content"]
+    left, right = parse_fleet(text, 2)
+    assert isinstance(left, Go)
+    assert isinstance(right, Go)
+    assert left.x == pytest.approx(250, abs=32)
+    assert right.x == pytest.approx(750, abs=32)
+
+
+def test_a_request_without_a_picture_is_refused(served):
+    said = asked(served, [])
+    assert said.status_code == 400
+    assert "wants a picture" in said.json()["error"]["message"]
+
+
+def test_the_models_own_check_finds_that_it_points(served, capsys):
+    assert main(["models", "check", f"local/{serve.NAME}", "--base-url", served.base_url, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)
+
+
+def test_a_trained_head_is_served(tmp_path):
+    """Untrained in truth: what its weights are changes nothing of the way."""
+    pytest.importorskip("torch")
+    from examples.action_head.network import ActionHead, save
+    from examples.action_head.settings import Shape
+
+    file = tmp_path / "head.pt"
+    save(file, ActionHead(Shape(16, 4, 8)), 0.0, {})
+    with serve.server(file, 0, 1) as server:
+        text = asked(server, [disc(640, 360)]).json()["choices"][0]["message"]["content"]
+    assert parse(text) == Finished()  # from a probability of 0 on
+
+
+@pytest.mark.parametrize("words", [["--port", "65536"], ["--threads", "0"]])
+def test_a_number_that_is_none_is_refused(words):
+    with pytest.raises(UsageError, match=words[0]):
+        serve.main(["head.pt", *words])
