@@ -12,8 +12,11 @@ from episodes.optics.options import Optics, Sensor
 
 NOISY = Optics(sensor=Sensor(full_well_e=50.0)).as_dict()
 SPEC = FlightSpec(
-    pilot="blind:straight", episode="residential-approaching-03", simulated=Simulated(speed=None, optics=NOISY), full=True,
-)  # fmt: skip
+    pilot="blind:straight",
+    episode="residential-approaching-03",
+    simulated=Simulated(speed=None, optics=NOISY),
+    full=True,
+)
 
 
 def first_picture(folder, seed, speed=None):
