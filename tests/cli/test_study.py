@@ -282,7 +282,8 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     assert f"  {shlex.join(command)}" in said.splitlines()
     assert main([*words, "--values", "0,1"]) == 2
     errors = capsys.readouterr().err
-    assert errors == "dronecats study: s is of another study (not the same: factors); choose another --out\n"
+    differs = "factors, latency 0, 2 there and latency 0, 1 now"
+    assert errors == f"dronecats study: s is of another study (not the same: {differs}); choose another --out\n"
 
 
 def test_a_process_may_hold_a_lock_for_each_run():

@@ -33,7 +33,7 @@ def first_picture(folder, seed, speed=None):
 
 def grain(jpeg):
     """Return what of a picture is finer than a pixel's neighbourhood: nearly all of it noise."""
-    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE).astype(float)
+    grey = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE), float)
     return (grey - cv2.GaussianBlur(grey, (0, 0), 1.0)).ravel()
 
 
