@@ -7,6 +7,7 @@ import pytest
 from dronecats.campaign.bench import Bench
 from dronecats.campaign.matrix import suite_of
 from dronecats.flight.disturbances import Disturbances, VehicleFaults
+from dronecats.flight.spec import Simulated
 from dronecats.study import continued, folder
 from foundation.errors import UsageError
 from tests.study.test_plan import BLIND, LATENCY, ORACLE, TWO, fly, planned
@@ -44,7 +45,7 @@ def test_other_flights_are_told_by_what_differs_of_another_pilot_too(begun, pilo
 def test_it_goes_on_as_it_was_and_with_other_pilots_and_more_flights(begun):
     for made in (planned(flights=1), planned(flights=2), planned(pilots=[("ring", BLIND)], flights=1)):
         continued.joined(begun, made)
-    vision = replace(BLIND, pilot="vision", simulated=replace(BLIND.simulated, rendered=True))
+    vision = replace(BLIND, pilot="vision", simulated=Simulated(speed=None, rendered=True))
     assert len(continued.joined(begun, planned(pilots=[("vision", vision)], flights=1)).runs) == 6
 
 
