@@ -1,5 +1,7 @@
 """The fit, where PyTorch is installed: a few steps on a few made-up pictures."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
@@ -104,6 +106,11 @@ def test_a_file_that_is_no_head_is_refused(tmp_path):
     (tmp_path / "text.pt").write_text("no head")
     with pytest.raises(UsageError, match="is no trained head"):
         network.load(tmp_path / "text.pt")
+    head = network.ActionHead(SMALL)
+    told = {"format": network.FORMAT + 1, "shape": asdict(SMALL), "declares_at": 0.5, "weights": head.state_dict()}
+    torch.save(told, tmp_path / "later.pt")
+    with pytest.raises(UsageError, match="of another version"):
+        network.load(tmp_path / "later.pt")
 
 
 def test_one_flight_is_too_little_to_learn_when_to_declare(dataset_folder, tmp_path):
