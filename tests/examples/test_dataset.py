@@ -8,7 +8,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from dronecats.agent.action import Finished, Go, Rotate, Think, action_from
+from dronecats.cli.main import main
+from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.pilots.briefing import PastAction
+from dronecats.run.fly import fly
 from examples.action_head import dataset, features
 from examples.action_head.dataset import action_of
 from examples.action_head.features import KINDS
@@ -50,6 +53,16 @@ def test_the_pictures_are_the_pilots_own(flown, dataset_folder):
     frames = [frame for episode in EPISODES for frame in sorted((flown / episode / "frames").iterdir())]
     for shown, frame in zip(data.pictures, frames, strict=True):
         np.testing.assert_array_equal(shown, features.picture(frame.read_bytes()))
+
+
+def test_flights_that_were_not_drawn_are_refused(tmp_path):
+    """Lockstep leaves blank pictures for pilots that do not look, and from those nothing can be learnt but to turn."""
+    flown, folder = tmp_path / "flown", tmp_path / "dataset"
+    blank = FlightSpec(episode=EPISODES[0], pilot="oracle", simulated=Simulated(speed=None, rendered=False))
+    assert fly(blank, flown, lambda _: None)["success"]
+    assert main(["export", str(flown), "--to", "lerobot", "--out", str(folder)]) == 0
+    with pytest.raises(UsageError, match="--rendered"):
+        dataset.read(folder)
 
 
 def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):
