@@ -98,7 +98,7 @@ class _Wires:
 def vehicle_logs(path: Path, t0_us: int) -> dict[int, VehicleLog]:
     """Return what a tlog tells of each drone; {} where there is none. Raises UsageError when it cannot be read.
 
-    `t0_us`: the vehicle's clock at t = 0. Drones count from 0 in the order of their systems' numbers, whatever these are.
+    `t0_us`: the vehicle's clock at t = 0. Drones count from 0 in the order of their systems' numbers.
     A file that a kill has torn is read as far as it goes.
     """
     if not path.is_file():

@@ -117,6 +117,7 @@ ELSEWHERE = (
     (r"dronecats sitl --hitl", "a board"),
     (r"dronecats sitl\b|dronecats impair\b", FOREVER),
     (r"dronecats fly --sitl --episode \S+ --pilot vision --view$", "minutes in real time; tests/watch flies it"),
+    (r"dronecats replay\b", "a browser's page, until it is interrupted; tests/playback does it"),
     (r"dronecats edit\b", "a browser's page, until it is interrupted; tests/editor does it"),
     (r"dronecats episodes audit --write-par", "the hundred, and rewrites a file that ships"),
     (r"dronecats episodes audit --pilot vision", "the hundred, every frame drawn: an hour"),

@@ -168,13 +168,16 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
 def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
     """Ours are 1, 2, …; a real one may be any."""
     path = copied / layout.TLOG
-    heard, packers = list(tlog_messages(path, KINDS)), {}
+    heard = list(tlog_messages(path, KINDS))
+    packers: dict[int, Packer] = {}
     path.unlink()
     log = TelemetryLog(path)
     for message in heard:
         packer = packers.setdefault(message.get_srcComponent(), Packer(42, message.get_srcComponent()))
         log.write(0, packer.pack(message))
-    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # a station that flies nothing
+    log.write(
+        0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    )  # flies nothing
     log.close()
     logs = vehicle_logs(path, flight.episode.logs.begin.t0_us)
     assert list(logs) == [0]
