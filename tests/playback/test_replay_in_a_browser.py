@@ -8,7 +8,7 @@ import pytest
 from dronecats.playback.clock import SPEEDS
 from dronecats.playback.occurrences import OccurrenceKind
 from dronecats.playback.page import ReplayPage
-from dronecats.playback.recorded import replayed_flight
+from dronecats.playback.recorded import playable_flight
 from dronecats.playback.views import AgainView
 from dronecats.rundir import layout
 from dronecats.scenery import display
@@ -23,7 +23,7 @@ JUDGES = ("target (judge)", "/judge/", "only the judge knows", "verdict:", "to t
 
 @pytest.fixture(scope="module")
 def flights(flight, runs):
-    return [flight, replayed_flight(runs / "other")]
+    return [flight, playable_flight(runs / "other")]
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, co
         return {**row, "action": {"action": "finished"}} if row["step"] == steps[-1] else row
 
     rewrite(copied / layout.DECISIONS, another)
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     (declared,), (fault,) = flight.of(OccurrenceKind.DECLARATION), flight.of(OccurrenceKind.FAULT)
     page, _ = opened([flight])
     press(browser, "d")
