@@ -91,7 +91,7 @@ RIG = "wants a rig that was measured; tests/study/rate reads these commands as t
 REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 
 ELSEWHERE = (
-    (r"dronecats$|dronecats fly$", "the program or a verb, named"),
+    (r"dronecats$|dronecats fly( --view)?$", "the program or a verb, named"),
     (r"dronecats fly --sitl .*--model (?!replay:)", "a model's endpoint and key; tests/agent does it with its own"),
     (r"dronecats bench .*--model ", "a model's endpoint and key; tests/cli benches with endpoints of its own"),
     (r"dronecats (bench|judge|film|export|study report)$", "a verb, named; its page has it in full"),

@@ -189,9 +189,11 @@ def test_a_trail_grows_at_its_end_alone(page, world):
     for k in range(400):
         page.scene.show(moment(world, 0.2 * k))
     page.sent()
+    before = page.client.bytes
     page.scene.show(moment(world, 0.2 * 401))
     grown = [m["name"] for m in page.sent() if "/trail-" in m.get("name", "")]
     assert len(grown) == 1
+    assert page.client.bytes - before < 4_000  # the whole way would be 10 kB
 
 
 # ---- words
