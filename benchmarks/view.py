@@ -57,6 +57,7 @@ class Arrivals(threading.Thread):
             for message in self._client.receive(0.2):
                 if message["type"] == "SetOrientationMessage" and message["name"] == NODE:
                     self.at.setdefault(_key(message["wxyz"]), time.monotonic())
+        self._client.close()
 
 
 class Written(threading.Thread):
@@ -160,8 +161,9 @@ def figures(scratch: Path, seconds: float) -> dict[str, Any]:
         began_s, before_s = time.monotonic(), processor_s(viewer)
         time.sleep(seconds)
         used_s, wall_s = processor_s(viewer) - before_s, time.monotonic() - began_s
-        arrivals.done.set()
-        written.done.set()
+        for each in (arrivals, written):
+            each.done.set()
+            each.join()
     finally:
         command.terminate()
         command.wait(60.0)

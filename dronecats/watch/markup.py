@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -14,7 +15,8 @@ from dronecats.watch.sight import chosen_go
 from foundation.protocol import POINT_SPAN
 
 YELLOW, ORANGE, GREY = "#ffd60a", "#d64933", "#868e96"
-MESSAGES = 6  # the newest that are shown
+MESSAGES, FLEETS_MESSAGES = 6, 3  # the newest that are shown of each drone
+HEADS = ("speed", "height", "battery", "mode")
 WIDE, HIGH = 1280, 720  # of a drawing over a picture, whatever that measures
 NO_PICTURE = (
     f'<div style="aspect-ratio:{WIDE}/{HIGH};background:#212529;color:#adb5bd;display:flex;align-items:center;'
@@ -39,6 +41,14 @@ def frame_html(drone: DroneMoment, label: str) -> str:
     return f'<div style="padding:2px 10px 4px">{_small(escape(label) + taken)}{body}</div>'
 
 
+def frames_html(drones: Sequence[DroneMoment]) -> str:
+    """Return the pictures of all drones, of a fleet two beside one another."""
+    if len(drones) == 1:
+        return frame_html(drones[0], "the picture that was asked about")
+    cells = "".join(f"<div>{frame_html(one, f'drone {one.drone}')}</div>" for one in drones)
+    return f'<div style="display:grid;grid-template-columns:1fr 1fr">{cells}</div>'
+
+
 def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | None]:
     """Return the picture that is shown of a drone and the decision whose point is ringed in it, if any is."""
     newer = drone.picture is not None and (
@@ -47,11 +57,48 @@ def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | 
     return (drone.picture, None) if newer else (drone.decided_on, drone.decision)
 
 
+def decisions_html(drones: Sequence[DroneMoment]) -> str:
+    """Return what was asked last, what came back, and what is made of it; a reply for several drones once."""
+    if len(drones) == 1:
+        return decision_html(drones[0])
+    shown, told = "", set[tuple[int, str]]()
+    for one in drones:
+        said = one.decision
+        words = "no decision yet" if said is None else action_words(said)
+        shown += (
+            f'<div class="action" data-drone="{one.drone}" style="font-size:13px;font-weight:600;color:{ORANGE};'
+            f'padding:3px 10px 0"><span style="opacity:0.65">drone {one.drone}</span> {escape(words)}</div>'
+        )
+        alone = said is not None and not any(_together(said, other.decision) for other in drones if other is not one)
+        if said is not None and alone:
+            shown += _box(_answered(one, said))
+        elif said is not None:
+            told.add((said.step, str(said.reply)))
+    for step, _ in sorted(told):
+        one = next(each for each in drones if each.decision is not None and each.decision.step == step)
+        assert one.decision is not None
+        shown += _box(_answered(one, one.decision))
+    return shown
+
+
+def _together(said: Decision, other: Decision | None) -> bool:
+    """Return whether two decisions came of one reply."""
+    return other is not None and (said.step, said.reply) == (other.step, other.reply)
+
+
 def decision_html(drone: DroneMoment) -> str:
     """Return what was asked last, what came back and what is made of it."""
     said = drone.decision
     if said is None:
         return _box(_small("no decision yet"))
+    return _box(
+        f'<div class="action" data-step="{said.step}" style="font-size:14px;font-weight:600;color:{ORANGE};'
+        f'margin:2px 0 4px">{escape(action_words(said))}</div>' + _answered(drone, said)
+    )
+
+
+def _answered(drone: DroneMoment, said: Decision) -> str:
+    """Return a reply, what it took, and what was asked."""
     reply = said.reply if said.reply is not UNSET else ""
     took = "" if said.latency_s is None else f"{said.latency_s:.2f} s"
     rate = "" if said.rate_hz is None else f"{said.rate_hz:.2f} a second"
@@ -61,10 +108,8 @@ def decision_html(drone: DroneMoment) -> str:
         asked = (
             f'<details><summary style="cursor:pointer;opacity:0.65">prompt</summary>{_quoted(drone.prompt)}</details>'
         )
-    return _box(
-        f'<div class="action" data-step="{said.step}" style="font-size:14px;font-weight:600;color:{ORANGE};'
-        f'margin:2px 0 4px">{escape(action_words(said))}</div>'
-        + _small("reply")
+    return (
+        _small("reply")
         + f'<div class="reply">{_quoted(str(reply))}</div>'
         + _pairs([row for row in rows if row[1]])
         + asked
@@ -83,27 +128,42 @@ def action_words(decision: Decision) -> str:
     return str(action["action"])
 
 
-def numbers_html(drone: DroneMoment) -> str:
-    """Return speed, height, battery and mode."""
-    speed = None if drone.velocity_ned is None else sum(v * v for v in drone.velocity_ned) ** 0.5
-    mode = drone.mode + ("" if drone.armed is None else " · armed" if drone.armed else " · disarmed")
-    told = None if drone.setpoint_ned is None else sum(v * v for v in drone.setpoint_ned) ** 0.5
+def numbers_html(drones: Sequence[DroneMoment]) -> str:
+    """Return speed, height, battery and mode; of a fleet a line each."""
+    if len(drones) == 1:
+        return _box(_pairs([row for row in _numbers(drones[0]) if row[1]]))
+    head = "".join(f'<th style="font-weight:400;opacity:0.65">{name}</th>' for name in ("drone", *HEADS))
+    lines = "".join(
+        f"<tr><td>{one.drone}</td>"
+        + "".join(
+            f'<td style="text-align:center"><b>{escape(value)}</b></td>' for _, value in _numbers(one, brief=True)
+        )
+        + "</tr>"
+        for one in drones
+    )
+    return _box(f'<table style="width:100%;font-size:11px"><tr>{head}</tr>{lines}</table>')
+
+
+def _numbers(drone: DroneMoment, *, brief: bool = False) -> list[tuple[str, str]]:
+    speed = None if drone.velocity_ned is None else math.hypot(*drone.velocity_ned)
+    told = None if drone.setpoint_ned is None else math.hypot(*drone.setpoint_ned)
+    mode = drone.mode + ("" if drone.armed is None or brief else " · armed" if drone.armed else " · disarmed")
+    wanted = "" if told is None or brief else f" (told {told:.1f})"
     rows = [
-        ("speed", "" if speed is None else f"{speed:.1f} m/s" + ("" if told is None else f" (told {told:.1f})")),
+        ("speed", "" if speed is None else f"{speed:.1f} m/s{wanted}"),
         ("height", "" if drone.height_m is None else f"{drone.height_m:.1f} m"),
         ("battery", "" if drone.battery is None else f"{100 * drone.battery:.0f} %"),
         ("mode", mode.strip(" ·")),
-        ("place", "" if drone.position_ned is None else "the truth's" if drone.true else "the autopilot's own"),
+        ("pose", "" if drone.position_ned is None else "the true one" if drone.true else "the autopilot's own"),
     ]
-    return _box(_pairs([row for row in rows if row[1]]))
+    return rows[: len(HEADS)] if brief else rows
 
 
 def messages_html(drones: Sequence[DroneMoment]) -> str:
     """Return the newest of what autopilots and envelopes have said, newest first."""
     several = len(drones) > 1
-    lines = [
-        (f"drone {one.drone}: " if several else "") + said for one in drones for said in one.said[-MESSAGES:][::-1]
-    ]
+    most = FLEETS_MESSAGES if several else MESSAGES
+    lines = [(f"drone {one.drone}: " if several else "") + said for one in drones for said in one.said[-most:][::-1]]
     rows = "".join(f'<div style="border-top:1px solid rgba(128,128,128,0.18)">{escape(line)}</div>' for line in lines)
     return _box(_small("messages") + f'<div class="messages">{rows or "none"}</div>')
 

@@ -9,7 +9,7 @@ from dronecats.watch import markup
 from dronecats.watch.moment import DroneMoment, Moment
 
 NOBODY = "nobody"
-WIDTH_PX = 400
+WIDTH_PX, FLEET_PX = 400, 520
 
 
 class FlightPanels:
@@ -35,23 +35,19 @@ class FlightPanels:
         self._panel = view
         self.pictures = view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA)
         with self.pictures:
-            self._frames = [gui.add_html("") for _ in range(drones)]
+            self._frames = gui.add_html("")
         view.dock_left()
-        view.set_width(WIDTH_PX)
+        view.set_width(WIDTH_PX if drones == 1 else FLEET_PX)
         self._folder = gui.add_folder("Flight")
         with self._folder:
             self._state = gui.add_html("")
-            self._pilots, self._numbers = [], []
-            for k in range(drones):
-                if drones > 1:
-                    gui.add_html(f'<div style="font-size:13px;font-weight:600;padding:4px 10px 0">drone {k}</div>')
-                self._pilots.append(gui.add_html(""))
-                self._numbers.append(gui.add_html(""))
-            self._messages = gui.add_html("")
             names = (NOBODY, *(f"drone {k}" for k in range(drones)))
             self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
+            self._pilots = gui.add_html("")
+            self._numbers = gui.add_html("")
+            self._messages = gui.add_html("")
         if on_follow is not None:
             self._follow.on_update(_by_hand(lambda: on_follow(_drone(self._follow.value))))
         self._judge.on_update(_by_hand(lambda: self._ask(bool(self._judge.value))))
@@ -61,22 +57,17 @@ class FlightPanels:
         with self._server.atomic():
             self._write("state", self._state, (markup.clock(moment.t_s), moment.state, moment.instruction),
                         lambda: markup.state_html(moment))  # fmt: skip
-            for drone in moment.drones[: self._drones]:
-                self._show_drone(drone)
+            drones = moment.drones[: self._drones]
+            frames = tuple(_pictured(drone) for drone in drones)
+            self._write("frames", self._frames, frames, lambda: markup.frames_html(drones))
+            decided = tuple((one.decision and one.decision.step, one.prompt) for one in drones)
+            self._write("pilots", self._pilots, decided, lambda: markup.decisions_html(drones))
+            self._write("numbers", self._numbers, markup.numbers_html(drones))
             said = tuple(drone.said for drone in moment.drones)
             self._write("messages", self._messages, said, lambda: markup.messages_html(moment.drones))
             judged = markup.judge_html(moment.judge) if self.judge_shown else ""
             self._write("judge", self._judged, judged)
         self._server.flush()
-
-    def _show_drone(self, drone: DroneMoment) -> None:
-        k, step = drone.drone, drone.decision and drone.decision.step
-        picture, decision = markup.newest_decided(drone)
-        shown = (picture and picture.frame_id, decision and decision.step)
-        label = f"drone {k}" if self._drones > 1 else "the picture that was asked about"
-        self._write(f"frame-{k}", self._frames[k], shown, lambda: markup.frame_html(drone, label))
-        self._write(f"pilot-{k}", self._pilots[k], (step, drone.prompt), lambda: markup.decision_html(drone))
-        self._write(f"numbers-{k}", self._numbers[k], markup.numbers_html(drone))
 
     def forget(self) -> None:
         """Send everything anew with the next moment, which is of another flight."""
@@ -115,6 +106,12 @@ def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
             act()
 
     return changed
+
+
+def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
+    """Return what tells the picture that is shown of a drone from others, and the ring in it."""
+    picture, decision = markup.newest_decided(drone)
+    return (picture.frame_id if picture else None, decision.step if decision else None)
 
 
 def _drone(name: str) -> int | None:

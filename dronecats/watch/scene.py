@@ -127,7 +127,7 @@ class FlightScene:
     def _show_drone(self, drone: DroneMoment, here: Vec3) -> None:
         k = drone.drone
         node = self._node(k)
-        self._put(f"drone-{k}", (here, drone.attitude), node)
+        node.position, node.wxyz = display.place_of(here), display.turned(drone.attitude)  # the same is not sent again
         if not self._looked:
             self._look(here, quat_yaw(drone.attitude))
         self._trails[k].go_on(here)
@@ -160,12 +160,6 @@ class FlightScene:
             scene.add_label(f"{path}/name", called, position=(0.0, 0.55, 0.0), anchor="bottom-center")
         return made
 
-    def _put(self, key: str, pose: tuple[Vec3, Any], node: Any) -> None:
-        if self._told.get(key) == pose:
-            return
-        self._told[key] = pose
-        node.position, node.wxyz = display.place_of(pose[0]), display.turned(pose[1])
-
     def _show_told(self, k: int, here: Vec3, velocity: Vec3 | None) -> None:
         key = f"setpoint-{k}"
         if velocity is None or math.hypot(*velocity) < STILL_MPS:
@@ -182,9 +176,7 @@ class FlightScene:
             else:
                 known.points = points
             self._told[key] = velocity
-        if self._told.get(f"{key}-at") != here:
-            self._told[f"{key}-at"] = here
-            self._nodes[key].position = display.place_of(here)
+        self._nodes[key].position = display.place_of(here)
 
     def _show_chosen(self, k: int, lens: Vec3 | None, place: Vec3 | None) -> None:
         key = f"chosen-{k}"
@@ -233,7 +225,6 @@ class FlightScene:
 
     def _drop(self, key: str) -> None:
         self._told.pop(key, None)
-        self._told.pop(f"{key}-at", None)
         if (node := self._nodes.pop(key, None)) is not None:
             node.remove()
 

@@ -92,7 +92,7 @@ LEARNT = "minutes of drafting and fitting, with PyTorch; tests/examples does eac
 REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 
 ELSEWHERE = (
-    (r"dronecats$|dronecats fly$", "the program or a verb, named"),
+    (r"dronecats$|dronecats fly( --view)?$", "the program or a verb, named"),
     (r"dronecats fly --sitl .*--model (?!replay:)", "a model's endpoint and key; tests/agent does it with its own"),
     (r"dronecats bench .*--model ", "a model's endpoint and key; tests/cli benches with endpoints of its own"),
     (r"dronecats (bench|judge|film|export|study report)$", "a verb, named; its page has it in full"),
@@ -121,6 +121,7 @@ ELSEWHERE = (
     (r"dronecats sitl --hitl", "a board"),
     (r"dronecats sitl\b|dronecats impair\b", FOREVER),
     (r"dronecats fly --sitl --episode \S+ --pilot vision --view$", "minutes in real time; tests/watch flies it"),
+    (r"dronecats replay\b", "a browser's page, until it is interrupted; tests/playback does it"),
     (r"dronecats edit\b", "a browser's page, until it is interrupted; tests/editor does it"),
     (r"dronecats episodes audit --write-par", "the hundred, and rewrites a file that ships"),
     (r"dronecats episodes audit --pilot vision", "the hundred, every frame drawn: an hour"),

@@ -75,6 +75,15 @@ def test_behind_bytes_that_are_no_frames_it_finds_its_way_again(tmp_path_factory
     assert told[-10:] == good[-10:]
 
 
+def test_what_looks_like_a_frame_among_other_bytes_swallows_none(tmp_path):
+    """A time, a marker and a length, which reach over six frames behind them."""
+    _, told = tlog(tmp_path / "whole", 12)
+    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in told]
+    noise = b"\xff" * 9 + bytes(8) + b"\xfd\xff\x00"
+    (tmp_path / "torn").write_bytes(noise + b"".join(packed))
+    assert FrameTail(tmp_path / "torn").read() == told
+
+
 def test_a_file_that_is_not_there_is_empty_until_it_is(tmp_path):
     tail = LineTail(tmp_path / "late")
     assert tail.read() == []

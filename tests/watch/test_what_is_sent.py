@@ -189,9 +189,11 @@ def test_a_trail_grows_at_its_end_alone(page, world):
     for k in range(400):
         page.scene.show(moment(world, 0.2 * k))
     page.sent()
+    before = page.client.bytes
     page.scene.show(moment(world, 0.2 * 401))
     grown = [m["name"] for m in page.sent() if "/trail-" in m.get("name", "")]
     assert len(grown) == 1
+    assert page.client.bytes - before < 4_000  # the whole way would be 10 kB
 
 
 # ---- words
@@ -206,7 +208,9 @@ def test_nobodys_words_become_markup(world):
         [
             markup.decision_html(replace(drone, decision=said, prompt=evil)),
             markup.messages_html([replace(drone, said=(evil,))]),
-            markup.numbers_html(replace(drone, mode=evil)),
+            markup.numbers_html([replace(drone, mode=evil)]),
+            markup.numbers_html([replace(drone, mode=evil)] * 2),
+            markup.decisions_html([replace(drone, decision=said, prompt=evil)] * 2),
             markup.state_html(replace(moment(world), state=evil, instruction=evil)),
             markup.judge_html(JudgeMoment(said=(evil,))),
             markup.frame_html(drone, evil),
@@ -214,8 +218,16 @@ def test_nobodys_words_become_markup(world):
     )
     assert "<script" not in html
     assert "onerror=&quot;" in html
-    ours = {"div", "span", "b", "pre", "details", "summary", "img", "svg", "circle"}
+    ours = {"div", "span", "b", "pre", "details", "summary", "img", "svg", "circle", "table", "tr", "th", "td"}
     assert set(re.findall(r"</?([a-z]+)", html)) <= ours
+
+
+def test_a_reply_for_several_drones_is_said_once(world):
+    fleet = moment(world, drones=4).drones
+    assert markup.decisions_html(fleet).count('class="reply"') == 1
+    assert markup.decisions_html(fleet).count('class="action"') == 4
+    alone = [replace(one, decision=replace(one.decision, step=one.drone)) for one in fleet if one.decision]
+    assert markup.decisions_html(alone).count('class="reply"') == 4
 
 
 def test_a_newer_picture_is_shown_without_the_ring_of_the_last_one(world):
@@ -244,4 +256,6 @@ def test_a_drone_of_which_nothing_is_known_is_shown_too():
     empty = DroneMoment(0)
     assert "no picture yet" in markup.frame_html(empty, "")
     assert "no decision yet" in markup.decision_html(empty)
-    markup.numbers_html(empty)
+    markup.numbers_html([empty])
+    assert markup.decisions_html([empty, empty]).count("no decision yet") == 2
+    markup.numbers_html([empty, empty])
