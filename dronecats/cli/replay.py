@@ -43,9 +43,11 @@ def run(args: argparse.Namespace) -> int:
         import viser  # noqa: F401
     except ImportError:
         raise UsageError("the page needs viser, which is not installed: pip install 'dronecats[view]'") from None
+    from dronecats.playback.clock import check_speed
     from dronecats.playback.page import ReplayPage
     from dronecats.playback.recorded import replayed_flight
 
+    check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)
     page = ReplayPage([replayed_flight(path) for path in args.runs], args.port, args.speed, args.at)
     try:

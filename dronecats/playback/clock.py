@@ -44,8 +44,7 @@ class PlaybackClock:
 
     def at_speed(self, speed: float, wall_s: float) -> "PlaybackClock":
         """Return the clock that goes on at another speed. Raises UsageError for one that it has not."""
-        if not SPEEDS[0] <= speed <= SPEEDS[-1]:
-            raise UsageError(f"--speed wants a factor from {SPEEDS[0]:g} to {SPEEDS[-1]:g}, got {speed:g}")
+        check_speed(speed)
         return replace(self, t_s=self.at(wall_s), wall_s=wall_s, speed=speed)
 
     def faster(self, wall_s: float) -> "PlaybackClock":
@@ -55,3 +54,9 @@ class PlaybackClock:
     def slower(self, wall_s: float) -> "PlaybackClock":
         """Return the clock at the next lower speed, at the lowest itself."""
         return self.at_speed(next((speed for speed in reversed(SPEEDS) if speed < self.speed), SPEEDS[0]), wall_s)
+
+
+def check_speed(speed: float) -> None:
+    """Raise UsageError for a speed at which nothing is played."""
+    if not SPEEDS[0] <= speed <= SPEEDS[-1]:
+        raise UsageError(f"--speed wants a factor from {SPEEDS[0]:g} to {SPEEDS[-1]:g}, got {speed:g}")

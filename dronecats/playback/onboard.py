@@ -98,7 +98,8 @@ class _Wires:
 def vehicle_logs(path: Path, t0_us: int) -> dict[int, VehicleLog]:
     """Return what a tlog tells of each drone; {} where there is none. Raises UsageError when it cannot be read.
 
-    `t0_us`: the vehicle's clock at t = 0. A file that a kill has torn is read as far as it goes.
+    `t0_us`: the vehicle's clock at t = 0. Drones count from 0 in the order of their systems' numbers, whatever these are.
+    A file that a kill has torn is read as far as it goes.
     """
     if not path.is_file():
         return {}
@@ -106,7 +107,8 @@ def vehicle_logs(path: Path, t0_us: int) -> dict[int, VehicleLog]:
     for message in tlog_messages(path, KINDS):
         if message.get_srcComponent() in (AUTOPILOT, TRUTH_COMPONENT):
             _hear(systems.setdefault(message.get_srcSystem(), _Wires()), message, t0_us)
-    return {number - 1: _told(number - 1, systems[number], t0_us) for number in sorted(systems) if number > 0}
+    flying = [number for number in sorted(systems) if systems[number].true or systems[number].places]
+    return {drone: _told(drone, systems[number], t0_us) for drone, number in enumerate(flying)}
 
 
 def _hear(wires: _Wires, m: dialect.MAVLink_message, t0_us: int) -> None:

@@ -50,9 +50,9 @@ class ReplayPage:
 
     def __init__(self, flights: Sequence[ReplayedFlight], port: int, speed: float = 1.0, at_s: float = 0.0) -> None:
         """Serve the page, which stands at a time of the episode. Raises UsageError for flights of several episodes."""
-        of_one_episode(flights)
         if len(flights) > CHOICES:
             raise UsageError(f"{len(flights)} runs are too many for one page: choose {CHOICES} at most")
+        of_one_episode(flights)
         self.flights = tuple(flights)
         clock = PlaybackClock(max(flight.end_s for flight in flights)).at_speed(speed, 0.0)
         self._server = LoopbackServer(f"DroneCATS · {flights[0].episode.id}", port)
@@ -198,7 +198,9 @@ class ReplayPage:
         state = self.state
         self._apply(state)
         jumped = self._shown_s is None or not 0.0 <= t_s - self._shown_s <= GAP_S
-        for number, (flight, scene) in enumerate(zip(self.flights, self._scenes, strict=True)):
+        numbers = sorted(range(len(self.flights)), key=lambda number: number == state.flight)
+        for number in numbers:  # the chosen one last: that is whom a browser that comes looks at
+            flight, scene = self.flights[number], self._scenes[number]
             moment = flight.moment(t_s)
             if jumped:
                 for drone in flight.drones:

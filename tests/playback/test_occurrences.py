@@ -42,6 +42,7 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
     assert fault.t_s == flight.of(DECISION)[0].t_s
     said = flight.moment(declared.t_s).judge.said[0]
     assert "drone 0 declared at" in said
+    assert flight.moment(declared.t_s - 0.01).judge.said == ()
     frame = rows(folder / layout.TRUTH, "frame")[-1]
     assert f"{frame['distance_m']:.2f} m" in said
     assert flight.moment(fault.t_s).drones[0].said == (f"{fault.t_s:.1f} s  {fault.words}",)

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
+from dronecats.afterflight.sources import tlog_messages
 from dronecats.playback import recorded
+from dronecats.playback.onboard import KINDS, vehicle_logs
 from dronecats.playback.recorded import of_one_episode, replayed_flight
 from dronecats.rundir import layout
+from dronecats.rundir.writing import TelemetryLog
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from foundation.frames import quat_to_euler, rotate_inverse
+from foundation.frames import quat_conjugate, quat_multiply, quat_to_euler, rotate_inverse
+from foundation.mavlink import Packer, dialect
 from tests.support.json_lines import rows
 from tests.support.run_folders import run_folder
 
@@ -154,9 +158,28 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
         flown = np.subtract(own.pose(0, t).position_ned, own.pose(0, 0.0).position_ned)
         truly = np.subtract(flight.pose(0, t).position_ned, flight.pose(0, 0.0).position_ned)
         assert math.dist(flown, truly) < 0.5  # estimated: half a metre is its wander
+        leans = quat_multiply(quat_conjugate(flight.pose(0, t).attitude), own.pose(0, t).attitude)
+        assert 2.0 * math.acos(min(1.0, abs(leans[0]))) < math.radians(4.0)
         assert shown.drones[0].velocity_ned is not None
     with pytest.raises(UsageError, match="only one tells the truth"):
         of_one_episode([flight, own])
+
+
+def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
+    """Ours are 1, 2, …; a real one may be any."""
+    path = copied / layout.TLOG
+    heard, packers = list(tlog_messages(path, KINDS)), {}
+    path.unlink()
+    log = TelemetryLog(path)
+    for message in heard:
+        packer = packers.setdefault(message.get_srcComponent(), Packer(42, message.get_srcComponent()))
+        log.write(0, packer.pack(message))
+    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # a station that flies nothing
+    log.close()
+    logs = vehicle_logs(path, flight.episode.logs.begin.t0_us)
+    assert list(logs) == [0]
+    assert logs[0].setpoints == flight.vehicles[0].setpoints
+    assert logs[0].states == flight.vehicles[0].states
 
 
 def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):

@@ -29,7 +29,7 @@ def flights(flight, runs):
 @pytest.fixture
 def opened(browser):
     """Open a page of flights in the browser; it is closed with the test."""
-    made = []
+    made: list[ReplayPage | Sent] = []
 
     def serve(flights, **options):
         page = ReplayPage(flights, free_port(socket.SOCK_STREAM), **options)
