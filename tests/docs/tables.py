@@ -109,7 +109,7 @@ ELSEWHERE = (
     (r"python -m benchmarks\.vision_errors ", "a run that vision flew; tests/benchmarks fits a small one"),
     (r"dronecats (bench|export) runs/learnt/", "448 flights, ten minutes; tests/examples flies and exports one"),
     (r"python -m examples\.action_head\.", LEARNT),
-    (r"dronecats bench --suite quick --pilot oracle vision ", "thirty-six flights, a dozen of them of vision's"),
+    (r"dronecats bench (--suite quick|residential-\S+ .*) --pilot oracle vision ", "dozens of flights, vision's too"),
     (r"dronecats bench my\.toml", "a file of one's own; tests/cli benches with some"),
     (r"dronecats models check", "a model's endpoint and key; tests/cli does it with endpoints of its own"),
     (r"dronecats fly --sitl --autopilot px4", PX4),
