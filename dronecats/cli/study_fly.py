@@ -21,13 +21,13 @@ def fly(asked: "AskedStudy") -> int:
     """
     from dronecats.campaign.bench import Bench
     from dronecats.campaign.summary import table
-    from dronecats.study import folder
+    from dronecats.study import continued, folder
 
     args, out = asked.args, asked.out
     signals.as_interrupts()
     sitting.check_address(args)
     sitting.allow_locks(len(asked.plan.entries))
-    study = folder.joined(out, asked.plan.study)
+    study = continued.joined(out, asked.plan)
     bench = Bench(
         out, asked.suite, asked.plan.entries, retry=False, limit=args.limit,
         shard=bench_spec.shard(args), first=lambda: folder.write(out, study),

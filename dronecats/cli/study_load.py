@@ -48,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
     signals.as_interrupts()
     if not 1 <= args.jobs <= 64 or not 1 <= args.flights <= 1000:
         raise UsageError("--jobs wants 1 to 64, and --flights 1 to 1000")
+    if args.out.exists() and not args.out.is_dir():
+        raise UsageError(f"--out {args.out} is a file; name a folder")
     args.suite = args.suite or ([] if args.episodes else ["quick"])
     chosen = suite_of_options(args)
     plan = flights.LoadPlan(

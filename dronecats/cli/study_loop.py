@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 PARTS = ("margins", "stream", "trace")
@@ -43,13 +44,27 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.study.loop.hover import Hover
     from dronecats.study.loop.pictures import AGREED
     from dronecats.study.loop.results import LoopResults, as_json
+    from foundation.errors import UsageError
     from vehicles import airframe
 
     loops, parts = chosen(args.loops), args.part or PARTS
+    if args.px4 is not None and not args.px4.strip():
+        raise UsageError("--px4 wants the command that starts a PX4, and it is empty")
+    if args.px4 and "trace" not in parts:
+        raise UsageError("--px4 goes with --part trace, which it flies; add that, or leave --px4 out")
+    if args.out and args.out.exists() and not args.out.is_dir():
+        raise UsageError(f"--out {args.out} is a file; name a folder")
     frames = [airframe.load(name) for name in args.airframe or airframe.names()]
     studies: list[margins.LoopStudy] = []
     tolerances: list[stream.Tolerance] = []
     traces: list[trace.FlownTrace] = []
+    traced = (args.airframe or [trace.AIRFRAME])[0]
+    px4 = args.px4 or os.environ.get("DRONECATS_PX4")
+    if px4 and "trace" in parts:  # first, since it alone is somebody else's: a wrong command ends here, not in minutes
+        say(f"{traced}: the trace under PX4 …")
+        log_dir = args.out or Path(tempfile.mkdtemp(prefix="dronecats-px4-log-"))
+        log_dir.mkdir(parents=True, exist_ok=True)
+        traces.append(trace.fly(traced, px4=px4, log_dir=log_dir))
     for frame in frames:
         if "margins" in parts:
             say(f"{frame.name}: {len(loops)} loops …")
@@ -57,13 +72,9 @@ def run(args: argparse.Namespace) -> int:
         if "stream" in parts:
             say(f"{frame.name}: jitter and loss of the setpoints …")
             tolerances += stream.tolerances(frame)
-    traced = (args.airframe or [trace.AIRFRAME])[0]
     if "trace" in parts:
         say(f"{traced}: the trace …")
-        traces.append(trace.fly(traced))
-        if px4 := args.px4 or os.environ.get("DRONECATS_PX4"):
-            say(f"{traced}: the trace under PX4 …")
-            traces.append(trace.fly(traced, px4=px4))
+        traces.insert(0, trace.fly(traced))
     found = LoopResults(studies, tolerances, traces, airframe.load(traced).name)
     written = page.write(found, args.out, _command(args)) if args.out else []
     if args.json:

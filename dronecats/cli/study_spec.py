@@ -1,13 +1,15 @@
 """From the words of `dronecats study`, and a file of the same words, to a study."""
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import bench_spec
 from dronecats.cli.disturbance_options import NAMES
+from dronecats.cli.model_options import OPTIONS
 
 if TYPE_CHECKING:
     from dronecats.campaign.matrix import ChosenSuite
@@ -65,7 +67,7 @@ def of_file(args: argparse.Namespace) -> AskedStudy:
     if any(getattr(args, word) for word in CHOSEN):
         words.pop("episodes", None)
     bench_spec.filled(args, words)
-    return _asked(args, {"name": path.stem, **own}, Path("runs") / path.stem)
+    return _asked(args, {"name": path.stem, **own}, Path("runs") / path.stem, path)
 
 
 def _check_factors_here(path: Path, others: Mapping[str, Any]) -> None:
@@ -97,21 +99,34 @@ def _check(path: Path, word: str, value: Any) -> None:
         raise wants(f"one of {', '.join(KINDS)}")
 
 
-def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path) -> AskedStudy:
+@contextmanager
+def _naming(file: Path | None) -> Iterator[None]:
+    """Name a file in what is raised within, where there is one."""
+    from foundation.errors import UsageError
+
+    try:
+        yield
+    except UsageError as wrong:
+        raise UsageError(f"{file}: {wrong}" if file else str(wrong)) from None
+
+
+def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file: Path | None = None) -> AskedStudy:
+    from dronecats.study import looked_up
     from dronecats.study.plan import plan
 
     args = bench_spec.filled(args, DEFAULTS)
     suite = suite_of_options(args)
     out = args.out or folder
-    axes = [_axis(name, value) for name, value in told.get("factors", {}).items()]
-    _check_once("[factors]", told.get("factors", {}))
-    held = {
-        **_held("[held]", told.get("held", {}).items()),
-        **_held("--hold", [_pair(each) for each in args.hold or ()]),
-    }
-    design = _design(axes, told)
+    with _naming(file):
+        axes = [_axis(name, value) for name, value in told.get("factors", {}).items()]
+        _check_once("[factors]", told.get("factors", {}))
+        design = _design(axes, told)
+        held = _held("[held]", told.get("held", {}).items())
+    held |= _held("--hold", [_pair(each) for each in args.hold or ()])
     pilots = _pilots(args, out, {**{axis.name: axis.ends for axis in axes}, **{k: (v,) for k, v in held.items()}})
-    resolved = plan(told["name"], pilots, suite, design, held=held, flights=args.flights)
+    with _naming(file):
+        resolved = plan(told["name"], pilots, suite, design, held=held, flights=args.flights)
+        looked_up.check(resolved)
     return AskedStudy(args=args, out=out, suite=suite, plan=resolved)
 
 
@@ -225,6 +240,11 @@ def _pilots(
     who = next((name for name in WHO if name in levels), None)
     if who and (args.pilot or args.model):
         raise UsageError(f"{who} is one of the factors; leave --{'pilot' if args.pilot else 'model'} out")
+    if who and (option := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
+        raise UsageError(
+            f"--{option.replace('_', '-')} is of one --model, and {who} is one of the factors, or held; leave it out:"
+            " a row of models.toml has its own"
+        )
     if who == "pilot" and args.rendered:
         raise UsageError("--rendered goes with --pilot: of pilots that are a factor, those that look have pictures")
     args.agent, args.command = None, list(levels.get("command", ()))

@@ -128,7 +128,7 @@ def _blowing(flight: FlightSpec, speed: float, towards: float) -> FlightSpec:
     north, east = (round(speed * each(towards), 6) for each in (math.cos, math.sin))
     if math.hypot(north, east) > speed:  # the strongest wind must not be rounded beyond what a flight bears
         north, east = (math.trunc(speed * each(towards) * 1e6) / 1e6 for each in (math.cos, math.sin))
-    wind = (north, east, 0.0)
+    wind = (north + 0.0, east + 0.0, 0.0)  # no nought has a sign
     return _vehicle("wind_ned")(flight, wind)  # type: ignore[arg-type]  # the one level that is three numbers
 
 

@@ -1,7 +1,7 @@
 """A study's folder: study.json beside bench.json and the runs. Contract: docs/studies.md."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 from dronecats.rundir import layout
@@ -15,8 +15,6 @@ from dronecats.rundir.writing import as_json
 from dronecats.study.factors import factor_of
 from foundation.errors import UsageError
 from foundation.json_file import write_json
-
-GROWS = ("flights", "runs")  # in which a study may be gone on with
 
 
 def read(folder: Path) -> Study:
@@ -58,25 +56,6 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
         return {name: factor_of(name).level(level) for name, level in levels.items()}
     except UsageError as wrong:
         raise UsageError(f"{where}{wrong}") from None
-
-
-def joined(folder: Path, study: Study) -> Study:
-    """Return a study with the runs that stand in a folder besides, of more flights or other pilots.
-
-    Raises UsageError for a folder of another study, or of none.
-    """
-    if not (folder / layout.STUDY).exists():
-        if (folder / layout.BENCH).exists():
-            raise UsageError(f"{folder} is a benchmark and no study; choose another --out")
-        return study
-    before = read(folder)
-    fixed = [each.name for each in fields(Study) if each.name not in GROWS]
-    other = [name for name in fixed if getattr(before, name) != getattr(study, name)]
-    if other:
-        raise UsageError(f"{folder} is of another study (not the same: {', '.join(other)}); choose another --out")
-    names = {run.name for run in study.runs}
-    kept = tuple(run for run in before.runs if run.name not in names)
-    return replace(study, flights=max(study.flights, before.flights), runs=(*study.runs, *kept))
 
 
 def write(folder: Path, study: Study) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from dronecats.campaign.matrix import BenchEntry, ChosenSuite, slug
 from dronecats.flight.spec import FlightSpec
 from dronecats.rundir.study import Level, Study, StudyFactor, StudyRun
+from dronecats.study import mute
 from dronecats.study.design import Design, DesignPoint
 from dronecats.study.factor import said
 from dronecats.study.factors import FACTORS, as_told, at_levels, check_together
@@ -38,7 +39,7 @@ def plan(
     `pilots` are (name, flight but for the episode and the factors). The k-th flight of a pair (an episode and a pilot)
     has the same seed at every point of the design, and all points of a pair are flown before the next pair, and the
     first flight of all pairs before the second of any: a study that stops anywhere is paired but for its last flights.
-    Raises UsageError for levels that do not go together, and for nothing to be flown.
+    Raises UsageError for levels that do not go together, for a factor that says nothing, and for nothing to be flown.
     """
     factors = tuple(design.points[0]) if design.points else ()
     if both := next((each for each in factors if each in held), None):
@@ -53,6 +54,7 @@ def plan(
     points = [as_told(point) for point in design.points]
     if len({tuple(point.items()) for point in points}) < len(points):
         raise UsageError("two levels of latency_policy are the same recorded latencies; leave one of them out")
+    mute.check(pilots[0][1], design.points, held)
     names = _names([pilot for pilot, _ in pilots], points)
     entries, runs = [], []
     for number in range(1, flights + 1):

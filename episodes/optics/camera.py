@@ -61,7 +61,7 @@ class OpticalRenderer:
     ) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB picture of a frame; `moved` tells what stands where at a time (s).
 
-        `drawn_from`: what tells it from every other picture. Of these numbers and the options' seed are noise and drops.
+        `drawn_from`: what tells it from every other picture: of this and the options' seed are noise and drops.
         """
         optics, rng = self._optics, np.random.default_rng((self._optics.seed, *drawn_from))
         exposure = optics.exposure

@@ -79,6 +79,8 @@ def _rows(file: Path) -> Iterator[_Row]:
         for row in batch.to_pylist():
             if row["judge.success"] and any(row["action"][: len(features.KINDS)]):
                 shown = features.picture(row[IMAGE]["bytes"])
+                if shown.min() == shown.max():
+                    raise UsageError(f"{file} has blank pictures: fly what is learnt from with --rendered.")
                 yield _Row(shown, np.array(row["action"], np.float32), row["episode_index"])
 
 

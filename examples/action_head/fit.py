@@ -18,7 +18,8 @@ from examples.action_head.settings import Shape, Training
 from foundation.protocol import FINISHED, GO, ROTATE
 
 _CELL_PX = WIDTH // COLUMNS
-_SHIFT_CELLS = (4, 1)  # how far a batch is moved at most, sideways and up or down
+_SHIFT_CELLS = (9, 2)  # how far a picture is moved at most, sideways and up or down
+_MISNAMED = 0.15  # share of pictures that are shown with another flight's words: what these name is not there
 _FORGETS = 0.3  # share of decisions whose history is left out
 _SPREAD_CELLS = 0.7  # σ of what the map of cells should be about the point
 _WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # of the kinds, since a flight ends once and turns seldom
@@ -27,7 +28,7 @@ _WARM = 0.1  # of the steps, in which the learning rate rises
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Some decisions as tensors, mirrored and shifted."""
+    """Some decisions as tensors, mirrored, shifted and some of them misnamed."""
 
     pictures: Tensor  # uint8 (n, 3, HEIGHT, WIDTH)
     words: Tensor  # (n, WORDS)
@@ -35,7 +36,8 @@ class Batch:
     kinds: Tensor  # int64 (n,)
     points: Tensor  # (n, 2), 0 … 1; outside where the shift has moved it out of the picture
     depths_m: Tensor  # (n,)
-    angles_deg: Tensor  # (n,)
+    angles_deg: Tensor  # (n,); of a picture that was misnamed nobody knows where to turn
+    named: Tensor  # bool (n,), whether the words are the flight's own
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,32 +89,41 @@ def _shuffled(learnt: NDArray[np.int64], size: int, numbers: np.random.Generator
 
 
 def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generator) -> Batch:
-    """Return some decisions as a batch: each mirrored or not by lot, all moved by as many cells as the lot says."""
+    """Return some decisions as a batch: each mirrored, moved and misnamed as the lot says.
+
+    What is misnamed is not in the picture, so the right action there is to turn.
+    """
     mirrored = numbers.random(len(chosen)) < 0.5
     side = mirrored.astype(int)
     pictures = data.pictures[chosen]
     pictures[mirrored] = pictures[mirrored][..., ::-1]
     points, sign = data.points[chosen], np.where(mirrored, -1.0, 1.0).astype(np.float32)
     points = np.stack([np.where(mirrored, 1.0 - points[:, 0], points[:, 0]), points[:, 1]], 1)
-    columns, rows = (int(numbers.integers(-most, most + 1)) for most in _SHIFT_CELLS)
+    cells = np.stack([numbers.integers(-most, most + 1, len(chosen)) for most in _SHIFT_CELLS], 1)
+    shown = [moved(torch.from_numpy(one), *by) for one, by in zip(pictures, (cells * _CELL_PX).tolist(), strict=True)]
+    words, kinds = data.words[side, chosen], data.kinds[chosen]
+    others = numbers.permutation(chosen)
+    misnamed = (numbers.random(len(chosen)) < _MISNAMED) & (data.words[0, others] != data.words[0, chosen]).any(1)
+    words[misnamed], kinds[misnamed] = data.words[0, others[misnamed]], KINDS.index(ROTATE)
     past = data.past[side, chosen] * (numbers.random((len(chosen), 1)) >= _FORGETS)
     return Batch(
-        pictures=moved(torch.from_numpy(pictures), columns * _CELL_PX, rows * _CELL_PX),
-        words=torch.from_numpy(data.words[side, chosen]),
+        pictures=torch.stack(shown),
+        words=torch.from_numpy(words),
         past=torch.from_numpy(past.astype(np.float32)),
-        kinds=torch.from_numpy(data.kinds[chosen]),
-        points=torch.from_numpy(points + np.array([columns / COLUMNS, rows / ROWS], np.float32)),
+        kinds=torch.from_numpy(kinds),
+        points=torch.from_numpy(points + (cells / (COLUMNS, ROWS)).astype(np.float32)),
         depths_m=torch.from_numpy(data.depths_m[chosen]),
         angles_deg=torch.from_numpy(data.angles_deg[chosen] * sign),
+        named=torch.from_numpy(~misnamed),
     )
 
 
-def moved(pictures: Tensor, right_px: int, down_px: int) -> Tensor:
-    """Return pictures moved by so many pixels; what comes in from a side repeats its edge."""
-    height, width = pictures.shape[2:]
+def moved(picture: Tensor, right_px: int, down_px: int) -> Tensor:
+    """Return a picture (3, h, w) moved by so many pixels; what comes in from a side repeats its edge."""
+    height, width = picture.shape[1:]
     rows = (torch.arange(height) - down_px).clamp(0, height - 1)
     columns = (torch.arange(width) - right_px).clamp(0, width - 1)
-    return pictures[:, :, rows][:, :, :, columns]
+    return picture[:, rows][:, :, columns]
 
 
 def loss_of(head: ActionHead, batch: Batch) -> Tensor:
@@ -127,7 +138,7 @@ def loss_of(head: ActionHead, batch: Batch) -> Tensor:
         wanted = _cells(batch.points[go])
         loss = loss + functional.cross_entropy(heat[go], wanted)
         loss = loss + 2.0 * functional.smooth_l1_loss(depth[go], batch.depths_m[go].clamp(NEAREST_M, FARTHEST_M).log())
-    turning = batch.kinds == KINDS.index(ROTATE)
+    turning = (batch.kinds == KINDS.index(ROTATE)) & batch.named
     if turning.any():
         apart = (batch.angles_deg[turning][:, None] - torch.tensor(TURNS_DEG)).abs()
         loss = loss + 0.3 * functional.cross_entropy(turns[turning], apart.argmin(1))

@@ -1,8 +1,8 @@
 """The network: a picture, the instruction's words and the last actions to the four actions and their numbers.
 
-Five convolutions look at the picture; after each of the later ones the words turn every channel up or down (FiLM, Perez
-et al. 2018), so that what is looked for is known where it is looked at. A map of 32 × 18 cells says where the point is;
-what the network saw there, and what it saw anywhere, says which action it is, how far and how much to turn.
+Four convolutions look at the picture; after each the words turn every channel up or down (FiLM, Perez et al. 2018), so
+that what is looked for is known where it is looked at. A map of 32 × 18 cells says where the point is; what the network
+saw there, and what it saw anywhere, says which action it is, how far and how much to turn.
 """
 
 from dataclasses import asdict
@@ -29,12 +29,11 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
     def __init__(self, shape: Shape) -> None:
         super().__init__()
         self.shape = shape
-        widths = (5, shape.channels // 4, shape.channels // 2, shape.channels, shape.channels, shape.channels)
-        strides = (2, 2, 2, 1, 1)
+        widths = (5, shape.channels // 2, shape.channels, shape.channels, shape.channels)
+        looks = zip(widths, widths[1:], (5, 3, 3, 3), (4, 2, 1, 1), strict=False)
         self.words = nn.Sequential(nn.Linear(WORDS, shape.words), nn.ReLU())
         self.looks = nn.ModuleList(
-            nn.Conv2d(a, b, 3, stride, padding=1, bias=False)
-            for a, b, stride in zip(widths, widths[1:], strides, strict=False)
+            nn.Conv2d(a, b, size, stride, padding=size // 2, bias=False) for a, b, size, stride in looks
         )
         self.norms = nn.ModuleList(nn.GroupNorm(4, width) for width in widths[1:])
         self.tunes = nn.ModuleList(nn.Linear(shape.words, 2 * width) for width in widths[1:])

@@ -58,14 +58,17 @@ def _same_place(record: EpisodeRecord, other: EpisodeRecord) -> bool:
 def write(out: Path, share: float, jobs: int) -> int:
     """Draft the records into a folder and return how many it got; the same arguments give the same files.
 
+    Each map has a folder of its own, so that they are flown map by map: whoever flies makes a map once.
+
     Raises UsageError when the folder cannot be written, or a record is the benchmark's.
     """
-    script.make_folder(out)
     count = 0
     for batch in share_out(propose, requests(share), jobs):
         must_be_new(batch)
         for record in batch:
-            (out / f"{record.id}.json").write_text(record.to_json(), encoding="utf-8")
+            folder = out / f"{record.map_seed:02d}-{record.map}"
+            script.make_folder(folder)
+            (folder / f"{record.id}.json").write_text(record.to_json(), encoding="utf-8")
             count += 1
         script.say(f"{count} records; {batch[-1].id}: {batch[-1].instruction}")
     return count

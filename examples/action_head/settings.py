@@ -17,7 +17,7 @@ class Training:
     """How a network is fitted."""
 
     epochs: int = 20
-    batch: int = 32
+    batch: int = 16
     rate: float = 2e-3  # the learning rate at its highest
     decay: float = 0.02  # of the weights
     seed: int = 0

@@ -144,15 +144,16 @@ class Conversation:
                 self._gap_us = self.time_us
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
-        self.state = update(self.state, message, self.family.mode_name, self.clock.time_us, self.time_us)
+        told_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
+        self.state = update(self.state, message, self.family.mode_name, told_us, self.time_us)
         if kind in STAMPED:
-            self._track()
+            self._track(update(VehicleState(), message, self.family.mode_name, told_us))
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
             self.track.range(self.clock.time_us, self.state.range_m)
         self._noticed()
 
-    def _track(self) -> None:
-        state = self.state
+    def _track(self, state: VehicleState) -> None:
+        """Take note of where it was and how it stood, as one message tells, whether or not it was overtaken."""
         if state.position_ned is not None and state.velocity_ned is not None:
             self.track.place(state.position_us, state.position_ned, state.velocity_ned)
         if state.euler is not None:

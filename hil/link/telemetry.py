@@ -41,6 +41,11 @@ class VehicleClock:
         else:
             self.time_us += ahead_ms * 1000
 
+    def of(self, time_boot_ms: int) -> int:
+        """Return the time (µs) of a message that was just seen: before the newest where others have overtaken it."""
+        late_ms = 0 if self._last_ms is None else _between(time_boot_ms, self._last_ms)
+        return self.time_us - late_ms * 1000 if 0 <= late_ms <= LATE_MS else self.time_us
+
 
 def _between(earlier_ms: int, later_ms: int) -> int:
     """Return the ms from one stamp to another by the shorter way around the wrap; negative: back."""
@@ -103,13 +108,15 @@ def update(
     """Return the state after a message of the autopilot component, of `time_us` by the vehicle's clock.
 
     `heard_us` is when it was heard by that clock, where it is known to come late; None: at once. Where the vehicle was
-    counts from the one, how long ago it spoke from the other.
+    counts from the one, how long ago it spoke from the other. A place or an attitude that a newer one has overtaken is
+    passed over: that of then is not that of now.
     A place or an attitude that is no number has not been told: it grows stale, instead of passing every comparison.
     """
     heard_us = time_us if heard_us is None else heard_us
     match message.get_msgId():
         case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
-            if not _finite(message.x, message.y, message.z, message.vx, message.vy, message.vz):
+            known = _finite(message.x, message.y, message.z, message.vx, message.vy, message.vz)
+            if not known or time_us < state.position_us:
                 return state
             return state._replace(
                 position_ned=(message.x, message.y, message.z),
@@ -117,7 +124,7 @@ def update(
                 position_us=time_us,
             )
         case dialect.MAVLINK_MSG_ID_ATTITUDE:
-            if not _finite(message.roll, message.pitch, message.yaw):
+            if not _finite(message.roll, message.pitch, message.yaw) or time_us < state.attitude_us:
                 return state
             return state._replace(
                 euler=(message.roll, message.pitch, message.yaw),

@@ -1,6 +1,6 @@
 """Where a vehicle has been lately, by its own telemetry: what a picture that was taken a moment ago is looked up in."""
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
 from typing import TypeVar
 
@@ -8,6 +8,7 @@ from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Sight
 
 KEPT_US = 375_000_000  # µs; a frame that is acted on is younger: up to a minute late, its reply five more
+OVERTAKEN_US = 5_000_000  # µs by which a report may be older than the newest and still be of the same boot
 AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
 
 Report = TypeVar("Report", tuple[int, Vec3, Vec3], tuple[int, float, float], tuple[int, float])
@@ -79,9 +80,16 @@ class Track:
 
 
 def _keep(reports: deque[Report], report: Report) -> None:
-    """Append a report and drop what is too old; an older clock begins a new track."""
-    if reports and report[0] < reports[-1][0]:
+    """Put a report into its place and drop what is too old; an older clock begins a new track."""
+    if reports and report[0] < reports[-1][0] - OVERTAKEN_US:
         reports.clear()
+    if reports and report[0] < reports[-1][0]:  # others have overtaken it
+        k = bisect_left(reports, report[0], key=lambda one: one[0])
+        if reports[k][0] == report[0]:
+            reports[k] = report
+        else:
+            reports.insert(k, report)
+        return
     if reports and report[0] == reports[-1][0]:
         reports.pop()
     reports.append(report)

@@ -43,6 +43,9 @@ class TellsLate:
         if seen is not None:
             self.flown.append(seen)
 
+    def tick(self):
+        self.pass_to(self.time_us + TELLS_US)
+
     def pass_to(self, time_us):
         self.time_us = time_us
         self.listen()

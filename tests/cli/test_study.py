@@ -23,6 +23,7 @@ from foundation.errors import UsageError
 from tests.rundir.published import validator
 
 TWO = "residential-approaching-01,campus-tracking-01"
+HIERARCHICAL = "command=hierarchical"
 LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
 FILE = """
 name = "wind and latency"
@@ -97,6 +98,23 @@ def study(name, *words):
             ["jitter", "--episodes", TWO, "--pilot", "oracle", "--rho", "2"],
             "jitter_rho wants a number from -0.99 to 0.99",
         ),
+        (
+            ["jitter", "--episodes", TWO, "--pilot", "oracle", "--cv", "0", "--rho", "0.5"],
+            "jitter_rho at 0.5 says nothing in every flight: jitter_cv is 0 there; give that a level above it",
+        ),
+        (
+            ["latency", "--episodes", TWO, "--hold", "model=local/x", "--temperature", "0.5"],
+            "--temperature is of one --model, and model is one of the factors, or held; leave it out",
+        ),
+        (
+            ["latency", "--episodes", TWO, "--hold", "model=local/x", "--base-url", "http://h:1/v1"],
+            "--base-url is of one --model",
+        ),
+        (
+            ["latency", "--cells", "commanding", "--pilot", "oracle", "--hold", "agent=steady", "--hold", HIERARCHICAL],
+            "command at hierarchical: agent steady goes with command flat or solo",
+        ),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--seed", "-1"], "study: --seed wants a whole number"),
         (["run", "no-such.toml"], "no-such.toml cannot be read"),
     ],
 )
@@ -138,6 +156,15 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(words, sentence, capsys
         ("design = 'fractional'\n[factors]\nwind = [1, 2, 3]", "two levels of each factor; wind has 3"),
         ("[factors]\nwind = [1, 2]\n[held]\nwind = 1", "wind is varied and held at one level"),
         ("[factors]\nstall_share = [0, 0.1]", "stall_share goes with --speed N"),
+        (
+            "[factors]\nwind_towards = [0, 90]\n[held]\nwind = 0",
+            "my.toml: wind_towards says nothing in every flight: wind is 0 there; give that a level above it",
+        ),
+        ("temperature = 0.5\n[factors]\nwind = [0, 9]", "--temperature goes with --model PROVIDER/NAME"),
+        ("[factors]\nlatency_policy = ['fixed:1', 'real']", "my.toml: at latency_policy real: --latency real has no"),
+        ("[factors]\npayload = [0, 20]", "my.toml: at payload 20: airframe 'x500' cannot carry 20 kg"),
+        ("[factors]\nagent = ['paper', 'no:one']", "my.toml: at agent no:one: --agent no:one cannot be loaded"),
+        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: at rate_cap 0.1: --latency real is what really"),
         ("suite = ", "is not TOML"),
     ],
 )
@@ -255,7 +282,8 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     assert f"  {shlex.join(command)}" in said.splitlines()
     assert main([*words, "--values", "0,1"]) == 2
     errors = capsys.readouterr().err
-    assert errors == "dronecats study: s is of another study (not the same: factors); choose another --out\n"
+    differs = "factors, latency 0, 2 there and latency 0, 1 now"
+    assert errors == f"dronecats study: s is of another study (not the same: {differs}); choose another --out\n"
 
 
 def test_a_process_may_hold_a_lock_for_each_run():

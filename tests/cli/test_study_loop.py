@@ -25,7 +25,36 @@ def test_one_loop_on_a_page(tmp_path, capsys):
     assert not (tmp_path / "stream.csv").exists()
 
 
-@pytest.mark.parametrize("words", [["--loops", "position"], ["--airframe", "nobody"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--loops", "position"],
+        ["--airframe", "nobody"],
+        ["--part", "margins", "--px4", "./px4"],
+        ["--px4", " "],
+        ["--out", __file__],
+    ],
+)
 def test_what_is_not_there_is_wrong_usage(words, capsys):
     assert main(["study", "loop", *words]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_px4_that_is_no_program_ends_it_before_anything_of_ours_is_flown(capsys):
+    assert main(["study", "loop", "--airframe", "nano", "--px4", "./no-such-px4"]) == 2
+    trying, *complaint = capsys.readouterr().err.strip().splitlines()
+    assert trying == "nano: the trace under PX4 …"
+    assert complaint == [
+        "dronecats study: --px4 './no-such-px4' names no program that can be run; give the path of PX4 or a script"
+    ]
+
+
+def test_a_px4_that_ends_at_once_leaves_what_it_said(tmp_path, capsys):
+    command = "sh -c 'echo no board; exit 4'"
+    assert main(["study", "loop", "--airframe", "nano", "--px4", command, "--out", str(tmp_path / "loop")]) == 3
+    said = capsys.readouterr().err
+    assert "PX4 ended with exit status 4" in said.splitlines()[-1]
+    assert "loops …" not in said  # of the margins, which take minutes
+    (log,) = (tmp_path / "loop").glob("px4-*.log")
+    assert str(log) in said
+    assert log.read_text() == "no board\n"

@@ -88,6 +88,7 @@ PX4 = "a real PX4; tests/system runs it where DRONECATS_PX4 names one"
 FOREVER = "runs until it is interrupted, on ports that somebody else may have; tests/system/test_clients.py does it"
 STUDY = "wants a study that was flown; tests/study/report writes several"
 RIG = "wants a rig that was measured; tests/study/rate reads these commands as they are printed"
+LEARNT = "minutes of drafting and fitting, with PyTorch; tests/examples does each on a small scale"
 REAL_TIME = "minutes in real time; tests/system/test_realtime.py flies it"
 
 ELSEWHERE = (
@@ -106,6 +107,9 @@ ELSEWHERE = (
     (r"dronecats study loop .*--px4 ", PX4),
     (r"dronecats study run my-study\.toml", "a file of one's own; tests/study/test_page.py reads the page's"),
     (r"python -m benchmarks\.vision_errors ", "a run that vision flew; tests/benchmarks fits a small one"),
+    (r"dronecats (bench|export) runs/learnt/", "448 flights, ten minutes; tests/examples flies and exports one"),
+    (r"python -m examples\.action_head\.", LEARNT),
+    (r"dronecats bench --suite quick --pilot oracle vision ", "thirty-six flights, a dozen of them of vision's"),
     (r"dronecats bench my\.toml", "a file of one's own; tests/cli benches with some"),
     (r"dronecats models check", "a model's endpoint and key; tests/cli does it with endpoints of its own"),
     (r"dronecats fly --sitl --autopilot px4", PX4),

@@ -8,29 +8,36 @@ import pyarrow.parquet as pq
 import pytest
 
 from dronecats.agent.action import Finished, Go, Rotate, Think, action_from
+from dronecats.cli.main import main
+from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.pilots.briefing import PastAction
+from dronecats.run.fly import fly
 from examples.action_head import dataset, features
 from examples.action_head.dataset import action_of
 from examples.action_head.features import KINDS
 from foundation.errors import UsageError
-from tests.examples.conftest import EPISODE
+from tests.examples.conftest import EPISODES
 
 
 def decided(flown):
-    lines = (flown / EPISODE / "decisions.jsonl").read_text().splitlines()
-    return [json.loads(line) for line in lines]
+    """Return (episode, its row of decisions.jsonl) of every decision, in the order of the dataset."""
+    for episode in EPISODES:
+        for line in (flown / episode / "decisions.jsonl").read_text().splitlines():
+            yield episode, json.loads(line)
 
 
 def test_every_decision_is_there_with_what_the_pilot_knew(flown, dataset_folder):
-    data, logged = dataset.read(dataset_folder), decided(flown)
-    record = json.loads((flown / EPISODE / "episode.json").read_text())
+    data, logged = dataset.read(dataset_folder), list(decided(flown))
     assert len(data) == len(logged)
     past: list[PastAction] = []
-    for k, row in enumerate(logged):
+    for k, (episode, row) in enumerate(logged):
+        if k and episode != logged[k - 1][0]:
+            past = []
         action = action_from(row["action"])
         assert KINDS[data.kinds[k]] == row["action"]["action"]
         assert data.past[0, k] == pytest.approx(features.history(past[-5:]), abs=1e-6)
         assert data.past[1, k] == pytest.approx(features.history(past[-5:], mirrored=True), abs=1e-6)
+        record = json.loads((flown / episode / "episode.json").read_text())
         np.testing.assert_array_equal(data.words[0, k], features.words(record["instruction"]))
         if isinstance(action, Go):
             np.testing.assert_allclose(data.points[k] * 1000.0, (action.x, action.y), rtol=1e-5)
@@ -38,14 +45,24 @@ def test_every_decision_is_there_with_what_the_pilot_knew(flown, dataset_folder)
         if isinstance(action, Rotate):
             assert data.angles_deg[k] == pytest.approx(action.angle_deg)
         past.append(features.as_past(action))
-    assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # else this flight shows too little
+    assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # else the flights show too little
 
 
 def test_the_pictures_are_the_pilots_own(flown, dataset_folder):
     data = dataset.read(dataset_folder)
-    frames = sorted((flown / EPISODE / "frames").iterdir())
+    frames = [frame for episode in EPISODES for frame in sorted((flown / episode / "frames").iterdir())]
     for shown, frame in zip(data.pictures, frames, strict=True):
         np.testing.assert_array_equal(shown, features.picture(frame.read_bytes()))
+
+
+def test_flights_that_were_not_drawn_are_refused(tmp_path):
+    """Lockstep leaves blank pictures for pilots that do not look, and from those nothing can be learnt but to turn."""
+    flown, folder = tmp_path / "flown", tmp_path / "dataset"
+    blank = FlightSpec(episode=EPISODES[0], pilot="oracle", simulated=Simulated(speed=None, rendered=False))
+    assert fly(blank, flown, lambda _: None)["success"]
+    assert main(["export", str(flown), "--to", "lerobot", "--out", str(folder)]) == 0
+    with pytest.raises(UsageError, match="--rendered"):
+        dataset.read(folder)
 
 
 def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):

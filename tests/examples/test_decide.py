@@ -49,8 +49,8 @@ def test_it_turns_where_turning_is_likelier():
 
 
 def test_it_declares_from_the_threshold_on():
-    assert parse(decide(outlook(go=0.6, finished=0.4), (), 0.4)) == Finished()
-    assert isinstance(parse(decide(outlook(go=0.6, finished=0.39), (), 0.4)), Go)
+    assert parse(decide(outlook(go=0.75, finished=0.25), (), 0.25)) == Finished()
+    assert isinstance(parse(decide(outlook(go=0.75, finished=0.24), (), 0.25)), Go)
 
 
 def test_who_has_claimed_in_vain_does_something_else_first():

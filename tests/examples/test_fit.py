@@ -1,5 +1,7 @@
 """The fit, where PyTorch is installed: a few steps on a few made-up pictures."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
@@ -78,9 +80,21 @@ def test_a_mirrored_decision_points_to_the_other_side():
 
 
 def test_a_picture_is_moved_and_its_edge_repeated():
-    shown = torch.arange(8, dtype=torch.uint8)[None, None, None].expand(1, 1, 2, 8)
-    assert fit.moved(shown, 3, 0)[0, 0, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4]
-    assert fit.moved(shown, -2, 1)[0, 0, 0].tolist() == [2, 3, 4, 5, 6, 7, 7, 7]
+    shown = torch.arange(8, dtype=torch.uint8)[None, None].expand(1, 2, 8)
+    assert fit.moved(shown, 3, 0)[0, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4]
+    assert fit.moved(shown, -2, 1)[0, 0].tolist() == [2, 3, 4, 5, 6, 7, 7, 7]
+
+
+def test_what_is_misnamed_is_looked_for():
+    data = made_up(40)
+    data.words[:, ::2] = features.words("go to the red sphere")
+    batch = fit.drawn(data, np.arange(40), np.random.default_rng(0))
+    misnamed = ~batch.named.numpy()
+    assert 0 < misnamed.sum() < 20
+    assert (batch.kinds.numpy()[misnamed] == 1).all()
+    assert (batch.words.numpy()[misnamed] != data.words[0][misnamed]).any(1).all()
+    assert (batch.words.numpy()[~misnamed] == data.words[0][~misnamed]).all()
+    assert (batch.kinds.numpy()[~misnamed] == data.kinds[~misnamed]).all()
 
 
 def test_the_threshold_is_where_claims_are_right():
@@ -104,6 +118,11 @@ def test_a_file_that_is_no_head_is_refused(tmp_path):
     (tmp_path / "text.pt").write_text("no head")
     with pytest.raises(UsageError, match="is no trained head"):
         network.load(tmp_path / "text.pt")
+    head = network.ActionHead(SMALL)
+    told = {"format": network.FORMAT + 1, "shape": asdict(SMALL), "declares_at": 0.5, "weights": head.state_dict()}
+    torch.save(told, tmp_path / "later.pt")
+    with pytest.raises(UsageError, match="of another version"):
+        network.load(tmp_path / "later.pt")
 
 
 def test_one_flight_is_too_little_to_learn_when_to_declare(dataset_folder, tmp_path):

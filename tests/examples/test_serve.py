@@ -28,7 +28,10 @@ class Reddest:
         red = picture[0].astype(int) - picture[1:].max(0)
         cells = red.reshape(ROWS, 8, COLUMNS, 8).mean((1, 3))
         heat = (cells == cells.max()).astype(np.float32)
-        return Outlook(np.array([0.9, 0.0, 0.0, 0.1], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32))
+        arrived = 0.9 * float(past[1])  # a picture later than a turn, it declares
+        return Outlook(
+            np.array([0.95 - arrived, 0.0, 0.0, arrived], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32)
+        )
 
 
 @pytest.fixture
@@ -43,8 +46,10 @@ def disc(x, y):
     return encode(shown)
 
 
-def asked(server, pictures, drones=1):
-    prompt = Prompt.load().render("go to the red disc", History(CameraModel()).render(), 5, drones=drones)
+def asked(server, pictures, past=None):
+    drones = max(1, len(pictures))
+    told = past or "\n".join(f"Drone {k + 1}:\n{History(CameraModel()).render()}" for k in range(drones))
+    prompt = Prompt.load().render("go to the red disc", told, 5, drones=drones)
     parts: list[dict[str, object]] = [{"type": "text", "text": prompt}]
     for jpeg in pictures:
         url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
@@ -61,12 +66,20 @@ def test_it_points_at_what_it_saw(served):
 
 
 def test_each_drone_of_a_fleet_is_asked_alone(served):
-    text = asked(served, [disc(320, 360), disc(960, 360)], drones=2).json()["choices"][0]["message"]["content"]
+    text = asked(served, [disc(320, 360), disc(960, 360)]).json()["choices"][0]["message"]["content"]
     left, right = parse_fleet(text, 2)
     assert isinstance(left, Go)
     assert isinstance(right, Go)
     assert left.x == pytest.approx(250, abs=32)
     assert right.x == pytest.approx(750, abs=32)
+
+
+def test_each_drone_of_a_fleet_has_its_own_past(served):
+    past = "Drone 1:\n(none yet — this is the first step)\nDrone 2:\n1. ROTATE angle=90deg  <- latest"
+    text = asked(served, [disc(320, 360)] * 2, past).json()["choices"][0]["message"]["content"]
+    went, turned = parse_fleet(text, 2)
+    assert isinstance(went, Go)
+    assert turned == Finished()
 
 
 def test_a_request_without_a_picture_is_refused(served):

@@ -12,8 +12,11 @@ from episodes.optics.options import Optics, Sensor
 
 NOISY = Optics(sensor=Sensor(full_well_e=50.0)).as_dict()
 SPEC = FlightSpec(
-    pilot="blind:straight", episode="residential-approaching-03", simulated=Simulated(speed=None, optics=NOISY), full=True,
-)  # fmt: skip
+    pilot="blind:straight",
+    episode="residential-approaching-03",
+    simulated=Simulated(speed=None, optics=NOISY),
+    full=True,
+)
 
 
 def first_picture(folder, seed, speed=None):
@@ -30,7 +33,7 @@ def first_picture(folder, seed, speed=None):
 
 def grain(jpeg):
     """Return what of a picture is finer than a pixel's neighbourhood: nearly all of it noise."""
-    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE).astype(float)
+    grey = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE), float)
     return (grey - cv2.GaussianBlur(grey, (0, 0), 1.0)).ravel()
 
 

@@ -11,6 +11,7 @@ import textwrap
 import psutil
 import pytest
 
+from dronecats.cli.main import main
 from dronecats.study.load.busy import busy
 from dronecats.study.load.comparison import compared
 from dronecats.study.load.flights import LoadedFlight
@@ -111,6 +112,24 @@ def test_levels_that_cannot_be_are_refused(levels, tmp_path):
     assert said.returncode == 2
     assert "--busy" in said.stderr
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--speed", "0"], "--speed wants max or a factor from 0.01 to 100, got '0'"),  # of real time alone
+        (["--latency", "real"], "--latency real has no meaning with --speed max"),  # of lockstep alone
+        (["--pilot", "nobody"], "there is no pilot 'nobody'"),
+        (["--seconds", "nan"], "--seconds wants more than 0"),
+        (["--out", __file__], "is a file; name a folder"),
+    ],
+)
+def test_what_one_clock_cannot_fly_is_refused_before_the_other_is_flown(words, sentence, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(["study", "load", "--out", str(out), "--busy", "0", "--seconds", "4", *words]) == 2
+    (complaint,) = capsys.readouterr().err.strip().splitlines()
+    assert sentence in complaint
+    assert not out.exists()
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from dronecats.campaign.campaign import Campaign
 from dronecats.campaign.matrix import suite_of
 from dronecats.cli.main import main
 from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.study import design, folder
+from dronecats.study import continued, design, folder
 from dronecats.study.design import Axis, Design
 from dronecats.study.plan import plan
 from foundation.errors import UsageError
@@ -33,7 +33,7 @@ def fly(out, made, script=lambda sortie, time: MOVED, jobs=1):
     """Fly what is left; return what was flown, RUN/EPISODE in the order in which it began."""
     bench = Bench(
         out, suite_of(TWO, ()), made.entries, retry=False,
-        first=lambda: folder.write(out, folder.joined(out, made.study)),
+        first=lambda: folder.write(out, continued.joined(out, made)),
     )  # fmt: skip
     engine = ScriptedEngine(script)
     try:
@@ -198,19 +198,19 @@ def test_study_json_is_read_back_as_it_was_written(tmp_path):
     made = planned((LATENCY, WIND), held={"gusts": 2.0})
     folder.write(tmp_path / "s", made.study)
     assert folder.read(tmp_path / "s") == made.study
-    assert folder.joined(tmp_path / "s", made.study) == made.study
+    assert continued.joined(tmp_path / "s", made) == made.study
 
 
 def test_a_study_grows_by_flights_and_pilots(tmp_path):
     folder.write(tmp_path, planned(flights=1).study)
-    more = folder.joined(tmp_path, planned(pilots=[("ring", BLIND)], flights=2).study)
+    more = continued.joined(tmp_path, planned(pilots=[("ring", BLIND)], flights=2))
     assert more.flights == 2
     assert {run.name for run in more.runs} == {
         f"{who}-latency-{level}-f{number}"
         for who, last in (("oracle", 1), ("ring", 2)) for level in ("0", "0.5", "2") for number in range(1, last + 1)
     }  # fmt: skip
     folder.write(tmp_path, more)
-    assert folder.joined(tmp_path, planned(flights=1).study).flights == 2
+    assert continued.joined(tmp_path, planned(flights=1)).flights == 2
 
 
 def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
@@ -221,21 +221,22 @@ def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
     assert [each.name for each in two.entries[:32]] == [each.name for each in one.entries]
     assert two.entries[32].name == "a-model-with-a-long-name-instruct-2507-fp8-point-01-f1"
     folder.write(tmp_path, one.study)
-    assert len(folder.joined(tmp_path, two.study).runs) == 64
+    assert len(continued.joined(tmp_path, two).runs) == 64
 
 
 def test_the_folder_of_another_study_is_refused(tmp_path):
     folder.write(tmp_path, planned().study)
     other = plan("mine", [("o", ORACLE)], suite_of(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
-    with pytest.raises(UsageError, match=r"is of another study \(not the same: design, factors\); choose") as no:
-        folder.joined(tmp_path, other.study)
+    with pytest.raises(UsageError, match=r"is of another study \(not the same: design, ") as no:
+        continued.joined(tmp_path, other)
+    assert "; factors, latency 0, 0.5, 2 there and wind 0, 6 now); choose another --out" in str(no.value)
     assert "\n" not in str(no.value)
-    with pytest.raises(UsageError, match="not the same: cells, episodes"):
-        folder.joined(tmp_path, planned(episodes=TWO[:1]).study)
+    with pytest.raises(UsageError, match="the same: cells, no tracking now; episodes, no campus-tracking-01 now"):
+        continued.joined(tmp_path, planned(episodes=TWO[:1]))
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "bench.json").write_text("{}")
     with pytest.raises(UsageError, match="is a benchmark and no study"):
-        folder.joined(tmp_path / "b", planned().study)
+        continued.joined(tmp_path / "b", planned())
 
 
 @pytest.mark.parametrize(

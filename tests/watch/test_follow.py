@@ -6,12 +6,17 @@ import math
 import numpy as np
 import pytest
 
+from dronecats.logger.estimate import EstimateRecorder
+from dronecats.logger.recorder import Recorder
+from dronecats.logger.world_measure import measured_in
 from dronecats.rundir import layout
 from dronecats.rundir.rows import Begin, Decision, End, FrameTruth, Pose
 from dronecats.rundir.writing import LineLog, TelemetryLog
 from dronecats.sitl.scenario import origin
 from dronecats.watch.follow import FlightFollower
 from dronecats.watch.sight import chosen_go, sight
+from dronecats.watch.tails import FrameTail
+from dronecats.watch.world import flown_world
 from episodes import catalogue
 from episodes.world import World
 from foundation.camera import CameraModel
@@ -200,3 +205,53 @@ def test_an_envelope_speaks_between_the_autopilots_words(writer, follower):
     writer.flush()
     (drone,) = follower.turn().drones
     assert drone.said == ("one", "envelope: limited by speed, height", "three")
+
+
+def test_what_the_logger_was_given_is_there_to_be_read_at_once(tmp_path, world):
+    """Not only when eight kilobytes have come together: the page would be a second late."""
+    recorder = Recorder(tmp_path, origin(world), measured_in(world), CameraModel())
+    bus, autopilot = Packer(1, TRUTH_COMPONENT), Packer(1, 1)
+    tail = FrameTail(tmp_path / layout.TLOG)
+    still = ((0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3)
+    for k in range(3):
+        frame = bus.pack(truth_message(T0_US + 20_000 * k, (0.0, 0.0, -2.0), *still, origin(world)))
+        recorder.truth(frame)
+        assert [got for _, got in tail.read()] == [frame]
+        frame = autopilot.pack(dialect.MAVLink_statustext_message(6, b"Armed", 0, 0))
+        recorder.telemetry(frame)
+        assert [got for _, got in tail.read()] == [frame]
+    recorder.close()
+
+
+def test_what_an_autopilot_says_of_itself_is_there_at_once_too(tmp_path):
+    recorder, tail = EstimateRecorder(tmp_path), FrameTail(tmp_path / layout.TLOG)
+    frame = Packer(1, 1).pack(dialect.MAVLink_local_position_ned_message(1000, 1, 2, -3, 0, 0, 0))
+    recorder.telemetry(frame)
+    assert [got for _, got in tail.read()] == [frame]
+    recorder.close()
+
+
+def test_without_truth_the_pose_is_the_autopilots_own(tmp_path):
+    """A connected vehicle, whatever its number: its own estimate, and no judge."""
+    folder = tmp_path / "connected"
+    (folder / layout.FRAMES).mkdir(parents=True)
+    (folder / layout.EPISODE).write_text(json.dumps({"id": "connected", "instruction": "look"}))
+    tlog, vehicle = TelemetryLog(folder / layout.TLOG), Packer(7, 1)
+    for time_ms, north in ((1000, 1.0), (1200, 1.5)):
+        for message in (
+            dialect.MAVLink_attitude_message(time_ms, 0.1, 0.0, 0.5, 0, 0, 0),
+            dialect.MAVLink_local_position_ned_message(time_ms, north, 2.0, -3.0, 0.5, 0.0, 0.0),
+        ):
+            tlog.write(1000 * time_ms, vehicle.pack(message))
+        tlog.flush()
+        if north == 1.0:
+            follower = FlightFollower(folder, flown_world(folder), 1)
+            follower.turn()
+    moment = follower.turn()
+    (drone,) = moment.drones
+    assert drone.true is False
+    assert drone.position_ned == pytest.approx((1.5, 2.0, -3.0))
+    assert drone.attitude == pytest.approx(quat_from_euler(0.1, 0.0, 0.5), abs=1e-6)
+    assert drone.height_m == pytest.approx(3.0)
+    assert moment.instruction == "look"
+    assert moment.judge.target_ned is None

@@ -58,7 +58,12 @@ class LoadPlan:
 
 
 def fly(plan: LoadPlan, out: Path, say: Callable[[str], None]) -> list[LoadedFlight]:
-    """Fly what is left of it in a folder, level after level, and return all of it. Raises DronecatsError."""
+    """Fly what is left of it in a folder, level after level, and return all of it. Raises DronecatsError.
+
+    Whether either clock can be flown on is seen before anything is flown on the other.
+    """
+    for clock in CLOCKS:
+        look_up(spec(plan, clock, 1))
     found: list[LoadedFlight] = []
     for level in plan.levels:
         for clock in CLOCKS:

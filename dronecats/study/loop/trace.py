@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,10 +92,16 @@ def asked_at(t_s: float) -> TraceStep | None:
 
 
 def fly(
-    airframe: str, *, px4: str | None = None, seed: int = 0, say: Callable[[str], None] = lambda line: None
+    airframe: str,
+    *,
+    px4: str | None = None,
+    log_dir: Path | None = None,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda line: None,
 ) -> FlownTrace:
     """Return what our autopilot, or the PX4 that the command `px4` starts, makes of the trace.
 
+    log_dir: a folder that stands, in which what PX4 prints stays; None: it does not.
     Raises UsageError, LinkError where it does not fly, InfrastructureError where PX4 ends.
     """
     record = catalogue.load(EPISODE)
@@ -104,7 +111,10 @@ def fly(
         if px4 is None:
             clock = Lockstep(build(world, airframe=airframe, seed=seed, count=1))
         else:
-            config = SimulatorConfig(episode=EPISODE, airframe=airframe, seed=seed, speed=None, count=1, px4=px4)
+            config = SimulatorConfig(
+                episode=EPISODE, airframe=airframe, seed=seed, speed=None, count=1, px4=px4,
+                log_dir=str(log_dir) if log_dir else None,
+            )  # fmt: skip
             simulator = Px4Simulator(config, world=world)
             ends.callback(simulator.close)
             clock = Px4Lockstep(simulator)

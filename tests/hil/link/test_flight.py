@@ -37,6 +37,23 @@ def test_a_picture_is_bound_to_how_the_vehicle_leaned_when_it_was_taken(vehicle)
     assert (sight.roll, sight.pitch) == pytest.approx((0.1, -0.2), abs=1e-6)
 
 
+def test_telemetry_that_newer_has_overtaken_is_of_its_own_time(vehicle):
+    """On a wire that mixes messages up: it tells where the vehicle was, and nothing of where it is."""
+    link = flying(vehicle)
+    late_ms, (north, east, down) = vehicle.time_ms + 20, vehicle.position
+    position = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    vehicle.silent.add(position)
+    link.wait(0.06)
+    vehicle.silent.clear()
+    link.wait(0.06)
+    here, told_us = link.state.position_ned, link.state.position_us
+    vehicle.say(dialect.MAVLink_local_position_ned_message(late_ms, north - 7.0, east, down, 0, 0, 0))
+    link.listen()
+    assert (link.state.position_ned, link.state.position_us) == (here, told_us)
+    assert link.sight(late_ms * 1000).position_ned[0] == pytest.approx(north - 7.0)
+    assert link.sight(link.time_us).position_ned[0] == pytest.approx(here[0], abs=0.05)
+
+
 def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle):
     vehicle.refuses[176] = (1, "Mode OFFBOARD refused: no offboard signal")
     link = Link(vehicle.transport())

@@ -51,6 +51,26 @@ def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
     assert clock.time_us == 500_020_000
 
 
+def test_a_message_is_of_its_own_time_however_late_it_comes():
+    clock = VehicleClock()
+    assert clock.of(90) == 0  # nobody has told the time yet
+    for stamp in ((1 << 32) - 50, 30):
+        clock.see(stamp)
+    now_us = ((1 << 32) + 30) * 1000
+    assert [clock.of(stamp) for stamp in (30, 10, (1 << 32) - 10)] == [now_us, now_us - 20_000, now_us - 40_000]
+    assert [clock.of(stamp) for stamp in (40, (1 << 32) - 6_000)] == [now_us, now_us]  # a damaged stamp tells nothing
+
+
+def test_what_was_overtaken_is_passed_over():
+    place = dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0)
+    angles = dialect.MAVLink_attitude_message(1, 0, 0, 1, 0, 0, 0)
+    older = dialect.MAVLink_local_position_ned_message(0, 9, 9, 9, 0, 0, 0)
+    turned = dialect.MAVLink_attitude_message(0, 0, 0, 2, 0, 0, 0)
+    state = update(update(VehicleState(), place, mode_name, 2000), angles, mode_name, 2000)
+    assert update(update(state, older, mode_name, 1999), turned, mode_name, 1999) == state
+    assert update(state, older, mode_name, 2000).position_ned == (9.0, 9.0, 9.0)
+
+
 def test_what_is_no_number_has_not_been_told():
     state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), mode_name, 1000)
     nan = float("nan")

@@ -65,6 +65,15 @@ def test_a_clock_that_begins_anew_begins_a_new_track():
     assert track.at(2_000_000).position_ned[0] == 1.0
 
 
+def test_a_report_that_others_have_overtaken_is_put_where_it_belongs():
+    ahead = [(1_000_000, 1.0, 0.0), (1_200_000, 4.0, 0.0), (1_300_000, 5.0, 0.0)]
+    track = told(places=[*ahead, (1_100_000, 2.0, 0.0)], headings=STANDING)
+    times = (1_050_000, 1_100_000, 1_150_000, 1_250_000, 1_300_000)
+    assert [track.at(time_us).position_ned[0] for time_us in times] == pytest.approx([1.5, 2.0, 3.0, 4.5, 5.0])
+    track.place(1_100_000, (3.0, 0.0, -2.0), (0.0, 0.0, 0.0))
+    assert track.at(1_100_000).position_ned[0] == 3.0
+
+
 def test_the_mean_is_of_the_last_seconds_alone():
     track = told(places=[(k * 1_000_000, float(k), 0.0) for k in range(8)], headings=STANDING)
     assert track.mean_place(2.0) == pytest.approx((6.0, 0.0, -2.0))
