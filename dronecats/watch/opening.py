@@ -58,7 +58,8 @@ def opened(
                 if not closing.is_set():
                     say(f"there is no page to watch, and the flight goes on: {error}")
 
-        threading.Thread(target=announce, daemon=True, name="viewer-address").start()
+        thread = threading.Thread(target=announce, daemon=True, name="viewer-address")
+        thread.start()
         try:
             yield
             if view.stays and address.url:
@@ -67,7 +68,9 @@ def opened(
                     threading.Event().wait()
         finally:
             closing.set()
-            child.kill()
+            child.kill()  # it has nothing to lose, and may hang
+            thread.join()  # which hears of it
+            child.close()
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ import pytest
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 # which the others are made of: no command
-PARTS = {"machine", "stand_in", "flight_peers", "render_peers", "render_export"}
+PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers", "render_export"}
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "fleet4_640x360")}
 
