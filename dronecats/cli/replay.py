@@ -45,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("the page needs viser, which is not installed: pip install 'dronecats[view]'") from None
     from dronecats.playback.clock import check_speed
     from dronecats.playback.page import ReplayPage
-    from dronecats.playback.recorded import replayed_flight
+    from dronecats.playback.recorded import playable_flight
 
     check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)
-    page = ReplayPage([replayed_flight(path) for path in args.runs], args.port, args.speed, args.at)
+    page = ReplayPage([playable_flight(path) for path in args.runs], args.port, args.speed, args.at)
     try:
         print(f"replay at {page.url} (this machine only) · space plays, ? shows the keys · Ctrl-C ends", flush=True)
         if not args.no_browser:

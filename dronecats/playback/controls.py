@@ -10,14 +10,14 @@ import viser
 
 from dronecats.film.words import Picture
 from dronecats.playback.clock import SPEEDS, PlaybackClock
-from dronecats.playback.keys import END_S, STEP_S, Orders, keys_html
+from dronecats.playback.keys import END_S, STEP_S, ReplayOrders, keys_html
 from dronecats.playback.occurrences import Occurrence, OccurrenceKind
-from dronecats.playback.recorded import ReplayedFlight
+from dronecats.playback.recorded import PlayableFlight
 from dronecats.playback.views import HEIGHT_PX, WIDTH_PX, AgainView
 
 NOT_DRAWN = "not drawn"
 NONE = "none"
-TIMES: dict[str, Callable[[Orders], None]] = {
+TIMES: dict[str, Callable[[ReplayOrders], None]] = {
     "|◀": lambda orders: orders.go_to(0.0),
     "-0.1": lambda orders: orders.step(-STEP_S),
     "▶❚❚": lambda orders: orders.toggle(),
@@ -37,8 +37,8 @@ class Controls:
     def __init__(
         self,
         server: viser.ViserServer,
-        orders: Orders,
-        flights: Sequence[ReplayedFlight],
+        orders: ReplayOrders,
+        flights: Sequence[PlayableFlight],
         shades: Sequence[tuple[int, int, int]],
         end_s: float,
         pictures: Any,
@@ -151,7 +151,7 @@ class Controls:
         return changed
 
 
-def _who_html(flights: Sequence[ReplayedFlight], shades: Sequence[tuple[int, int, int]], chosen: int) -> str:
+def _who_html(flights: Sequence[PlayableFlight], shades: Sequence[tuple[int, int, int]], chosen: int) -> str:
     rows = []
     for number, (flight, shade) in enumerate(zip(flights, shades, strict=True)):
         several, name = len(flights) > 1, escape(flight.episode.folder.resolve().parent.name)
@@ -164,7 +164,7 @@ def _who_html(flights: Sequence[ReplayedFlight], shades: Sequence[tuple[int, int
     return f'<div style="font-size:12px;line-height:1.5;padding:2px 10px 4px">{title}{"".join(rows)}{hint}</div>'
 
 
-def _row(one: Occurrence, flight: ReplayedFlight) -> str:
+def _row(one: Occurrence, flight: PlayableFlight) -> str:
     who = f"drone {one.drone}: " if one.drone is not None and len(flight.drones) > 1 else ""
     return f"{one.t_s:.1f} s  {who}{one.words}"
 

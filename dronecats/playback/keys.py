@@ -13,7 +13,7 @@ STEP_S = 0.1  # s of the episode
 CHOICES = 9  # of runs, or drones: as many as there are digits but 0
 
 
-class Orders(Protocol):
+class ReplayOrders(Protocol):
     """What a key, a button or a list asks of the page."""
 
     def toggle(self) -> None:
@@ -60,7 +60,7 @@ class KeyBinding:
     shown: str  # as a person knows the key
     keys: tuple[tuple[str, str | None], ...]  # the browser's name of the key, and what is held with it
     does: str
-    order: Callable[[Orders], None]
+    order: Callable[[ReplayOrders], None]
 
 
 END_S = 1e9  # s, later than any flight: the clock goes to its own end
@@ -93,7 +93,7 @@ def digit(number: int) -> KeyBinding:
     return KeyBinding(key, ((key, None),), f"choose {key}", lambda o: o.choose(number))
 
 
-def bind(server: viser.ViserServer, orders: Orders, choices: int) -> None:
+def bind(server: viser.ViserServer, orders: ReplayOrders, choices: int) -> None:
     """Have every key reach `orders`, in the order in which they are pressed; so many digits choose."""
     for binding in (*KEYS, *(digit(number) for number in range(min(choices, CHOICES)))):
         for key, held in binding.keys:
@@ -102,7 +102,7 @@ def bind(server: viser.ViserServer, orders: Orders, choices: int) -> None:
             command.on_trigger(_in_turn(binding, orders))
 
 
-def _in_turn(binding: KeyBinding, orders: Orders) -> Callable[[Any], Any]:
+def _in_turn(binding: KeyBinding, orders: ReplayOrders) -> Callable[[Any], Any]:
     async def pressed(_: Any) -> None:  # async: one after the other, in the order in which they came
         binding.order(orders)
 

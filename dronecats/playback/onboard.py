@@ -35,7 +35,7 @@ V = TypeVar("V")
 
 
 @dataclass(frozen=True, slots=True)
-class Heard(Generic[V]):
+class Timeline(Generic[V]):
     """Values of rising time, of which the newest counts."""
 
     t_s: tuple[float, ...] = ()  # s since the episode began
@@ -65,11 +65,11 @@ class VehicleLog:
     """What one drone's wires carried."""
 
     drone: int  # 0 is the first
-    states: Heard[OnboardState] = Heard()  # one at each change
-    warnings: Heard[str] = Heard()  # of severity warning or worse, collisions among them
-    setpoints: Heard[Vec3] = Heard()  # m/s, NED, the velocity that it was told
-    true_velocity: Heard[Vec3] = Heard()  # m/s, NED
-    own_velocity: Heard[Vec3] = Heard()  # m/s, NED, as its autopilot thought
+    states: Timeline[OnboardState] = Timeline()  # one at each change
+    warnings: Timeline[str] = Timeline()  # of severity warning or worse, collisions among them
+    setpoints: Timeline[Vec3] = Timeline()  # m/s, NED, the velocity that it was told
+    true_velocity: Timeline[Vec3] = Timeline()  # m/s, NED
+    own_velocity: Timeline[Vec3] = Timeline()  # m/s, NED, as its autopilot thought
     own_track: DroneTrack | None = None  # as its autopilot thought, in its local frame; None: never told
 
 
@@ -98,7 +98,7 @@ class _Wires:
 def vehicle_logs(path: Path, t0_us: int) -> dict[int, VehicleLog]:
     """Return what a tlog tells of each drone; {} where there is none. Raises UsageError when it cannot be read.
 
-    `t0_us`: the vehicle's clock at t = 0. Drones count from 0 in the order of their systems' numbers, whatever these are.
+    `t0_us`: the vehicle's clock at t = 0. Drones count from 0 in the order of their systems' numbers.
     A file that a kill has torn is read as far as it goes.
     """
     if not path.is_file():
@@ -155,9 +155,9 @@ def _told(drone: int, wires: _Wires, t0_us: int) -> VehicleLog:
     )
 
 
-def _heard(rows: Sequence[tuple[float, V]]) -> Heard[V]:
+def _heard(rows: Sequence[tuple[float, V]]) -> Timeline[V]:
     told = sorted(rows, key=lambda row: row[0])
-    return Heard(tuple(t for t, _ in told), tuple(value for _, value in told))
+    return Timeline(tuple(t for t, _ in told), tuple(value for _, value in told))
 
 
 def _own_track(wires: _Wires) -> DroneTrack | None:

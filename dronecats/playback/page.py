@@ -9,8 +9,8 @@ from dronecats.playback.clock import PlaybackClock
 from dronecats.playback.controls import Controls
 from dronecats.playback.keys import CHOICES, bind
 from dronecats.playback.occurrences import OccurrenceKind, following, preceding
-from dronecats.playback.player import Order, Player
-from dronecats.playback.recorded import ReplayedFlight, of_one_episode
+from dronecats.playback.player import Player
+from dronecats.playback.recorded import PlayableFlight, of_one_episode
 from dronecats.playback.views import AgainView, AgainViews, ViewWish
 from dronecats.scenery.page import LoopbackServer
 from dronecats.watch.panels import FlightPanels
@@ -48,7 +48,7 @@ class PageState:
 class ReplayPage:
     """Flights of one episode in the browser. `url` is where."""
 
-    def __init__(self, flights: Sequence[ReplayedFlight], port: int, speed: float = 1.0, at_s: float = 0.0) -> None:
+    def __init__(self, flights: Sequence[PlayableFlight], port: int, speed: float = 1.0, at_s: float = 0.0) -> None:
         """Serve the page, which stands at a time of the episode. Raises UsageError for flights of several episodes."""
         if len(flights) > CHOICES:
             raise UsageError(f"{len(flights)} runs are too many for one page: choose {CHOICES} at most")
@@ -151,8 +151,7 @@ class ReplayPage:
 
     def at_speed(self, speed: float) -> None:
         """Play at a speed: seconds of flight in one of the wall."""
-        order: Order = lambda clock, wall_s: clock.at_speed(speed, wall_s)  # noqa: E731
-        self._player.order(order)
+        self._player.order(lambda clock, wall_s: clock.at_speed(speed, wall_s))
 
     def choose(self, number: int) -> None:
         """Choose a run, or a drone where there is one run; 0 is the first."""

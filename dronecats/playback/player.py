@@ -9,7 +9,7 @@ from dronecats.playback.clock import PlaybackClock
 
 RATE_HZ = 25.0  # times shown in a second of the wall while it plays
 
-Order = Callable[[PlaybackClock, float], PlaybackClock]  # of the clock and the wall's time, s: what the clock is then
+ClockOrder = Callable[[PlaybackClock, float], PlaybackClock]  # of clock and wall's time, s: the clock then
 
 
 class Player:
@@ -35,7 +35,7 @@ class Player:
         with self._news:
             return self._clock.at(time.monotonic())
 
-    def order(self, order: Order) -> None:
+    def order(self, order: ClockOrder) -> None:
         """Make another clock of this one, and show its time."""
         with self._news:
             self._clock, self._stale = order(self._clock, time.monotonic()), True

@@ -18,7 +18,7 @@ from dronecats.judge.measured import measured
 from dronecats.judge.verdict import Measured
 from dronecats.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.playback.occurrences import OFFBOARD, Occurrence, OccurrenceKind, envelope_rows, occurrences
-from dronecats.playback.onboard import Heard, VehicleLog, vehicle_logs
+from dronecats.playback.onboard import Timeline, VehicleLog, vehicle_logs
 from dronecats.results.flown_run import FlownRun, flown_run
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, episode_folder, exchanges
@@ -43,7 +43,7 @@ NO_RECORD = f"no {layout.EPISODE}: a plain grid in place of the world"
 
 
 @dataclass(frozen=True)
-class ReplayedFlight:
+class PlayableFlight:
     """One flight of one episode, read once. Times are s since it began, places m in its NED frame."""
 
     episode: FlownEpisode
@@ -154,13 +154,13 @@ class ReplayedFlight:
         return [(one.t_answered or 0.0, order) for one in answered for order in one.orders]
 
     @cached_property
-    def _decisions(self) -> dict[tuple[int, str], Heard[Decision]]:
-        found: dict[tuple[int, str], Heard[Decision]] = {}
+    def _decisions(self) -> dict[tuple[int, str], Timeline[Decision]]:
+        found: dict[tuple[int, str], Timeline[Decision]] = {}
         for drone in self.drones:
             own = [each for each in self.episode.logs.decisions if each.drone == drone]
             for when in ("t_frame", "t_decided"):
                 ordered = sorted(own, key=attrgetter(when, "step"))
-                found[drone, when] = Heard(tuple(getattr(each, when) for each in ordered), tuple(ordered))
+                found[drone, when] = Timeline(tuple(getattr(each, when) for each in ordered), tuple(ordered))
         return found
 
     @cached_property
@@ -238,7 +238,7 @@ class ReplayedFlight:
         return np.array(sorted(told)), np.array([told[t] for t in sorted(told)], np.float64).reshape(-1, 3)
 
 
-def replayed_flight(path: Path) -> ReplayedFlight:
+def playable_flight(path: Path) -> PlayableFlight:
     """Return the flight of an episode's folder, or of a run's only one.
 
     Raises UsageError where that is none, is damaged, was not flown to its end, or tells no place of any drone.
@@ -266,12 +266,12 @@ def replayed_flight(path: Path) -> ReplayedFlight:
     kept = any((folder / layout.FRAMES).glob("*.jpg"))
     missing += [NOT_DRAWN] if not pictured else [] if kept else [NO_PICTURES]
     happened = occurrences(logs, vehicles, envelope_rows(folder / layout.SAFETY, t0_us), end_s)
-    return ReplayedFlight(
+    return PlayableFlight(
         episode, run, tracks, vehicles, filmed, lens_in(folder), end_s, happened, tuple(missing), pictured
     )  # fmt: skip
 
 
-def of_one_episode(flights: Sequence[ReplayedFlight]) -> None:
+def of_one_episode(flights: Sequence[PlayableFlight]) -> None:
     """Raise UsageError naming two of these flights that are not of one episode."""
     first, others = flights[0], flights[1:]
     for other in others:

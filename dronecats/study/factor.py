@@ -50,7 +50,7 @@ class Factor:
             raise UsageError(f"{self.name} goes with --speed N: in lockstep the clock waits for everybody")
         try:
             return self.put(flight, level)
-        except UsageError as wrong:  # the latter of a flight that contradicts itself
+        except (UsageError, ValueError) as wrong:  # the latter of a flight that contradicts itself
             raise UsageError(f"{self.name} at {said(level)}: {wrong}") from None
 
 

@@ -16,6 +16,7 @@ from dronecats.study.factor import said
 from dronecats.study.factors import HANGING, JITTERED, RATE, at_levels
 from foundation.errors import UsageError
 
+BY_ITSELF = ("rate_cap",)  # silent at some levels of its own, with which the others are compared
 SERVED = ("fixed", RATE)  # policies of one reply time
 
 
@@ -32,7 +33,8 @@ def check(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, 
         silent = [why(each) if why else None for each in flights]
         heard = [point for point, reason in zip(points, silent, strict=True) if reason is None]
         varies = name in points[0]
-        wanted = 2 if varies and len({point[name] for point in points}) > 1 else 1
+        several = varies and name not in BY_ITSELF and len({point[name] for point in points}) > 1
+        wanted = 2 if several else 1
         if len({point.get(name) for point in heard}) < wanted:
             reason = next(each for each in silent if each is not None)
             everywhere = "in every flight" if not heard else "at all of its levels but one"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.playback.recorded import ReplayedFlight, replayed_flight
+from dronecats.playback.recorded import PlayableFlight, playable_flight
 from dronecats.run.fly import fly
 from dronecats.rundir import layout
 from tests.support.browser import chromium
@@ -46,9 +46,9 @@ def folder(runs) -> Path:
 
 
 @pytest.fixture(scope="session")
-def flight(folder) -> ReplayedFlight:
+def flight(folder) -> PlayableFlight:
     """That flight."""
-    return replayed_flight(folder)
+    return playable_flight(folder)
 
 
 @pytest.fixture

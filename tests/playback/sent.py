@@ -30,7 +30,8 @@ class Sent:
         return "\n".join(word for message in self.update() for word in _words(message))
 
     def close(self) -> None:
-        """Go away."""
+        """Go away, with nothing left unread: the end of the wire would wait for it."""
+        self.update()
         self._client.close()
 
 

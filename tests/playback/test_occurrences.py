@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.playback.occurrences import Occurrence, OccurrenceKind, following, preceding
-from dronecats.playback.recorded import replayed_flight
+from dronecats.playback.recorded import playable_flight
 from dronecats.rundir import layout
 from dronecats.rundir.writing import TelemetryLog
 from foundation.mavlink import Packer, dialect
@@ -35,7 +35,7 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
         return {**row, "action": {"action": "finished"}} if row["step"] == last else row
 
     rewrite(copied / layout.DECISIONS, another)
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     (declared,), (fault,) = flight.of(DECLARATION), flight.of(FAULT)
     assert (declared.words, declared.drone) == (f"step {last}: declared", 0)
     assert "no action: there is no JSON in it" in fault.words
@@ -54,7 +54,7 @@ def test_the_envelope(copied):
     lines = [{"time_us": t0_us + 2_000_000, "drone": 0, "limits": ["ceiling", "speed"]},
              {"time_us": t0_us + 3_000_000, "drone": 0, "limits": []}]  # fmt: skip
     (copied / layout.SAFETY).write_text("".join(json.dumps(line) + "\n" for line in lines))
-    (fault,) = replayed_flight(copied).of(FAULT)
+    (fault,) = playable_flight(copied).of(FAULT)
     assert (fault.t_s, fault.drone, fault.words) == (2.0, 0, "envelope: limited by ceiling, speed")
 
 
@@ -62,19 +62,19 @@ def test_the_envelope(copied):
 def test_warnings_and_collisions(copied, component):
     """Of the autopilot, and of the simulator that says what was hit; a notice is no fault."""
     t_s = added(copied, component, dialect.MAV_SEVERITY_WARNING, "Collision: hit a tree at 1.4 m/s")
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     (fault,) = flight.of(FAULT)
     assert (fault.drone, fault.words) == (0, "Collision: hit a tree at 1.4 m/s")
     assert fault.t_s == pytest.approx(t_s, abs=0.05)
     added(copied, component, dialect.MAV_SEVERITY_NOTICE, "all is well")
-    assert len(replayed_flight(copied).of(FAULT)) == 1
+    assert len(playable_flight(copied).of(FAULT)) == 1
 
 
 def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
     mode = MODES["RETURN"]
     spliced(copied, 1, dialect.MAVLink_heartbeat_message(2, 12, 128 | 1, mode.custom_mode, 4, 3))
     rewrite(copied / layout.TRUTH, lambda row: {**row, "reason": "takeover"} if row["kind"] == "end" else row)
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     mode_left, end = flight.of(FAULT)[0], flight.of(FAULT)[-1]
     assert (mode_left.words, mode_left.drone) == ("mode RETURN", 0)
     assert 1.0 < mode_left.t_s < 5.0

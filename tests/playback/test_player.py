@@ -1,6 +1,8 @@
 """The thread that plays: everything that is ordered is shown, in order, and what goes wrong ends nothing."""
 
 import threading
+from functools import partial
+from typing import Any
 
 import pytest
 
@@ -43,8 +45,13 @@ def test_it_plays_to_the_end_and_stands_there(player, shown):
     assert 2 < len(shown) <= 0.5 * RATE_HZ + 4
 
 
+def scrubbed(t_s, clock, wall_s):
+    return clock.scrubbed(t_s, wall_s)
+
+
 def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
-    said, shown = [], []
+    said: list[Any] = []
+    shown: list[float] = []
     monkeypatch.setattr(threading, "excepthook", said.append)
 
     def show(t_s, clock):
@@ -55,7 +62,7 @@ def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
     player = Player(PlaybackClock(10.0), show)
     try:
         for t_s in (3.0, 5.0):
-            player.order(lambda clock, wall_s, t_s=t_s: clock.scrubbed(t_s, wall_s))
+            player.order(partial(scrubbed, t_s))
             assert player.idle(PATIENCE_S)
     finally:
         player.close()

@@ -11,7 +11,7 @@ from pymavlink import mavutil
 from dronecats.afterflight.sources import tlog_messages
 from dronecats.playback import recorded
 from dronecats.playback.onboard import KINDS, vehicle_logs
-from dronecats.playback.recorded import of_one_episode, replayed_flight
+from dronecats.playback.recorded import of_one_episode, playable_flight
 from dronecats.rundir import layout
 from dronecats.rundir.writing import TelemetryLog
 from foundation.camera import CameraModel
@@ -108,14 +108,14 @@ def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight)
 
 
 def test_it_needs_nothing_but_the_folder(flight, copied):
-    again = replayed_flight(copied)
+    again = playable_flight(copied)
     for t in (0.0, 2.0, flight.end_s):
         assert again.moment(t) == flight.moment(t)
 
 
 def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
     (copied / layout.TLOG).unlink()
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     assert flight.missing == (recorded.NO_TLOG,)
     for t, place, _, _ in places(folder):
         drone = flight.moment(t).drones[0]
@@ -128,16 +128,16 @@ def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
 def test_a_torn_tlog_is_read_as_far_as_it_goes(copied, flight):
     tlog = copied / layout.TLOG
     tlog.write_bytes(tlog.read_bytes()[: tlog.stat().st_size * 9 // 10 + 1])
-    assert math.dist(replayed_flight(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
+    assert math.dist(playable_flight(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
 
 
 def test_pictures_that_are_not_there_are_said(copied, runs):
     shutil.rmtree(copied / layout.FRAMES)
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     assert flight.missing == (recorded.NO_PICTURES,)
     assert flight.moment(3.0).drones[0].picture is None
     assert flight.moment(3.0).drones[0].decision is not None
-    assert replayed_flight(runs / "other").missing == (recorded.NOT_DRAWN,)
+    assert playable_flight(runs / "other").missing == (recorded.NOT_DRAWN,)
 
 
 def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(copied, flight, rewrite):
@@ -146,7 +146,7 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
 
     rewrite(copied / layout.TRUTH, unknown)
     (copied / layout.EPISODE).unlink()
-    own = replayed_flight(copied)
+    own = playable_flight(copied)
     assert own.missing == (recorded.NO_TRUTH,)
     assert own.world is None
     for t in (1.0, 3.0, 5.0):
@@ -168,13 +168,14 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
 def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
     """Ours are 1, 2, …; a real one may be any."""
     path = copied / layout.TLOG
-    heard, packers = list(tlog_messages(path, KINDS)), {}
+    heard = list(tlog_messages(path, KINDS))
+    packers: dict[int, Packer] = {}
     path.unlink()
     log = TelemetryLog(path)
     for message in heard:
         packer = packers.setdefault(message.get_srcComponent(), Packer(42, message.get_srcComponent()))
         log.write(0, packer.pack(message))
-    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # a station that flies nothing
+    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # flies nothing
     log.close()
     logs = vehicle_logs(path, flight.episode.logs.begin.t0_us)
     assert list(logs) == [0]
@@ -185,7 +186,7 @@ def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
 def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
     record = json.loads((copied / layout.EPISODE).read_text())
     (copied / layout.EPISODE).write_text(json.dumps({**record, "map": "somebodys-own"}))
-    flight = replayed_flight(copied)
+    flight = playable_flight(copied)
     assert flight.world is None
     assert len(flight.missing) == 1
     assert "somebodys-own" in flight.missing[0]
@@ -197,7 +198,7 @@ def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
 
 def test_a_fleet_made_of_rows_alone(tmp_path):
     run = run_folder(tmp_path / "run", {"nowhere-commanding-01": "go there"}, drones=3)
-    flight = replayed_flight(run)
+    flight = playable_flight(run)
     assert flight.drones == (0, 1, 2)
     moment = flight.moment(4.0)
     assert [drone.position_ned for drone in moment.drones] == [pytest.approx((5.2, 2.0 * k, -2.0)) for k in range(3)]
@@ -209,30 +210,30 @@ def test_a_fleet_made_of_rows_alone(tmp_path):
 def test_a_flight_that_is_not_over_is_refused(copied, rewrite, kind, said):
     rewrite(copied / layout.TRUTH, lambda row: None if row["kind"] == kind else row)
     with pytest.raises(UsageError, match=said):
-        replayed_flight(copied)
+        playable_flight(copied)
 
 
 def test_what_is_damaged_or_no_flight_is_refused(copied, tmp_path):
     with pytest.raises(UsageError, match="there is no folder"):
-        replayed_flight(tmp_path / "nothing")
+        playable_flight(tmp_path / "nothing")
     with pytest.raises(UsageError, match="holds no episode"):
-        replayed_flight(tmp_path)
+        playable_flight(tmp_path)
     (copied / layout.SAFETY).write_text('{"time_us": "late", "drone": 0, "limits": []}\n')
     with pytest.raises(UsageError, match=r"safety.jsonl line 1 is damaged"):
-        replayed_flight(copied)
+        playable_flight(copied)
     (copied / layout.SAFETY).unlink()
     text = (copied / layout.TRUTH).read_text().splitlines()
     (copied / layout.TRUTH).write_text("\n".join([text[0], '{"kind": "pose"', *text[1:]]) + "\n")
     with pytest.raises(UsageError, match=r"truth.jsonl line 2 is damaged"):
-        replayed_flight(copied)
+        playable_flight(copied)
 
 
 def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, tmp_path, runs):
-    of_one_episode([flight, replayed_flight(runs / "other")])
-    stranger = replayed_flight(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
+    of_one_episode([flight, playable_flight(runs / "other")])
+    stranger = playable_flight(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
     with pytest.raises(UsageError, match=r"residential-tracking-01 and .*nowhere-approaching-07"):
         of_one_episode([flight, stranger])
     record = json.loads((copied / layout.EPISODE).read_text())
     (copied / layout.EPISODE).write_text(json.dumps({**record, "instruction": "go elsewhere"}))
     with pytest.raises(UsageError, match="two records both named residential-tracking-01"):
-        of_one_episode([flight, replayed_flight(copied)])
+        of_one_episode([flight, playable_flight(copied)])

@@ -8,13 +8,14 @@ import pytest
 from dronecats.playback.clock import SPEEDS
 from dronecats.playback.occurrences import OccurrenceKind
 from dronecats.playback.page import ReplayPage
-from dronecats.playback.recorded import replayed_flight
+from dronecats.playback.recorded import playable_flight
 from dronecats.playback.views import AgainView
 from dronecats.rundir import layout
 from dronecats.scenery import display
 from tests.playback.sent import Sent
 from tests.support.json_lines import rows
 from tests.support.ports import free_port
+from tests.support.run_folders import run_folder
 
 pytestmark = pytest.mark.slow
 PATIENCE_S = 120.0  # a software renderer on a busy machine
@@ -23,7 +24,7 @@ JUDGES = ("target (judge)", "/judge/", "only the judge knows", "verdict:", "to t
 
 @pytest.fixture(scope="module")
 def flights(flight, runs):
-    return [flight, replayed_flight(runs / "other")]
+    return [flight, playable_flight(runs / "other")]
 
 
 @pytest.fixture
@@ -79,9 +80,16 @@ def shown_at(browser, page, t_s):
     until(browser, lambda: page.t_s == pytest.approx(t_s) and page.idle(0.0) and f"{t_s:.1f} s of" in text(browser))
 
 
-def test_every_key_moves_what_it_should(browser, opened, flight):
+@pytest.fixture
+def plain(tmp_path):
+    """The folder of an episode that was never flown: over a plain grid, which a browser draws at once."""
+    return run_folder(tmp_path / "plain", {"nowhere-approaching-01": "go there"}) / "nowhere-approaching-01"
+
+
+def test_every_key_moves_what_it_should(browser, opened, plain):
     from selenium.webdriver.common.keys import Keys
 
+    flight = playable_flight(plain)
     page, _ = opened([flight])
     decided = [one.t_s for one in flight.of(OccurrenceKind.DECISION)]
     assert len(decided) > 1
@@ -117,18 +125,18 @@ def test_every_key_moves_what_it_should(browser, opened, flight):
     assert page.clock.speed in SPEEDS
 
 
-def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, copied, rewrite):
+def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, plain, rewrite):
     from selenium.webdriver.common.keys import Keys
 
-    steps = [row["step"] for row in rows(copied / layout.DECISIONS)]
+    steps = [row["step"] for row in rows(plain / layout.DECISIONS)]
 
     def another(row):
         if row["step"] == steps[0]:
             return {**row, "action": None, "error": "there is no JSON in it", "reply": "<b>hm</b>"}
         return {**row, "action": {"action": "finished"}} if row["step"] == steps[-1] else row
 
-    rewrite(copied / layout.DECISIONS, another)
-    flight = replayed_flight(copied)
+    rewrite(plain / layout.DECISIONS, another)
+    flight = playable_flight(plain)
     (declared,), (fault,) = flight.of(OccurrenceKind.DECLARATION), flight.of(OccurrenceKind.FAULT)
     page, _ = opened([flight])
     press(browser, "d")
