@@ -123,7 +123,7 @@ def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )
     flush, used = TelemetryLog.flush, {True: list[float](), False: list[float]()}
-    for flight in range(-1, flights):  # the first one reads the kernels
+    for flight in range(-1 if flights > 1 else 0, flights):  # the first one reads the kernels
         for handed_on in (True, False):
             setattr(TelemetryLog, "flush", flush if handed_on else _keep_back)  # noqa: B010 - a method of another flight
             began_s = time.process_time()
