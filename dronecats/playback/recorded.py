@@ -35,6 +35,7 @@ from foundation.frames import Vec3
 
 SAID = 8  # texts that a moment remembers
 SOON_S = 1e-6
+NO_END = "without an end: it was killed, or is still in the air"
 NO_TLOG = f"no {layout.TLOG}: drawn level between its places, without modes, battery and setpoints"
 NO_PICTURES = "no pictures were kept"
 NOT_DRAWN = "flown without drawing pictures"
@@ -211,7 +212,8 @@ class PlayableFlight:
         said = tuple(_declared(one, self.episode.delta_m) for one in self._declarations if one.t <= t_s + SOON_S)
         verdict = self.episode.verdict
         deciding = verdict.deciding
-        if t_s >= self.end_s - SOON_S or (deciding is not None and t_s >= deciding.t - SOON_S):
+        over = self.episode.logs.end is not None and t_s >= self.end_s - SOON_S
+        if over or (deciding is not None and t_s >= deciding.t - SOON_S):
             near = f", {verdict.ne_m:.2f} m from the target" if verdict.ne_m is not None else ""
             said = (*said, f"verdict: {verdict.outcome}{near}")
         return JudgeMoment(target_ned=target, target_yaw=yaw, distance_m=away, said=said[-SAID:])
@@ -241,19 +243,20 @@ class PlayableFlight:
 def playable_flight(path: Path) -> PlayableFlight:
     """Return the flight of an episode's folder, or of a run's only one.
 
-    Raises UsageError where that is none, is damaged, was not flown to its end, or tells no place of any drone.
+    One that was killed, or is still in the air, is there as far as its logs go. Raises UsageError where that is none,
+    is damaged, never began, or tells no place of any drone.
     """
     if not path.is_dir():
         raise UsageError(f"there is no folder {path}")
     folder = episode_folder(path)
     episode, run = flown_episode(folder), flown_run(folder)
     logs = episode.logs
-    if logs.begin is None or logs.end is None:
-        lacks = "has no beginning" if logs.begin is None else "has no end"
-        raise UsageError(f"{folder} is unfinished: its {layout.TRUTH} {lacks}")
-    t0_us, end_s = logs.begin.t0_us, logs.end.t
+    if logs.begin is None:
+        raise UsageError(f"{folder} never began: its {layout.TRUTH} has no beginning")
+    t0_us, end_s = logs.begin.t0_us, _last_heard_s(logs) if logs.end is None else logs.end.t
     vehicles = vehicle_logs(folder / layout.TLOG, t0_us)
-    missing = [] if vehicles else [NO_TLOG]
+    missing = [] if logs.end is not None else [NO_END]
+    missing += [] if vehicles else [NO_TLOG]
     filmed, unknown = _filmed(episode)
     missing += unknown
     tracks = filmed.tracks if filmed else traced((*logs.poses, *logs.frames.values())) if logs.true else {}
@@ -296,6 +299,12 @@ def _filmed(episode: FlownEpisode) -> tuple[FilmedFlight | None, list[str]]:
         return filmed_flight(episode), []
     except UsageError as error:
         return None, [f"a plain grid in place of the world: {error}"]
+
+
+def _last_heard_s(logs: Logs) -> float:
+    """Return when a flight without an end was last heard of, s since it began."""
+    decided = [decision.t_decided for decision in logs.decisions]
+    return max((*(pose.t for pose in (*logs.poses, *_estimated(logs))), *decided), default=0.0)
 
 
 def _estimated(logs: Logs) -> list[Pose]:

@@ -206,11 +206,27 @@ def test_a_fleet_made_of_rows_alone(tmp_path):
     assert len(moment.judge.distance_m) == 3
 
 
-@pytest.mark.parametrize(("kind", "said"), [("begin", "has no beginning"), ("end", "has no end")])
-def test_a_flight_that_is_not_over_is_refused(copied, rewrite, kind, said):
-    rewrite(copied / layout.TRUTH, lambda row: None if row["kind"] == kind else row)
-    with pytest.raises(UsageError, match=said):
+def test_a_flight_that_never_began_is_refused(copied, rewrite):
+    rewrite(copied / layout.TRUTH, lambda row: None if row["kind"] == "begin" else row)
+    with pytest.raises(UsageError, match="has no beginning"):
         playable_flight(copied)
+
+
+def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied):
+    """Killed in the middle of a line, at two thirds of its logs; what was flown till then is as it was."""
+    for name in (layout.TRUTH, layout.DECISIONS):
+        whole = (copied / name).read_bytes()
+        (copied / name).write_bytes(whole[: 2 * len(whole) // 3])
+    for name in (layout.VERDICT, layout.IDENTITY):
+        (copied / name).unlink(missing_ok=True)
+    killed = playable_flight(copied)
+    assert 0.0 < killed.end_s < flight.end_s
+    assert any("without an end" in said for said in killed.missing)
+    t = 0.5 * killed.end_s
+    assert killed.moment(t).drones[0].position_ned == flight.moment(t).drones[0].position_ned
+    last = killed.moment(killed.end_s)
+    assert last.state == "in the air"
+    assert not any("verdict" in said for said in last.judge.said)
 
 
 def test_what_is_damaged_or_no_flight_is_refused(copied, tmp_path):
