@@ -18,6 +18,8 @@ from examples.action_head.features import KINDS
 from foundation.errors import UsageError
 from tests.examples.conftest import EPISODES
 
+pytestmark = pytest.mark.slow  # two flights whose frames are drawn
+
 
 def decided(flown):
     """Return (episode, its row of decisions.jsonl) of every decision, in the order of the dataset."""
