@@ -80,7 +80,10 @@ RUNS = (
     Run(r"dronecats bench --suite quick --pilot oracle --out", add="--limit 1"),
     Run(r"dronecats models (list|show)"),
     Run(r"dronecats study loop --out DIR$", add="--airframe nano --loops attitude --part margins"),
-    Run(r"dronecats study load .*--out DIR$", add="--busy 0,1 --episodes residential-approaching-01 --seconds 4"),
+    Run(
+        r"dronecats study load --busy 0,2,4,8 --out DIR$",
+        add="--busy 0,1 --episodes residential-approaching-01 --seconds 4",
+    ),
 )
 
 VEHICLE = "a vehicle or a camera that is running; tests/system, tests/hil/cameras, tests/cli do it"
@@ -101,6 +104,7 @@ ELSEWHERE = (
     (r"dronecats (bench docs/reports/|report (vision oracle|failing) )", "runs of an hour, which are not kept"),
     (r"dronecats study (latency|jitter) ", "minutes of rendered flights; tests/cli/test_study.py flies a small one"),
     (r"dronecats study report (DIR|latency|steady|jitter|link-loss|wind-latency)\b", STUDY),
+    (r"dronecats study load --busy 0,4,8 ", "twenty minutes of a quiet machine; the row of the page flies a small one"),
     (r"dronecats study run docs/studies/", "a hundred flights; tests/study/test_page.py reads these files"),
     (r"dronecats study rate\b", VEHICLE),
     (r"dronecats (bench --suite quick --pilot vision --latency trace:rig/|study run rig/)", RIG),

@@ -13,7 +13,7 @@ from tests.support.ports import free_port
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # a page that stays open draws on, and takes a core from the tests that follow
 def browser(tmp_path_factory):
     """Return a headless Chromium with a profile of its own; without one the test is skipped."""
     with chromium(tmp_path_factory.mktemp("profile"), *SOFTWARE) as made:

@@ -14,12 +14,10 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.playback.recorded import PlayableFlight, playable_flight
 from dronecats.run.fly import fly
 from dronecats.rundir import layout
-from tests.support.browser import chromium
+from tests.editor.conftest import browser as browser
 
 EPISODE = "residential-tracking-01"
 SECONDS = 6.0
-# what draws without a graphics card
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
 
 
 @pytest.fixture(scope="session")
@@ -67,10 +65,3 @@ def rewrite() -> Callable[..., None]:
         path.write_text("".join(json.dumps(row) + "\n" for row in changed if row is not None))
 
     return change
-
-
-@pytest.fixture(scope="session")
-def browser(tmp_path_factory):
-    """Return a headless Chromium with a profile of its own; without one the test is skipped."""
-    with chromium(tmp_path_factory.mktemp("profile"), *SOFTWARE) as made:
-        yield made
