@@ -24,6 +24,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.rundir import layout
 from episodes import catalogue
 from foundation.errors import InfrastructureError
+from tests.support.children import children
 
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
 SHORT = dataclasses.replace(ORACLE, seconds=6.0, full=True)
@@ -57,7 +58,7 @@ def fly(batch, flight, episodes, jobs=1, engine=LocalEngine, **how):
 
 def workers():
     """Return this process's children that fly, or start to."""
-    return [p for p in psutil.Process().children(recursive=True) if "dronecats.processes.child" in p.cmdline()]
+    return children("dronecats.processes.child")
 
 
 def flown_bytes(folder):

@@ -1,9 +1,9 @@
 """`dronecats bench` as it is typed: what is refused, what a file says, and what is left when anything is killed."""
 
+import contextlib
 import json
 import os
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -17,6 +17,7 @@ from dronecats.cli.main import main, parse
 from dronecats.flight.file import as_kept
 from dronecats.pilots.server import PilotServer
 from dronecats.rundir.reading import json_object
+from tests.support.children import children
 
 EASY = "residential-approaching-01"
 THREE = (EASY, "residential-searching-01", "campus-tracking-01")
@@ -221,15 +222,16 @@ def test_whatever_is_killed_whenever_the_same_command_ends_with_the_same_bytes(t
     assert len(whole) == 3 * 6
     out, killed = tmp_path / "torn", 0
     for what in ("worker", "parent", "worker", "parent"):
-        process = bench(out, *words)
+        process, flying = bench(out, *words), []
         if in_the_air(out, process):
             time.sleep(draw.uniform(0.0, 3.0))  # any moment will do
-            children = [p for p in psutil.Process(process.pid).children() if "dronecats.campaign.worker" in p.cmdline()]
-            victim = process.pid if what == "parent" or not children else draw.choice(children).pid
-            os.kill(victim, signal.SIGKILL)
-            killed += 1
+            flying = children("dronecats.campaign.worker", process.pid)
+            victim = psutil.Process(process.pid) if what == "parent" or not flying else draw.choice(flying)
+            with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended by itself at that moment
+                victim.kill()
+                killed += 1
         finished(process)
-        _, alive = psutil.wait_procs(children, timeout=20)
+        _, alive = psutil.wait_procs(flying, timeout=20)
         assert not alive
         stored = flown_bytes(out)
         done = [place for place in stored if place.endswith("verdict.json") and b'"error"' not in stored[place][:40]]

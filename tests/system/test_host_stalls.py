@@ -15,6 +15,7 @@ from dronecats.pilots.server import PilotServer
 from dronecats.run.fly import fly
 from dronecats.rundir.reading import json_object, rows
 from dronecats.rundir.rows import Decision
+from tests.support.children import children
 
 SPEED = 0.5  # half of what a busy machine loses is lost of vehicle time
 STOPPED_S = 3.0  # wall s; the link takes 5 s for the end
@@ -24,7 +25,7 @@ MODEL_S = 4.0  # wall s: in vehicle time eight times what a host may lose
 
 def part(name: str) -> psutil.Process:
     """Return the child of this process that is this part of the flight."""
-    (found,) = [p for p in psutil.Process().children(recursive=True) if p.cmdline()[-1:] == [f"dronecats.sitl.{name}"]]
+    (found,) = children(f"dronecats.sitl.{name}")
     return found
 
 

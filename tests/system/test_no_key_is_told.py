@@ -112,8 +112,9 @@ class Looking(BaseHTTPRequestHandler):
         self.rfile.read(int(self.headers["Content-Length"]))
         assert isinstance(self.server, Seen)
         for child in psutil.Process(self.server.flying).children(recursive=True):
-            command, environment = " ".join(child.cmdline()), " ".join(child.environ().values())
-            self.server.seen[command] = environment
+            with contextlib.suppress(psutil.NoSuchProcess):  # it ended while it was looked at
+                command, environment = " ".join(child.cmdline()), " ".join(child.environ().values())
+                self.server.seen[command] = environment
         self.send_response(401)
         self.send_header("Content-Length", "0")
         self.end_headers()
