@@ -52,7 +52,7 @@ def test_of_one_factor_at_a_time_what_is_crossed_is_at_every_point(axes):
     agents = Axis(name="agent", levels=("paper", "steady", "own"))
     alone = [tuple(point.items()) for point in one_at_a_time(axes).points]
     made = one_at_a_time([axes[0], agents, *axes[1:]], ("agent", "pilot"))
-    by_agent = {agent: [] for agent in agents.levels}
+    by_agent: dict[object, list[object]] = {agent: [] for agent in agents.levels}
     for point in made.points:
         by_agent[point["agent"]].append(tuple((name, level) for name, level in point.items() if name != "agent"))
     assert list(by_agent.values()) == [alone] * 3
