@@ -210,6 +210,7 @@ def _axis(name: str, value: Any) -> "Axis":
 
 def _design(axes: "list[Axis]", told: Mapping[str, Any]) -> "Design":
     from dronecats.study import design
+    from dronecats.study.factors import WHO_FLIES
     from foundation.errors import UsageError
 
     kind = told.get("design", "full")
@@ -224,7 +225,7 @@ def _design(axes: "list[Axis]", told: Mapping[str, Any]) -> "Design":
         if "points" not in told:
             raise UsageError('design = "latin" wants points = N')
         return design.latin(axes, told["points"], told.get("design_seed", 0))
-    return design.one_at_a_time(axes) if kind == "one-at-a-time" else design.full(axes)
+    return design.one_at_a_time(axes, WHO_FLIES) if kind == "one-at-a-time" else design.full(axes)
 
 
 def _pilots(

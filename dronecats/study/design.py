@@ -8,7 +8,7 @@ McKay, Beckman and Conover (1979), made by `scipy.stats.qmc`.
 import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_uppercase
 
@@ -70,11 +70,21 @@ def full(axes: Sequence[Axis]) -> Design:
     return Design(said="full factorial", points=_named(axes, points))
 
 
-def one_at_a_time(axes: Sequence[Axis]) -> Design:
-    """Return the first level of every factor, and from there each other level of each factor alone."""
+def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design:
+    """Return the first level of every factor, and from there each other level of each factor alone.
+
+    Factors whose names are in `crossed` are no such: each of their combinations is at every one of these points.
+    """
     base = tuple(axis.ends[0] for axis in axes)
-    others = [(*base[:place], level, *base[place + 1 :]) for place, axis in enumerate(axes) for level in axis.ends[1:]]
-    return Design(said="one factor at a time, from the first levels", points=_named(axes, [base, *others]))
+    alone = [(place, axis) for place, axis in enumerate(axes) if axis.name not in crossed]
+    points = [base, *((*base[:at], level, *base[at + 1 :]) for at, axis in alone for level in axis.ends[1:])]
+    said = "one factor at a time, from the first levels"
+    beside = [(place, axis) for place, axis in enumerate(axes) if axis.name in crossed]
+    for place, axis in beside:
+        points = [(*each[:place], level, *each[place + 1 :]) for each in points for level in axis.ends]
+    if beside and alone:
+        said += f", each with every {' and '.join(axis.name for _, axis in beside)}"
+    return Design(said=said, points=_named(axes, points))
 
 
 def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:

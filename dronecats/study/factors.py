@@ -23,6 +23,7 @@ from foundation.errors import UsageError
 
 Put = Callable[[FlightSpec, Level], FlightSpec]
 
+WHO_FLIES = ("pilot", "model", "agent", "command")  # factors that are no disturbance but an entrant
 REPLY_TIME, WHO = "what a reply takes", "who flies"
 POLICY = "latency_policy"  # the factor whose levels may name a file
 # kinds of latency policies: rate:HZ, jitter:HZ,CV or jitter:HZ,CV,RHO around it; beside others cap:HZ, and stall:P,D

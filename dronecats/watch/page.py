@@ -1,6 +1,8 @@
 """The page: the list of flights, and the one of them that is shown, with its world and its panels."""
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,7 +18,7 @@ from dronecats.watch.scene import WORLD, FlightScene
 from dronecats.watch.world import flown_world, lens_in
 from episodes.world import World
 from foundation.camera import CameraModel
-from foundation.frames import Vec3
+from foundation.frames import Vec3, quat_yaw
 
 NEWEST = "the newest"
 LISTED = 200  # flights that can be chosen from
@@ -31,6 +33,14 @@ class Follower(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class WantedView:
+    """What somebody has chosen on the page, and keeps from one flight to the next."""
+
+    judge: bool = False  # the judge's view
+    followed: int | None = None  # the drone that the view goes with
+
+
 class LiveFlight:
     """One flight on the page."""
 
@@ -42,11 +52,22 @@ class LiveFlight:
         drones: int,
         camera: CameraModel | None = None,
         trails: Mapping[int, Sequence[Vec3]] | None = None,
+        wanted: WantedView | None = None,
     ) -> None:
-        """`trails`: where each drone has been before somebody looked, m NED, once the follower has taken a turn."""
+        """`trails`: where each drone has been before somebody looked, m NED, once the follower has taken a turn.
+
+        `wanted`: what was chosen on the page before.
+        """
         self._follower, self._trails = follower, trails
+        self._start = world.record.starts[0] if world else None
         self._scene = FlightScene(server, world.scene if world else None, drones=drones, camera=camera)
-        self._panels = FlightPanels(server, drones, on_judge=self._judge, on_follow=self._scene.follow)
+        self._panels = FlightPanels(server, drones, on_judge=self._judge, on_follow=self._follow)
+        self.wanted = wanted or WantedView()
+        if self.wanted.followed is not None and self.wanted.followed >= drones:
+            self.wanted = replace(self.wanted, followed=None)
+        self._panels.show_wanted(self.wanted.judge, self.wanted.followed)
+        self._scene.judge_shown = self.wanted.judge
+        self._scene.follow(self.wanted.followed)
 
     def turn(self) -> None:
         """Show the moment that the flight has come to."""
@@ -55,6 +76,7 @@ class LiveFlight:
             self._scene.show_trail(drone, places)
         self._trails = None
         self._scene.show(moment)
+        self._bring(moment)
         self._panels.show(moment)
 
     def remove(self) -> None:
@@ -62,8 +84,22 @@ class LiveFlight:
         self._panels.remove()
         self._scene.remove()
 
+    def _bring(self, moment: Moment) -> None:
+        """Have browsers that come to the flight look at the first drone, or at where it is to start."""
+        for drone in moment.drones:
+            if drone.position_ned is not None:
+                self._scene.bring(drone.position_ned, quat_yaw(drone.attitude))
+                return
+        if self._start is not None:
+            self._scene.bring(self._start.position_ned, math.radians(self._start.yaw_deg))
+
     def _judge(self, shown: bool) -> None:
+        self.wanted = replace(self.wanted, judge=shown)
         self._scene.judge_shown = shown
+
+    def _follow(self, drone: int | None) -> None:
+        self.wanted = replace(self.wanted, followed=drone)
+        self._scene.follow(drone)
 
 
 class LivePage:
@@ -87,26 +123,28 @@ class LivePage:
         wanted = self._wanted(episodes)
         if wanted is None or wanted.folder == self._folder:
             return
+        kept = None
         if self._shown is not None:
+            kept = self._shown.wanted
             self._shown.remove()
         ground = _ground(wanted.folder)
         if ground != self._world and self._server.scene.get_handle_by_name(WORLD) is not None:
             self._server.scene.remove_by_name(WORLD)
         self._world, self._folder = ground, wanted.folder
         self._waiting.visible = False
-        self._shown = self._taken_up(wanted.folder)
+        self._shown = self._taken_up(wanted.folder, kept)
 
     def turn(self) -> None:
         """Bring the page up to now."""
         if self._shown is not None:
             self._shown.turn()
 
-    def _taken_up(self, folder: Path) -> LiveFlight:
+    def _taken_up(self, folder: Path, kept: WantedView | None) -> LiveFlight:
         """Return a flight where it is now. Building its world may take some seconds."""
         world = flown_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
-        return LiveFlight(self._server, follower, world, drones, lens_in(folder), follower.trails)
+        return LiveFlight(self._server, follower, world, drones, lens_in(folder), follower.trails, kept)
 
     def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
         chosen = self._choice.value

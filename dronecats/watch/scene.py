@@ -55,6 +55,7 @@ class FlightScene:
         self._followed: int | None = None
         self._picker: display.Picker | None = None
         self._looked = False
+        self._brought: set[int] = set()  # browsers that have been shown where the flight is
         self.judge_shown = False  # what only the judge knows is not even sent before it is
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
@@ -97,6 +98,17 @@ class FlightScene:
         """Have the view go with a drone from where it is now, or with nobody; it can be turned all the while."""
         self._followed = drone
         self._told.pop("followed", None)
+
+    def bring(self, here: Vec3, yaw: float) -> None:
+        """Put every browser that has not been brought to this flight yet behind such a drone: m NED, rad."""
+        clients = self._server.get_clients()
+        if clients.keys() <= self._brought:
+            return
+        eye, seen = self._behind(here, yaw)
+        for name, client in clients.items():
+            if name not in self._brought:
+                client.camera.position, client.camera.look_at = eye, seen  # in this order: the first moves both
+        self._brought |= clients.keys()
 
     def remove(self) -> None:
         """Take the flight out of the browser; the map stays for others."""
@@ -241,13 +253,17 @@ class FlightScene:
     def _look(self, here: Vec3, yaw: float) -> None:
         """Put the view of browsers that come behind and above the first drone that is seen."""
         self._looked = True
-        c, s = math.cos(yaw), math.sin(yaw)
         view = self._server.initial_camera
         view.up = (0.0, 1.0, 0.0)
+        view.position, view.look_at = self._behind(here, yaw)
+
+    def _behind(self, here: Vec3, yaw: float) -> tuple[Vec3, Vec3]:
+        """Return a place behind and above a drone, and what is looked at from there: m, the browser's axes."""
+        c, s = math.cos(yaw), math.sin(yaw)
         eye = display.place_of((here[0] - 9.0 * c + 3.0 * s, here[1] - 9.0 * s - 3.0 * c, here[2] - 4.5))
         seen = display.place_of((here[0] + 5.0 * c, here[1] + 5.0 * s, here[2] + 0.5))
         x, y, z = self.offset  # somebody may have been followed before
-        view.position, view.look_at = (eye[0] + x, eye[1] + y, eye[2] + z), (seen[0] + x, seen[1] + y, seen[2] + z)
+        return (eye[0] + x, eye[1] + y, eye[2] + z), (seen[0] + x, seen[1] + y, seen[2] + z)
 
     def _keep_up(self, drones: Sequence[DroneMoment]) -> None:
         """Move the world so that the drone that is followed stays where it was in the browser."""

@@ -47,6 +47,19 @@ def test_one_at_a_time_leaves_the_others_at_their_first(axes):
     assert len({tuple(point.items()) for point in points}) == len(points)
 
 
+@given(axes_of_levels)
+def test_of_one_factor_at_a_time_what_is_crossed_is_at_every_point(axes):
+    agents = Axis(name="agent", levels=("paper", "steady", "own"))
+    alone = [tuple(point.items()) for point in one_at_a_time(axes).points]
+    made = one_at_a_time([axes[0], agents, *axes[1:]], ("agent", "pilot"))
+    by_agent: dict[object, list[object]] = {agent: [] for agent in agents.levels}
+    for point in made.points:
+        by_agent[point["agent"]].append(tuple((name, level) for name, level in point.items() if name != "agent"))
+    assert list(by_agent.values()) == [alone] * 3
+    assert made.said.endswith(", each with every agent")
+    assert len(one_at_a_time([agents], ("agent",)).points) == 3
+
+
 @st.composite
 def fractions(draw):
     """Factors, and generators that make the last of them from products of two or more of the others."""

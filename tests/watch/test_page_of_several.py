@@ -3,15 +3,16 @@
 import json
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from benchmarks.page_client import PageClient
+from benchmarks.page_client import CAMERA, PageClient
 from dronecats.rundir import layout
 from dronecats.scenery.page import LoopbackServer
 from dronecats.watch.episodes import EpisodeList, newest_flown
-from dronecats.watch.page import NEWEST, LivePage
+from dronecats.watch.page import NEWEST, LivePage, WantedView
 
 PATIENCE_S = 30.0
 
@@ -84,6 +85,52 @@ def test_the_newest_is_shown_until_another_is_chosen(bench):
         page.listed(episodes.look())
         assert page._folder == bench / "run-b/one"  # although it is over
         page.turn()
+    finally:
+        client.close()
+        server.stop()
+
+
+def placed(client):
+    """Return where the page has put this browser's view, once it has."""
+    kind = "SetCameraPositionMessage"
+    sent = client.until(lambda m: m["type"] == kind and not m["initial"], PATIENCE_S)
+    return next(m["position"] for m in sent if m["type"] == kind and not m["initial"])
+
+
+def test_each_flight_is_looked_at_and_what_was_chosen_stays(bench, world):
+    """Also by a browser that came before the flight did, as whoever opens the address at once."""
+    there = replace(world.record, starts=(replace(world.record.starts[0], position_ned=(4.0, 3.0, -2.0), yaw_deg=0.0),))
+    (bench / "run-a/two" / layout.EPISODE).write_text(there.to_json())
+    os.utime(bench / "run-a/two" / layout.EPISODE, (1_001, 1_001))
+    server = LoopbackServer("test", 0)
+    page, episodes = LivePage(server), EpisodeList(bench)
+    client = PageClient(server.url)
+    try:
+        server.gui.set_panel_label("come")
+        client.until(lambda m: "come" in m.values(), PATIENCE_S)  # nothing flies yet
+        page.listed(episodes.look())
+        assert page._shown is not None
+        page.turn()
+        first = placed(client)
+        page._shown._judge(True)
+        page._shown._follow(0)
+        judged(bench / "run-b/one")
+        page.listed(episodes.look())
+        page.turn()
+        assert page._folder == bench / "run-a/two"
+        second = placed(client)
+        assert second == pytest.approx((3.0 - 3.0, 2.0 + 4.5, 9.0 - 4.0))  # left of the start, above, behind
+        assert second != pytest.approx(first)
+        assert page._shown.wanted == WantedView(judge=True, followed=0)
+        assert (page._shown._panels._follow.value, page._shown._panels._judge.value) == ("drone 0", True)
+        client.send({**CAMERA, "position": (50.0, 5.0, 5.0)})
+        due_s = time.monotonic() + PATIENCE_S
+        while [each.camera.position[0] for each in server.get_clients().values()] != [50.0]:  # another thread hears it
+            assert time.monotonic() < due_s
+            client.receive(0.05)
+        page.turn()
+        (browser,) = server.get_clients().values()
+        assert browser.camera.position == pytest.approx((50.0, 5.0, 5.0))  # it is the browser's own now
     finally:
         client.close()
         server.stop()

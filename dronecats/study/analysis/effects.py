@@ -48,8 +48,13 @@ class HeatMap:
 
 
 def main_effects(studied: Studied) -> list[MainEffect]:
-    """Return each factor's effect for every entrant and cell; nothing of a study of one factor."""
-    if len(studied.factors) < 2:
+    """Return each factor's effect for every entrant and cell; nothing of a study of one factor.
+
+    Nor of one factor at a time: there each has its pairs with the base, and lines through all levels at once would be
+    bent by one another, since all go through that one point.
+    """
+    pairs = itertools.combinations(range(len(studied.factors)), 2)
+    if not any(_crossed(studied, one, other) for one, other in pairs):
         return []
     found = []
     for entrant, cell in studied.lines():
@@ -61,10 +66,16 @@ def main_effects(studied: Studied) -> list[MainEffect]:
 
 
 def heat_maps(studied: Studied) -> list[HeatMap]:
-    """Return the shares over each two factors, for every entrant and cell."""
+    """Return the shares over each two factors, for every entrant and cell.
+
+    Nothing of two of which one always is at its base, as in a design of one factor at a time: nothing tells how they
+    go together.
+    """
     steps = [level_steps(factor) for factor in studied.factors]
     found = []
     for one, other in itertools.combinations(range(len(studied.factors)), 2):
+        if not _crossed(studied, one, other):
+            continue
         for entrant, cell in studied.lines():
             flown = studied.of(entrant, cell)
             shares = tuple(
@@ -77,6 +88,12 @@ def heat_maps(studied: Studied) -> list[HeatMap]:
             p = _Model(studied.factors, flown).together(one, other)
             found.append(HeatMap(entrant, cell, one, other, steps[one], steps[other], shares, p))
     return found
+
+
+def _crossed(studied: Studied, one: int, other: int) -> bool:
+    """Return whether two factors were flown at more choices than each alone from one base."""
+    flown = {(each.levels[one], each.levels[other]) for each in studied.scored}
+    return len(flown) > len({a for a, _ in flown}) + len({b for _, b in flown}) - 1
 
 
 class _Model:

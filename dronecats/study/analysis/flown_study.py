@@ -20,11 +20,10 @@ from dronecats.rundir.study import Level, Study, StudyRun
 from dronecats.study import folder as study_folder
 from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, StudiedLevel
 from dronecats.study.analysis.target_motion import METRICS as MOTION
-from dronecats.study.factors import POLICY, at_levels
+from dronecats.study.factors import POLICY, WHO_FLIES, at_levels
 from episodes.record import CELLS
 from foundation.errors import UsageError
 
-WHO_FLIES = ("pilot", "model", "agent", "command")  # factors that are no disturbance but an entrant
 MORE_IS_EASIER = ("rate", "frame_rate", "setpoint_rate", "link_baud")  # of these the highest level is the reference
 NONE_COUNTS = "No flight counts yet."
 ALIKE = ("the code", "the camera", "the clock", "the protocol", "the suite", "the version")  # whoever flew

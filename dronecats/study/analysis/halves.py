@@ -19,18 +19,25 @@ class HalfAlong:
     factor: int  # its number
     entrant: str
     cell: str
-    beside: tuple[StudiedLevel, ...]  # what the other factors are at; empty: there are none
+    beside: tuple[StudiedLevel, ...]  # what the other factors are at; empty: there are none, or they are at their base
     half: HalfSuccess
     curve: SuccessCurve | None
 
 
 def halves(studied: Studied, factor: int) -> list[HalfAlong]:
-    """Return the fits along a factor; none along words, or where the others have too many choices to be parted."""
+    """Return the fits along a factor; none along words, or where the others have too many choices to be parted.
+
+    A design of one factor at a time has one such choice, its base, and that is not told beside the fit.
+    """
     if not studied.factors[factor].numeric:
         return []
-    beside = list(dict.fromkeys(others(flight, factor) for flight in studied.scored))
+    flown_at: dict[tuple[StudiedLevel, ...], set[StudiedLevel]] = {}
+    for each in studied.scored:
+        flown_at.setdefault(others(each, factor), set()).add(each.levels[factor])
+    beside = [choice for choice, levels in flown_at.items() if len(levels) > 1]
     if len(beside) > FEW:
         return []
+    base = () if len(beside) == 1 else None
     found = []
     for entrant, cell in studied.lines():
         for choice in sorted(beside, key=_in_order):
@@ -38,7 +45,11 @@ def halves(studied: Studied, factor: int) -> list[HalfAlong]:
             levels, told = trials(flown, factor)
             half = half_success(levels, told) if len(levels) > 1 else None
             if half is not None:
-                found.append(HalfAlong(factor, entrant, cell, choice, half, success_curve(levels, told)))
+                found.append(
+                    HalfAlong(
+                        factor, entrant, cell, choice if base is None else base, half, success_curve(levels, told)
+                    )
+                )
     return found
 
 

@@ -9,7 +9,7 @@ from dronecats.statistics.corrections import holm
 from dronecats.statistics.differences import KnownMean, known_mean, share_difference, signed_rank
 from dronecats.statistics.paired import paired
 from dronecats.study.analysis.levels import MEASURES, LevelStep, level_steps, number
-from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, by_episode, others
+from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, by_episode, comparable, others
 
 SUCCESS = "success"
 METRICS = (SUCCESS, *(measure.metric for measure in MEASURES))
@@ -46,24 +46,31 @@ def between_levels(studied: Studied, factor: int) -> list[PairedDifference]:
             told = []
             for step in (step for step in steps if not against.members & step.members):
                 there = [each for each in flown if each.levels[factor] in step.members]
-                pairs = _pairs(there, base, factor)
-                told += _difference(factor, cell, metric, (entrant, step), (entrant, against), pairs)
+                pairs = pairs_of(there, base, factor)
+                told += difference(factor, cell, metric, (entrant, step), (entrant, against), pairs)
             found += _corrected(told)
     return found
 
 
 def between_entrants(studied: Studied, factor: int) -> list[PairedDifference]:
-    """Return each two entrants at each level of a factor, on the same seeds and other factors."""
+    """Return each two entrants at each level of a factor, on the same seeds and other factors.
+
+    Of a design of one factor at a time these are at their base, as in `levels.at_levels`.
+    """
     steps, found = level_steps(studied.factors[factor]), []
     for (one, other), cell in itertools.product(itertools.combinations(studied.entrants, 2), studied.groups):
         for metric in METRICS:
             told = []
             for step in steps:
                 here, there = (
-                    [each for each in studied.of(entrant, cell) if each.levels[factor] in step.members]
+                    [
+                        each
+                        for each in comparable(studied.of(entrant, cell), factor)
+                        if each.levels[factor] in step.members
+                    ]
                     for entrant in (one, other)
                 )
-                told += _difference(factor, cell, metric, (one, step), (other, step), _pairs(here, there, None))
+                told += difference(factor, cell, metric, (one, step), (other, step), pairs_of(here, there, None))
             found += _corrected(told)
     return found
 
@@ -77,7 +84,7 @@ def _alone(factor: StudiedFactor) -> LevelStep:
     return LevelStep(factor.told(reference), None if isinstance(reference, str) else reference, frozenset({reference}))
 
 
-def _pairs(one: Sequence[StudiedFlight], other: Sequence[StudiedFlight], factor: int | None) -> list[Pair]:
+def pairs_of(one: Sequence[StudiedFlight], other: Sequence[StudiedFlight], factor: int | None) -> list[Pair]:
     """Return the flights of both that share episode, number and the levels of all factors but one."""
 
     def key(flight: StudiedFlight) -> object:
@@ -87,7 +94,7 @@ def _pairs(one: Sequence[StudiedFlight], other: Sequence[StudiedFlight], factor:
     return [(each, there[key(each)]) for each in one if key(each) in there]
 
 
-def _difference(
+def difference(
     factor: int,
     cell: str,
     metric: str,

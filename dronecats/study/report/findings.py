@@ -6,6 +6,7 @@ from dronecats.study.analysis.effects import HeatMap, MainEffect, heat_maps, mai
 from dronecats.study.analysis.halves import HalfAlong, halves
 from dronecats.study.analysis.levels import AtLevel, at_levels
 from dronecats.study.analysis.paired_flights import PairedDifference, between_entrants, between_levels
+from dronecats.study.analysis.points import AtPoint, at_points, over_points
 from dronecats.study.analysis.steps import MotionAt, ServedAt, motions, served
 from dronecats.study.analysis.studied import Studied, StudiedFactor
 
@@ -37,6 +38,8 @@ class Findings:
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
+    points: tuple[AtPoint, ...]  # those who fly beside one another at each point
+    over_points: tuple[PairedDifference, ...]  # and over all of them alike
 
 
 def findings(studied: Studied, command: str) -> Findings:
@@ -47,6 +50,8 @@ def findings(studied: Studied, command: str) -> Findings:
         factors=tuple(_along(studied, number) for number in range(len(studied.factors))),
         effects=tuple(main_effects(studied)),
         maps=tuple(heat_maps(studied)),
+        points=tuple(at_points(studied)),
+        over_points=tuple(over_points(studied)),
     )
 
 

@@ -89,9 +89,10 @@ def halves(found: Findings, along: FactorFindings) -> ReportTable | None:
     if not along.halves:
         return None
     unit = f" per {along.factor.unit}" if along.factor.unit else ""
+    parted = any(each.beside for each in along.halves)
     columns = (
         TableColumn(name="cell", title="Cell", align="left"),
-        *([TableColumn(name="beside", title="Other factors", align="left")] if len(found.studied.factors) > 1 else []),
+        *([TableColumn(name="beside", title="Other factors", align="left")] if parted else []),
         TableColumn(name="half", title="Half succeed at", align="left"),
         TableColumn(name="half_interval", title="Interval", align="left"),
         TableColumn(name="slope", title=f"Slope, log odds{unit}", decimals=2),
@@ -105,7 +106,7 @@ def halves(found: Findings, along: FactorFindings) -> ReportTable | None:
     for entrant in found.studied.entrants:
         rows = []
         for each in (each for each in along.halves if each.entrant == entrant):
-            choice = [TableCell(value=beside(found.studied, each))] if len(found.studied.factors) > 1 else []
+            choice = [TableCell(value=beside(found.studied, each))] if parted else []
             rows.append(TableRow(entrant=entrant, cells=(
                 TableCell(value=cell_title(each.cell)), *choice,
                 TableCell(value=place(along.factor, each.half)),

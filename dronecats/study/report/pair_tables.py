@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dronecats.review.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from dronecats.study.analysis.levels import MEASURES
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
+from dronecats.study.analysis.points import NE, AtPoint
 from dronecats.study.report.findings import FactorFindings, Findings
-from dronecats.study.report.outcome_tables import mean
+from dronecats.study.report.outcome_tables import mean, percent
 from dronecats.study.report.words import PERCENT, cell_title
 
 Blocks = dict[str, dict[str, dict[str, PairedDifference]]]  # block → line → metric
 TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}
+AT_POINTS = (SUCCESS, NE)
 TESTS = (
     "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: points of 100,"
     " Agresti and Min's interval, McNemar's exact test; other measures: Student's interval of the episodes' means,"
@@ -38,6 +40,41 @@ def between_entrants(found: Findings, along: FactorFindings) -> ReportTable | No
     return _table(found, along, blocks, name="between_entrants", title=title, caption=caption)
 
 
+def at_points(found: Findings) -> ReportTable | None:
+    """Return each two entrants at every point of the design, a line a point; None where there is nothing to tell."""
+    blocks: dict[str, list[TableRow]] = {}
+    for each in found.points:
+        block = f"{each.first} and {each.second}, {cell_title(each.cell).lower()}"
+        blocks.setdefault(block, []).append(_at_point(each))
+    if not blocks:
+        return None
+    columns = [TableColumn(name="point", title="Where", align="left"), TableColumn(name="pairs", title="Pairs")]
+    columns += [
+        TableColumn(name=f"{side}_percent", title=side.capitalize(), group="Success", unit="%")
+        for side in ("first", "second")
+    ]
+    for metric in AT_POINTS:
+        columns += _columns(metric)
+    caption = (
+        "Success of the first and of the second, and the first less the second, at every point of the design; the line"
+        f" names what is not at its usual level there. {TESTS}"
+    )
+    return ReportTable(
+        name="at_points",
+        title="Who flies, at every point",
+        caption=caption,
+        columns=tuple(columns),
+        blocks=tuple(TableBlock(title=block, rows=tuple(rows)) for block, rows in blocks.items()),
+        command=found.command,
+    )
+
+
+def _at_point(each: AtPoint) -> TableRow:
+    cells = [TableCell(value=each.title), TableCell(value=each.success.pairs)]
+    cells += [percent(one) for one in each.shares]
+    return TableRow(cells=(*cells, *_told(each.success, PERCENT), *_told(each.ne, 1.0)))
+
+
 def _put(blocks: Blocks, block: str, each: PairedDifference) -> None:
     blocks.setdefault(block, {}).setdefault(each.at.title, {})[each.metric] = each
 
@@ -51,12 +88,8 @@ def _table(
         TableColumn(name="level", title=along.factor.title, align="left"),
         TableColumn(name="pairs", title="Pairs"),
     ]
-    for metric, (shown, unit) in TITLES.items():
-        columns += [
-            TableColumn(name=f"{metric}_difference", title="Difference", group=f"{shown} ({unit})", decimals=1),
-            TableColumn(name=f"{metric}_p", title="p", group=f"{shown} ({unit})", decimals=3, floor=0.001),
-            TableColumn(name=f"{metric}_p_holm", title="p, Holm", group=f"{shown} ({unit})", decimals=3, floor=0.001),
-        ]
+    for metric in TITLES:
+        columns += _columns(metric)
     return ReportTable(
         name=along.named(name),
         title=title,
@@ -73,13 +106,24 @@ def _table(
 def _row(at: str, by_metric: dict[str, PairedDifference]) -> TableRow:
     cells = [TableCell(value=at), TableCell(value=max(each.pairs for each in by_metric.values()))]
     for metric in TITLES:
-        each = by_metric.get(metric)
-        if each is None:
-            cells += [TableCell(value=None)] * 3
-        else:
-            scale = PERCENT if metric == SUCCESS else 1.0
-            cells += [mean(each.difference, scale), TableCell(value=each.p), TableCell(value=each.p_holm)]
+        cells += _told(by_metric.get(metric), PERCENT if metric == SUCCESS else 1.0)
     return TableRow(cells=tuple(cells))
+
+
+def _columns(metric: str) -> list[TableColumn]:
+    shown, unit = TITLES[metric]
+    group = f"{shown} ({unit})"
+    return [
+        TableColumn(name=f"{metric}_difference", title="Difference", group=group, decimals=1),
+        TableColumn(name=f"{metric}_p", title="p", group=group, decimals=3, floor=0.001),
+        TableColumn(name=f"{metric}_p_holm", title="p, Holm", group=group, decimals=3, floor=0.001),
+    ]
+
+
+def _told(each: PairedDifference | None, scale: float) -> list[TableCell]:
+    if each is None:
+        return [TableCell(value=None)] * 3
+    return [mean(each.difference, scale), TableCell(value=each.p), TableCell(value=each.p_holm)]
 
 
 def tables(found: Findings, along: FactorFindings) -> Sequence[ReportTable]:

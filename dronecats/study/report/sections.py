@@ -4,12 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dronecats.review.report_table import ReportTable
+from dronecats.statistics.paired import ALPHA
 from dronecats.study.analysis.paired_flights import PairedDifference
 from dronecats.study.analysis.studied import ALL
 from dronecats.study.report import other_tables, outcome_tables, pair_tables
 from dronecats.study.report.figures.all import StudyFigure
 from dronecats.study.report.findings import FactorFindings, Findings
 from dronecats.study.report.words import PERCENT, cell_title, half_sentence, points, probability
+
+FEW = 4  # factors, of more than which the summary tells what is told apart alone
+PLACED = ("within", "between")  # where half succeed at a place among the levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,11 @@ class StudySection:
 def sections(found: Findings, figures: Sequence[StudyFigure]) -> list[StudySection]:
     """Return the sections, those that there is something to tell in."""
     drawn = {figure.name: figure for figure in figures}
-    made = [section for along in found.factors for section in _along(found, along, drawn)]
+    made = []
+    if table := pair_tables.at_points(found):
+        over = tuple(_over(found, found.studied.groups))
+        made.append(StudySection("points", table.title, over, (_part(drawn, [table], "at_points"),)))
+    made += [section for along in found.factors for section in _along(found, along, drawn)]
     if table := other_tables.effects(found):
         said = ("What each factor does by itself, from one fit over all of them.",)
         made.append(StudySection("main-effects", "Main effects", said, (_part(drawn, [table], "main_effects"),)))
@@ -68,13 +76,19 @@ def opening(found: Findings) -> list[str]:
 
 
 def short(found: Findings) -> list[str]:
-    """Return what the study says in a few sentences: what levels cost, and where half succeed."""
-    said = []
+    """Return what the study says in a few sentences: who is better, what levels cost, and where half succeed.
+
+    Of many factors only what is told apart from chance is told of each, and the rest in one sentence.
+    """
+    said, few = [*_over(found, found.studied.groups[:1])], len(found.factors) <= FEW
     for along in found.factors:
         groups = [cell for cell in found.studied.groups if cell != ALL] or list(found.studied.groups)
-        said += [half_sentence(found.studied, each) for each in along.halves if each.cell in groups and not each.beside]
-        said += list(_costs(found, along))
-    effects = [each for each in found.effects if each.cell == found.studied.groups[0]]
+        halves = [each for each in along.halves if each.cell in groups and not each.beside]
+        said += [half_sentence(found.studied, each) for each in halves if few or each.half.where in PLACED]
+        said += [told for told, apart in _costs(found, along) if few or apart]
+    if not few:
+        said += _quiet(found)
+    effects = [e for e in found.effects if e.cell == found.studied.groups[0] and (few or e.p_holm <= ALPHA)]
     for effect in effects:
         factor = found.studied.factors[effect.factor]
         said.append(
@@ -85,26 +99,53 @@ def short(found: Findings) -> list[str]:
     return said
 
 
-def _costs(found: Findings, along: FactorFindings) -> Iterator[str]:
-    """Yield for each entrant what the nearest level that is told from the reference costs."""
+def _over(found: Findings, cells: Sequence[str]) -> Iterator[str]:
+    """Yield what those who fly come to over all points alike."""
+    count = len({each.title for each in found.points})
+    for each in (each for each in found.over_points if each.cell in cells):
+        known = each.difference
+        interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
+        yield (
+            f"{each.first} less {each.second}, {cell_title(each.cell).lower()}, over all {count} points alike:"
+            f" {points(known.mean)} points of success{interval}; p {_equals(each.p)}."
+        )
+
+
+def _quiet(found: Findings) -> Iterator[str]:
+    """Yield for each entrant the factors that do nothing that is told apart from chance."""
+    cell = found.studied.groups[0]
+    for entrant in found.studied.entrants:
+        names = []
+        for along in found.factors:
+            told = [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, "success")]
+            if told and not any(each.p_holm <= ALPHA for each in told):
+                names.append(along.factor.name.replace("_", " "))
+        if names:
+            yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart in success of {', '.join(names)}."
+
+
+def _costs(found: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
+    """Yield for each entrant what the nearest level that is told from the reference costs, and whether there is one."""
     reference = along.factor.told(along.factor.reference)
+    name = "" if len(found.factors) <= FEW else f" along {along.factor.name.replace('_', ' ')}"
     for entrant in found.studied.entrants:
         cell = found.studied.groups[0]
         told = [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, "success")]
-        apart = [each for each in told if each.p_holm <= 0.05]
+        apart = [each for each in told if each.p_holm <= ALPHA]
         if not told:
             continue
         if not apart:
-            yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success."
+            yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success.", False
             continue
         each = min(apart, key=_away)  # of words, which are no way off, the first
         known = each.difference
         interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
-        yield (
-            f"{entrant}, {cell_title(cell).lower()}: {each.at.title} is the first level that is told apart from"
+        told_so = (
+            f"{entrant}, {cell_title(cell).lower()}{name}: {each.at.title} is the first level that is told apart from"
             f" {reference}: {points(known.mean)} points of success{interval}; p {_equals(each.p_holm)} after"
             " Holm's correction."
         )
+        yield told_so, True
 
 
 def _away(told: PairedDifference) -> float:

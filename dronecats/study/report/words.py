@@ -52,7 +52,9 @@ def scatter(told: HalfSuccess) -> str | float | None:
 
 
 def beside(studied: Studied, along: HalfAlong) -> str:
-    """Return what the other factors are at: wind 5 m/s; empty: there are none."""
+    """Return what the other factors are at: wind 5 m/s; empty: there are none, or they are at their base."""
+    if not along.beside:
+        return ""
     rest = [factor for number, factor in enumerate(studied.factors) if number != along.factor]
     pairs = zip(rest, along.beside, strict=True)
     return ", ".join(f"{factor.name.replace('_', ' ')} {factor.told(level)}" for factor, level in pairs)

@@ -17,7 +17,7 @@ FIGURES = {
     *(f"{name}_{factor}" for factor in ("latency", "wind")
       for name in ("success", "success_beside", "measures", "against_reference", "between_entrants", "target_motion",
                    "served")),
-    "main_effects", "interaction_latency_wind",
+    "main_effects", "interaction_latency_wind", "at_points",
 }  # fmt: skip
 
 

@@ -29,7 +29,7 @@ def test_it_is_one_file_that_asks_for_nothing(reader, report, tmp_path):
     assert reader.text("h1") == "Study: made-up"
     assert [url for url in reader.requested() if not url.startswith(("file:", "data:", "about:"))] == []
     assert reader.errors() == []
-    assert len(reader.all("figure svg")) == 16
+    assert len(reader.all("figure svg")) == 17
     for box in reader.script(
         "return [...document.querySelectorAll('figure svg')].map((e) => e.getBoundingClientRect())"
     ):

@@ -59,3 +59,14 @@ def test_a_p_below_a_thousandth_is_only_said_to_be_so():
         row = table.blocks[0].rows[0]
         told = {column.name: cell.text(column) for column, cell in zip(table.columns, row.cells, strict=True)}
         assert (told["success_p"], told["success_p_holm"]) == (said, said)
+
+
+def test_of_many_factors_what_is_told_apart_is_told_and_the_rest_in_one_sentence():
+    factors = [number_factor(name, 0.0, 1.0) for name in ("latency", "wind", "gusts", "payload", "gps_delay")]
+    base = (0.0,) * 5
+    points = [base, *(tuple(float(k == place) for k in range(5)) for place in range(5))]
+    told = a_study(factors, points, lambda *levels: 3.0 - 8.0 * levels[0], flights=1, scatter=0.1)
+    half, cost, rest = short(findings(told, "command"))
+    assert "half of the flights succeed" in half
+    assert cost.startswith("vision, tracking along latency: 1 s is the first level that is told apart from 0 s")
+    assert rest == "vision, tracking: no level is told apart in success of wind, gusts, payload, gps delay."

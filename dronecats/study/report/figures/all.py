@@ -49,6 +49,11 @@ ALONG: tuple[tuple[str, str, OutOfFindings], ...] = (  # name, what it shows, wh
     ),
     ("served", "Control rate that was served at each level, over all steps.", steps.served),
 )
+POINTS = (
+    "at_points",
+    "Paired differences of success between those who fly, on the same seeds, at every point of the design, with 95 %"
+    " intervals. Filled: told apart by McNemar's exact test after Holm's correction over all points.",
+)
 EFFECTS = (
     "main_effects",
     "Change of the log odds of success from each factor's lowest to its highest level, the others at their middle, with"
@@ -76,6 +81,8 @@ def draw(found: Findings, out: Path) -> list[StudyFigure]:
 
 
 def _figures(found: Findings) -> Iterator[tuple[str, str, str, Any]]:
+    if (figure := forests.at_points(found)) is not None:
+        yield POINTS[0], "", POINTS[1], figure
     for along in found.factors:
         for name, shows, drawn in ALONG:
             figure = drawn(found, along)

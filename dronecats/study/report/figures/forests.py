@@ -27,6 +27,27 @@ def between_entrants(found: Findings, along: FactorFindings) -> Any | None:
     return _differences(found, along, told, list(dict.fromkeys(name for _, name in told)), "difference (points)")
 
 
+def at_points(found: Findings) -> Any | None:
+    """Return one entrant's success less another's at every point, a panel a cell; None without any."""
+    if not found.points:
+        return None
+    lines = list(dict.fromkeys(f"{each.first} less {each.second}" for each in found.points))
+    names = list(dict.fromkeys(each.title for each in found.points))
+    cells = [cell for cell in found.studied.groups if any(each.cell == cell for each in found.points)]
+    made, axes = panels.panels(len(cells), 0.6 + (0.11 + 0.06 * len(lines)) * len(names))
+    for axis, cell in zip(axes, cells, strict=True):
+        axis.axvline(0.0, color=style.GREY, linewidth=0.7, zorder=0)
+        for each in (each for each in found.points if each.cell == cell):
+            line = f"{each.first} less {each.second}"
+            number = lines.index(line)
+            _line(axis, each.success, names.index(each.title) + _aside(number, len(lines)), number, line)
+        axis.set_yticks(range(len(names)), names)
+        axis.set_ylim(len(names) - 0.5, -0.5)
+        axis.set_title(cell_title(cell))
+        axis.set_xlabel("difference (points)" if len(lines) > 1 else f"{lines[0]} (points)")
+    return panels.finished(made, axes, found.command)
+
+
 def effects(found: Findings) -> Any | None:
     """Return how each factor changes the log odds, a panel a cell; None of a study of one factor."""
     told = [each for each in found.effects if each.log_odds is not None]
@@ -74,10 +95,7 @@ def _differences(
         for each, line in (pair for pair in told if pair[0].cell == cell):
             number = lines.index(line)
             y = steps.index(each.at) + _aside(number, len(lines))
-            low, high = each.difference.low, each.difference.high
-            if low is not None and high is not None:
-                axis.plot([PERCENT * low, PERCENT * high], [y, y], color=panels.colour(number), linewidth=1.1)
-            _dot(axis, PERCENT * each.difference.mean, y, number, each.p_holm <= ALPHA, line)
+            _line(axis, each, y, number, line)
         axis.set_yticks(range(len(steps)), [panels.plain(step, along.factor) for step in steps])
         axis.set_ylim(len(steps) - 0.5, -0.5)
         axis.set_title(cell_title(cell))
@@ -85,6 +103,14 @@ def _differences(
         if k % panels.ACROSS == 0:
             axis.set_ylabel(along.factor.title)
     return panels.finished(made, axes, found.command)
+
+
+def _line(axis: Any, each: PairedDifference, y: float, number: int, label: str) -> None:
+    """Draw a difference of success with its interval at a height."""
+    low, high = each.difference.low, each.difference.high
+    if low is not None and high is not None:
+        axis.plot([PERCENT * low, PERCENT * high], [y, y], color=panels.colour(number), linewidth=1.1)
+    _dot(axis, PERCENT * each.difference.mean, y, number, each.p_holm <= ALPHA, label)
 
 
 def _aside(number: int, count: int) -> float:

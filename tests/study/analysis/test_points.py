@@ -1,0 +1,94 @@
+"""Those who fly beside one another at every point of a design, held to flights that are counted by hand."""
+
+import itertools
+
+import pytest
+
+from dronecats.statistics.corrections import holm
+from dronecats.statistics.paired import paired
+from dronecats.study.analysis.effects import heat_maps, main_effects
+from dronecats.study.analysis.paired_flights import SUCCESS, between_entrants
+from dronecats.study.analysis.points import POINTS_MAX, UNDISTURBED, at_points, over_points, title
+from tests.study.analysis.in_memory import a_study, number_factor
+
+LATENCY, WIND = number_factor("latency", 0.0, 1.0, 2.0), number_factor("wind", 0.0, 5.0, 10.0, unit="m/s")
+ALONE = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 5.0), (0.0, 10.0)]
+GRID = list(itertools.product(LATENCY.levels, WIND.levels))
+
+
+def study(points=ALONE, factors=(LATENCY, WIND), **told):
+    def law(*levels):
+        return 1.5 - 0.8 * levels[0] - 0.1 * levels[-1]
+
+    return a_study(factors, points, law, **{"entrants": ("one", "two"), "flights": 3, **told})
+
+
+def flown(studied, entrant, point):
+    by_episode: dict[str, list[bool]] = {}
+    for each in studied.of(entrant):
+        if each.levels == point:
+            by_episode.setdefault(each.scored.episode, []).append(each.scored.success)
+    return [by_episode[episode] for episode in sorted(by_episode)]
+
+
+def test_each_point_has_its_own_flights_and_is_named_by_what_is_unusual_there():
+    studied = study()
+    told = at_points(studied)
+    assert [each.title for each in told] == [
+        UNDISTURBED.capitalize(), "Latency 1 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",
+    ]  # fmt: skip
+    ps = []
+    for each, point in zip(told, ALONE, strict=True):
+        one, two = (flown(studied, entrant, point) for entrant in ("one", "two"))
+        assert [(share.successes, share.trials) for share in each.shares] == [
+            (sum(map(sum, s)), 60) for s in (one, two)
+        ]
+        assert each.success.difference.mean == pytest.approx((sum(map(sum, one)) - sum(map(sum, two))) / 60)
+        assert each.success.pairs == 60
+        assert each.success.p == paired(one, two).p
+        ps.append(each.success.p)
+    assert [each.success.p_holm for each in told] == holm(ps)
+    assert len(set(ps)) > 1
+
+
+def test_over_all_points_an_episode_is_one_number():
+    studied = study()
+    [over] = over_points(studied)
+    one, two = (
+        [list(itertools.chain(*some)) for some in zip(*(flown(studied, who, at) for at in ALONE), strict=True)]
+        for who in ("one", "two")
+    )
+    assert (over.difference.episodes, over.pairs) == (20, 300)
+    assert over.p == paired(one, two).p
+    assert over.difference.mean == pytest.approx(sum(map(sum, one)) / 300 - sum(map(sum, two)) / 300)
+
+
+def test_a_level_of_one_factor_at_a_time_is_compared_at_the_base_alone():
+    at_base = next(e for e in between_entrants(study(), 0) if e.metric == SUCCESS and e.at.title == "0 s")
+    assert at_base.pairs == 60  # and not those that were flown in the wind
+    in_grid = next(e for e in between_entrants(study(GRID), 0) if e.metric == SUCCESS and e.at.title == "0 s")
+    assert in_grid.pairs == 180
+
+
+def test_one_factor_at_a_time_has_no_interaction_and_no_line_through_all():
+    assert (main_effects(study()), heat_maps(study())) == ([], [])
+    assert len(main_effects(study(GRID))) == 4
+    assert len(heat_maps(study(GRID))) == 2
+
+
+def test_where_nobody_is_beside_or_nobody_would_read_it_nothing_is_told():
+    assert at_points(study(entrants=("one",))) == []
+    assert at_points(study([(0.0,), (1.0,)], (LATENCY,))) == []
+    drawn = number_factor("latency", *(0.01 * k for k in range(POINTS_MAX + 1)))
+    many = study([(level, 0.0) for level in drawn.levels], (drawn, WIND), episodes=1, flights=1)
+    assert at_points(many) == []
+    assert over_points(many) == []
+
+
+def test_the_usual_level_is_that_of_most_points_and_of_a_grid_the_reference():
+    points = [(1.0, 0.0), (0.0, 0.0), (2.0, 0.0), (1.0, 5.0), (1.0, 10.0)]
+    assert [each.title for each in at_points(study(points))] == [
+        UNDISTURBED.capitalize(), "Latency 0 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",
+    ]  # fmt: skip
+    assert at_points(study(GRID))[-1].title == "Latency 2 s, wind 10 m/s"
+    assert title((LATENCY, WIND), (0.0, 5.0), (0.0, 0.0)) == "Wind 5 m/s"
