@@ -53,15 +53,16 @@ class LiveFlight:
         camera: CameraModel | None = None,
         trails: Mapping[int, Sequence[Vec3]] | None = None,
         wanted: WantedView | None = None,
+        piloted: bool = True,
     ) -> None:
         """`trails`: where each drone has been before somebody looked, m NED, once the follower has taken a turn.
 
-        `wanted`: what was chosen on the page before.
+        `wanted`: what was chosen on the page before; `piloted`: whether there is anybody who is shown pictures.
         """
         self._follower, self._trails = follower, trails
         self._start = world.record.starts[0] if world else None
         self._scene = FlightScene(server, world.scene if world else None, drones=drones, camera=camera)
-        self._panels = FlightPanels(server, drones, on_judge=self._judge, on_follow=self._follow)
+        self._panels = FlightPanels(server, drones, piloted=piloted, on_judge=self._judge, on_follow=self._follow)
         self.wanted = wanted or WantedView()
         if self.wanted.followed is not None and self.wanted.followed >= drones:
             self.wanted = replace(self.wanted, followed=None)

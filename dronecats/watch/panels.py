@@ -20,24 +20,23 @@ class FlightPanels:
         server: viser.ViserServer,
         drones: int,
         *,
+        piloted: bool = True,
         on_judge: Callable[[bool], None] | None = None,
         on_follow: Callable[[int | None], None] | None = None,
     ) -> None:
-        """Lay the panels out. `on_judge` and `on_follow` are called when somebody wants the judge's view, or to go
-        with a drone, which each browser then sees."""
+        """Lay the panels out, those of pictures and replies only where a pilot is watched.
+
+        `on_judge` and `on_follow` are called when somebody wants the judge's view, or to go with a drone, which each
+        browser then sees.
+        """
         self._server, self._drones = server, drones
         self._told: dict[str, object] = {}
         self._on_judge = on_judge
         self.judge_shown = False
         gui = server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51))
-        view = gui.add_panel()
-        self._panel = view
-        self.pictures = view.add_tab("What the pilot saw" if drones == 1 else "What the pilots saw", viser.Icon.CAMERA)
-        with self.pictures:
-            self._frames = gui.add_html("")
-        view.dock_left()
-        view.set_width(WIDTH_PX if drones == 1 else FLEET_PX)
+        self._pictures = gui.add_panel() if piloted else None
+        self._frames = self._beside(self._pictures) if self._pictures is not None else None
         self._folder = gui.add_folder("Flight")
         with self._folder:
             self._state = gui.add_html("")
@@ -45,12 +44,22 @@ class FlightPanels:
             self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
-            self._pilots = gui.add_html("")
+            self._pilots = gui.add_html("", visible=piloted)
             self._numbers = gui.add_html("")
             self._messages = gui.add_html("")
         if on_follow is not None:
             self._follow.on_update(_by_hand(lambda: on_follow(_drone(self._follow.value))))
         self._judge.on_update(_by_hand(lambda: self._ask(bool(self._judge.value))))
+
+    def _beside(self, panel: Any) -> Any:
+        """Lay the pictures' panel out, and return what shows them."""
+        one = self._drones == 1
+        self.pictures = panel.add_tab("What the pilot saw" if one else "What the pilots saw", viser.Icon.CAMERA)
+        with self.pictures:
+            frames = self._server.gui.add_html("")
+        panel.dock_left()
+        panel.set_width(WIDTH_PX if one else FLEET_PX)
+        return frames
 
     def show(self, moment: Moment) -> None:
         """Bring the panels up to a moment."""
@@ -58,10 +67,11 @@ class FlightPanels:
             self._write("state", self._state, (markup.clock(moment.t_s), moment.state, moment.instruction),
                         lambda: markup.state_html(moment))  # fmt: skip
             drones = moment.drones[: self._drones]
-            frames = tuple(_pictured(drone) for drone in drones)
-            self._write("frames", self._frames, frames, lambda: markup.frames_html(drones))
-            decided = tuple((one.decision and one.decision.step, one.prompt) for one in drones)
-            self._write("pilots", self._pilots, decided, lambda: markup.decisions_html(drones))
+            if self._frames is not None:
+                frames = tuple(_pictured(drone) for drone in drones)
+                self._write("frames", self._frames, frames, lambda: markup.frames_html(drones))
+                decided = tuple((one.decision and one.decision.step, one.prompt) for one in drones)
+                self._write("pilots", self._pilots, decided, lambda: markup.decisions_html(drones))
             self._write("numbers", self._numbers, markup.numbers_html(drones))
             said = tuple(drone.said for drone in moment.drones)
             self._write("messages", self._messages, said, lambda: markup.messages_html(moment.drones))
@@ -83,7 +93,8 @@ class FlightPanels:
 
     def remove(self) -> None:
         """Take the panels away, for those of another flight."""
-        self._panel.remove()
+        if self._pictures is not None:
+            self._pictures.remove()
         self._folder.remove()
 
     def _ask(self, wanted: bool) -> None:

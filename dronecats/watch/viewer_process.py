@@ -66,7 +66,8 @@ class FlightViewer:
         if wires is None:
             return FolderPage(self._server, Path(self._config.root))
         world = World(catalogue.load(wires.episode))
-        return LiveFlight(self._server, WireFollower(wires, world), world, wires.drones)
+        self._server.gui.main_panel.dock_right()
+        return LiveFlight(self._server, WireFollower(wires, world), world, wires.drones, piloted=False)
 
 
 def create(config: ViewerConfig) -> FlightViewer:

@@ -156,6 +156,23 @@ def test_four_drones_have_four_pictures_and_four_bodies(world):
     page.close()
 
 
+def test_where_nobody_pilots_there_are_no_pictures_and_no_replies(world):
+    server = LoopbackServer("test", 0)
+    client = PageClient(server.url)
+    try:
+        panels = FlightPanels(server, 1, piloted=False)
+        panels.show(moment(world))
+        server.gui.set_panel_label("mark")
+        sent = json.dumps(client.until(lambda m: "mark" in m.values(), PATIENCE_S), default=str)
+        assert "OFFBOARD" in sent
+        assert "What the pilot saw" not in sent
+        assert "&lt;b&gt;go" not in sent  # the reply
+        panels.remove()
+    finally:
+        client.close()
+        server.stop()
+
+
 def test_a_ray_that_meets_something_on_its_way_says_where(page, world):
     """The shed of the small map stands nine metres north and east, its near wall seven metres away."""
     page.show(moment(world, lens_ned=(0.0, 9.0, -1.5), chosen_ned=(20.0, 9.0, -1.5)))
