@@ -15,7 +15,7 @@ NE = "ne_m"
 POINTS_MAX = 100  # beyond, as of a Latin hypercube, nobody reads a line of each
 UNDISTURBED = "as all others"  # the point that has each factor at its usual level
 
-DesignedPoint = tuple[StudiedLevel, ...]
+FlownPoint = tuple[StudiedLevel, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def over_points(studied: Studied) -> list[PairedDifference]:
     return found
 
 
-def title(factors: Sequence[StudiedFactor], point: DesignedPoint, usual: DesignedPoint) -> str:
+def title(factors: Sequence[StudiedFactor], point: FlownPoint, usual: FlownPoint) -> str:
     """Return a point in words: what is not as usual there."""
     others = [
         f"{factor.name.replace('_', ' ')} {factor.told(level)}"
@@ -74,7 +74,7 @@ def title(factors: Sequence[StudiedFactor], point: DesignedPoint, usual: Designe
     return told[:1].upper() + told[1:]
 
 
-def _at_point(studied: Studied, both: tuple[str, str], cell: str, point: DesignedPoint, name: str) -> AtPoint | None:
+def _at_point(studied: Studied, both: tuple[str, str], cell: str, point: FlownPoint, name: str) -> AtPoint | None:
     step = LevelStep(name, None, frozenset())
     here, there = ([each for each in studied.of(entrant, cell) if each.levels == point] for entrant in both)
     pairs = pairs_of(here, there, None)
@@ -87,13 +87,13 @@ def _at_point(studied: Studied, both: tuple[str, str], cell: str, point: Designe
     return AtPoint(*both, cell, name, shares, success[0], ne[0] if ne else None)
 
 
-def _ordered(studied: Studied) -> list[DesignedPoint]:
+def _ordered(studied: Studied) -> list[FlownPoint]:
     """Return the points that were flown, those with fewer unusual levels first, then by factor and level."""
     points = dict.fromkeys(each.levels for each in studied.scored)
     usual = _usual(studied.factors, points)
     rank = [{level: k for k, level in enumerate(_sorted(factor))} for factor in studied.factors]
 
-    def order(point: DesignedPoint) -> tuple[object, ...]:
+    def order(point: FlownPoint) -> tuple[object, ...]:
         off = [k for k, (level, common) in enumerate(zip(point, usual, strict=True)) if level != common]
         return len(off), off, [rank[k][point[k]] for k in range(len(point))]
 
@@ -106,7 +106,7 @@ def _sorted(factor: StudiedFactor) -> list[StudiedLevel]:
     return numeric[::-1] if numeric[-1] == factor.reference else numeric
 
 
-def _usual(factors: Sequence[StudiedFactor], points: Iterable[DesignedPoint]) -> DesignedPoint:
+def _usual(factors: Sequence[StudiedFactor], points: Iterable[FlownPoint]) -> FlownPoint:
     """Return each factor's level at most points, its reference where several are at as many."""
     found = []
     for factor, column in zip(factors, zip(*points, strict=True), strict=True):
