@@ -99,5 +99,9 @@ class ReportTable:
 
 
 def rounded(value: float, decimals: int) -> str:
-    """Return a number with so many decimals, halves away from zero as people round: 12.5 is 13, and not Python's 12."""
-    return f"{value + math.copysign(1e-9, value):.{decimals}f}"
+    """Return a number with so many decimals, halves away from zero as people round: 12.5 is 13, and not Python's 12.
+
+    What rounds to nought has no sign.
+    """
+    told = f"{value + math.copysign(1e-9, value):.{decimals}f}"
+    return told if float(told) else told.removeprefix("-")

@@ -124,6 +124,7 @@ def test_rules_stand_under_their_groups():
 def test_numbers_are_rounded_as_people_do():
     assert [rounded(value, 0) for value in (12.5, 37.5, -12.5, 0.0, 66.666)] == ["13", "38", "-13", "0", "67"]
     assert rounded(0.125, 2) == "0.13"
+    assert [rounded(value, 1) for value in (-1e-17, -0.04, -0.05)] == ["0.0", "0.0", "-0.1"]
 
 
 def test_a_line_has_a_cell_for_each_column():

@@ -13,7 +13,7 @@ from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedLeve
 
 NE = "ne_m"
 POINTS_MAX = 100  # beyond, as of a Latin hypercube, nobody reads a line of each
-UNDISTURBED = "as all others"  # the point that has each factor at its usual level
+UNDISTURBED = "the usual levels"  # of all factors
 
 FlownPoint = tuple[StudiedLevel, ...]
 
