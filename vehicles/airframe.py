@@ -24,6 +24,7 @@ _MAY_BE_ZERO = (
     "drag_linear_frd",
     "drag_quadratic_frd",
 )
+PX4_ROTORS = 4  # of PX4's airframe none_iris
 
 
 def names() -> list[str]:
@@ -53,6 +54,15 @@ def load(name_or_path: str) -> Airframe:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise UsageError(f"airframe file {path.name} cannot be read as TOML: {error}") from error
     return parse(table, path.stem)
+
+
+def quadrotor(airframe: Airframe) -> Airframe:
+    """Return an airframe of four rotors: PX4's simulated one (`none_iris`) mixes for four. Raises UsageError."""
+    if len(airframe.rotors) != PX4_ROTORS:
+        raise UsageError(
+            f"PX4 flies quadrotors here, and {airframe.name} has {len(airframe.rotors)} rotors; choose another"
+        )
+    return airframe
 
 
 def parse(table: dict[str, Any], name: str) -> Airframe:

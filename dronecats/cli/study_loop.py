@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     traced = (args.airframe or [trace.AIRFRAME])[0]
     px4 = args.px4 or os.environ.get("DRONECATS_PX4")
     if px4 and "trace" in parts:  # first, since it alone is somebody else's: a wrong command ends here, not in minutes
+        airframe.quadrotor(airframe.load(traced))
         say(f"{traced}: the trace under PX4 …")
         log_dir = args.out or Path(tempfile.mkdtemp(prefix="dronecats-px4-log-"))
         log_dir.mkdir(parents=True, exist_ok=True)

@@ -98,6 +98,8 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None =
             )
         if simulated.px4 and simulated.autopilot != "px4":
             raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+        if simulated.autopilot == "px4":
+            airframes.quadrotor(airframes.load(simulated.airframe))
     policy = latency(spec.latency, spec.latency_trace)
     if policy.charge is None and simulated and simulated.speed is None:
         raise UsageError(

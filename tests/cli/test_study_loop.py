@@ -32,6 +32,7 @@ def test_one_loop_on_a_page(tmp_path, capsys):
         ["--airframe", "nobody"],
         ["--part", "margins", "--px4", "./px4"],
         ["--px4", " "],
+        ["--px4", "./px4", "--airframe", "hexa"],
         ["--out", __file__],
     ],
 )
@@ -50,7 +51,7 @@ def test_a_px4_that_is_no_program_ends_it_before_anything_of_ours_is_flown(capsy
 
 
 def test_a_px4_that_ends_at_once_leaves_what_it_said(tmp_path, capsys):
-    command = "sh -c 'echo no board; exit 4'"
+    command = "sh -c 'echo no board; exit 4' {instance}"  # on ports that nobody has
     assert main(["study", "loop", "--airframe", "nano", "--px4", command, "--out", str(tmp_path / "loop")]) == 3
     said = capsys.readouterr().err
     assert "PX4 ended with exit status 4" in said.splitlines()[-1]

@@ -1,6 +1,7 @@
 """Whole flights that are disturbed: the same start, the same bytes twice, and what fails does so for its reason."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,3 +89,6 @@ def test_what_cannot_be_flown_is_refused_before_anything_is_started() -> None:
         look_up(spec(Disturbances(vehicle=VehicleFaults(payload_kg=0.8))))
     with pytest.raises(ValueError, match="only in real time"):
         spec(Disturbances(vehicle=VehicleFaults(stalled=0.1)))
+    six = replace(spec(Disturbances()), simulated=Simulated(airframe="hexa", autopilot="px4"))
+    with pytest.raises(UsageError, match="PX4 flies quadrotors here, and hexa has 6 rotors"):
+        look_up(six)

@@ -19,14 +19,13 @@ from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.vehicle import BootPose, Physics
 from episodes.world import World
 from foundation.airframe import Airframe
-from foundation.errors import InfrastructureError, UsageError
+from foundation.errors import InfrastructureError
 from hil.simulator.server import PORT
 from vehicles import airframe as airframes
 from vehicles import fault_script
 
 INSTANCES = 10  # of which each has an offboard port of its own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
-ROTORS = 4  # of PX4's airframe none_iris
 IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
 
 
@@ -61,9 +60,7 @@ class Px4Simulator:
         """
         world = world or load_world(config.episode)
         script, command = config.faults, config.px4
-        rotors = len(airframes.load(config.airframe).rotors)
-        if rotors != ROTORS:
-            raise UsageError(f"PX4 flies quadrotors here, and {config.airframe} has {rotors} rotors; choose another")
+        rotors = len(airframes.quadrotor(airframes.load(config.airframe)).rotors)
         self._say, self._restarts = say, config.restart
         self.instance = config.instance or 0
         if config.instance is None and INSTANCE in (command or ""):

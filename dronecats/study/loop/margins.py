@@ -15,6 +15,7 @@ from dronecats.study.loop.oscillation import Oscillation, oscillation
 PERIODS = 12.0  # of the expected oscillation, which a trial lasts
 SETTLING = 0.2  # of a trial: what fades faster than the oscillation is over by then
 STEP_S = {"rate": 2.0, "attitude": 4.0, "velocity": 10.0}  # without delay: the step has been made by then
+BAND = 0.1  # of a step, within which it counts as settled
 SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: trials that are kept for the picture
 
 
@@ -25,6 +26,7 @@ class StepFigures:
     rise_s: float  # s, from 10 to 90 %
     overshoot_percent: float  # of the step, above it
     delay_s: float  # s until half of the step is there
+    settled_s: float  # s until it stays within BAND of the step; nan: not before the answer ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,10 @@ def step_figures(answer: StepAnswer) -> StepFigures:
         above = np.flatnonzero(share >= level)
         return float(answer.time[above[0]]) if above.size else math.nan
 
-    return StepFigures(first(0.9) - first(0.1), max(float(share.max()) - 1.0, 0.0) * 100.0, first(0.5))
+    out = np.flatnonzero(np.abs(share - 1.0) > BAND)
+    last = int(out[-1]) + 1 if out.size else 0
+    settled = float(answer.time[last]) if last < len(share) else math.nan
+    return StepFigures(first(0.9) - first(0.1), max(float(share.max()) - 1.0, 0.0) * 100.0, first(0.5), settled)
 
 
 def left_behind(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> Callable[[float], Oscillation | None]:

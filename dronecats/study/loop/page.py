@@ -20,6 +20,7 @@ up to so much, or loses so many. Borne, until the rms error of the velocity is t
 is left (COM_OF_LOSS_T, 1 s) in any of three flights; dotted."""
 TRACE = (
     "Velocity setpoints from a stand, twenty a second and nothing else, sensors that err as ever; figures of the truth."
+    " Rise is from 10 to 90 %, delay until a half is there, settled when it stays within a tenth of the step."
 )
 
 
@@ -41,10 +42,13 @@ def table(found: LoopResults) -> str:
     if found.tolerances:
         parts.append(_streams(found.tolerances))
     if found.traces:
-        lines = ["| autopilot | step | rise | overshoot | delay |", "| --- | --- | ---: | ---: | ---: |"]
+        lines = [
+            "| autopilot | step | rise | overshoot | delay | settled |",
+            "| --- | --- | ---: | ---: | ---: | ---: |",
+        ]
         lines += [
             f"| {r['autopilot']} | {r['step']} | {_told(r['rise_s'])} s | {_told(r['overshoot_percent'])} % "
-            f"| {_told(r['delay_s'])} s |"
+            f"| {_told(r['delay_s'])} s | {_told(r['settled_s'])} s |"
             for r in trace_rows(found.traces)
         ]
         parts.append("\n".join(lines))
@@ -70,11 +74,11 @@ def write(found: LoopResults, out: Path, command: str) -> list[Path]:
         if table_rows:
             write_csv(table_rows, out / f"{name}.csv")
             written.append(out / f"{name}.csv")
-    return [*written, *pngs.values()]
+    return [*written, *(path.with_suffix(kind) for path in pngs.values() for kind in (".png", ".svg", ".pdf"))]
 
 
 def _page(found: LoopResults, pngs: dict[str, Path], command: str) -> str:
-    parts = ["# Margins of the loops", f"Made by `{command}`.", MARGINS]
+    parts = ["# Margins of the loops", f"Made by `{command}`.", *([MARGINS] if found.studies else [])]
     told = {"margins": "Predicted and injected delay margins.", "steps": "Small steps, nothing late.",
             "onset": "Below, at and above the injected margin.", "stream": STREAM, "trace": TRACE}  # fmt: skip
     parts += [f"![{name}]({path.name})\n\n{told[name]}" for name, path in pngs.items()]

@@ -12,8 +12,8 @@ import pytest
 from dronecats.sitl.px4.process import Px4Process, arguments, environment
 from foundation.errors import UsageError
 
-# a wrapper script that leaves its PX4 in the background and waits, as many do
-WRAPPER = "sleep 600 & sleep 601 & echo $! > pids; echo $PX4_SIM_MODEL $PX4_INSTANCE $PWD; wait"
+# a wrapper script that leaves its PX4 in the background and waits, as many do; `pids` is there when all else is done
+WRAPPER = "echo $PX4_SIM_MODEL $PX4_INSTANCE $PWD; sleep 600 & sleep 601 & echo $! > pids; wait"
 
 
 def running(folder):

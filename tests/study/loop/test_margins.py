@@ -57,6 +57,17 @@ def test_the_step_figures_are_those_of_the_answer():
     assert found.rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
     assert found.delay_s == pytest.approx(0.5 * math.log(2.0), abs=2e-3)
     assert found.overshoot_percent == 0.0
+    assert found.settled_s == pytest.approx(0.5 * math.log(10.0), abs=2e-3)
+
+
+def test_what_rings_is_settled_when_it_stays_and_not_when_it_first_is_there():
+    time = np.linspace(1e-3, 10.0, 10_000)
+    value = 1.0 - np.exp(-time) * np.cos(12.0 * time)
+    found = step_figures(StepAnswer(time, value, 1.0))
+    assert found.delay_s < 0.1
+    assert 2.0 < found.settled_s < math.log(10.0) + 0.01  # the envelope is within a tenth from ln 10 on
+    assert np.all(np.abs(value[time >= found.settled_s] - 1.0) <= 0.1)
+    assert math.isnan(step_figures(StepAnswer(time[:100], value[:100], 1.0)).settled_s)
 
 
 def test_loops_are_chosen_by_group_or_name():
