@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from dronecats.afterflight.sources import tlog_messages
 from dronecats.film.track import DroneTrack
+from dronecats.watch.heard import asked_velocity
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
@@ -123,9 +124,7 @@ def _hear(wires: _Wires, m: dialect.MAVLink_message, t0_us: int) -> None:
     elif kind == ANGLES and own:
         wires.angles.append(((wires.stamped(m) - t0_us) / 1e6, m.roll, m.pitch, m.yaw))
     elif kind == SETPOINT and own:
-        t_s, told = (wires.stamped(m) - t0_us) / 1e6, (m.vx, m.vy, m.vz)
-        if np.isfinite(told).all():
-            wires.setpoints.append((t_s, told))
+        wires.setpoints.append(((wires.stamped(m) - t0_us) / 1e6, asked_velocity(m)))
     elif kind in STATES and own:
         wires.state = update(wires.state, m, mode_name)
         told_now = OnboardState(wires.state.mode, wires.state.armed, wires.state.battery_remaining)
@@ -176,9 +175,9 @@ def _own_track(wires: _Wires) -> DroneTrack | None:
 
 def _rising(rows: Sequence[tuple[float, ...]]) -> Array:
     """Return finite rows of rising time, what comes late or twice left out."""
-    table = np.array(rows, np.float64).reshape(len(rows), -1)
-    table = table[np.isfinite(table).all(axis=1)] if len(table) else table
-    if not len(table):
-        return table
+    if not rows:
+        return np.zeros((0, 0))
+    table = np.array(rows, np.float64)
+    table = table[np.isfinite(table).all(axis=1)]
     newest = np.maximum.accumulate(np.concatenate([[-np.inf], table[:-1, 0]]))
     return table[table[:, 0] > newest]

@@ -143,7 +143,7 @@ class HeardFlight:
             if message is None:
                 continue
             if number == TARGET:
-                drone.setpoint_ned = _setpoint(message)
+                drone.setpoint_ned = asked_velocity(message)
             else:
                 drone.state, drone.told = update(drone.state, message, mode_name, time_us), True
         drone.new.clear()
@@ -154,7 +154,7 @@ class HeardFlight:
             drone.estimates.append(HeardPose(state.position_us, state.position_ned, velocity, attitude, true=False))
 
 
-def _setpoint(message: Any) -> Vec3 | None:
+def asked_velocity(message: Any) -> Vec3:
     """Return the velocity (m/s, NED) that a POSITION_TARGET_LOCAL_NED asks for, 0 along what it leaves open."""
     asked = (message.vx, message.vy, message.vz)
     north, east, down = (

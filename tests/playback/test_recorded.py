@@ -253,3 +253,20 @@ def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, t
     (copied / layout.EPISODE).write_text(json.dumps({**record, "instruction": "go elsewhere"}))
     with pytest.raises(UsageError, match="two records both named residential-tracking-01"):
         of_one_episode([flight, playable_flight(copied)])
+
+
+def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
+    """A velocity whose climb is NaN once kept the last setpoint on the page: it was no new one."""
+    log, vehicle = TelemetryLog(tmp_path / layout.TLOG), Packer(1, 1)
+    for time_ms, down, mask in ((1000, 0.3, 0), (2000, math.nan, 0b100000)):
+        log.write(0, vehicle.pack(dialect.MAVLink_local_position_ned_message(time_ms, 0, 0, -2, 0, 0, 0)))
+        log.write(0, vehicle.pack(dialect.MAVLink_position_target_local_ned_message(
+            time_ms, 1, mask, 0, 0, 0, 1.0, 0.5, down, 0, 0, 0, 0, 0)))  # fmt: skip
+    log.close()
+    heard = vehicle_logs(tmp_path / layout.TLOG, 0)[0]
+    assert heard.own_track is not None
+    assert heard.own_track.level  # it never told how it leans
+    told = heard.setpoints
+    assert told.t_s == (1.0, 2.0)
+    assert told.values[0] == pytest.approx((1.0, 0.5, 0.3))
+    assert told.values[1] == (1.0, 0.5, 0.0)
