@@ -91,9 +91,13 @@ def heat_maps(studied: Studied) -> list[HeatMap]:
 
 
 def _crossed(studied: Studied, one: int, other: int) -> bool:
-    """Return whether two factors were flown at more choices than each alone from one base."""
-    flown = {(each.levels[one], each.levels[other]) for each in studied.scored}
-    return len(flown) > len({a for a, _ in flown}) + len({b for _, b in flown}) - 1
+    """Return whether two factors were ever both away from one base: whether no base has each alone leave it."""
+    flown = list(dict.fromkeys((each.levels[one], each.levels[other]) for each in studied.scored))
+    if not flown:
+        return False
+    a, b = flown[0]  # on the way along one of the two, so that the base has its level of the other, or both
+    along_one, along_other = {y for x, y in flown if x != a}, {x for x, y in flown if y != b}
+    return len(along_one) > 1 and len(along_other) > 1
 
 
 class _Model:

@@ -71,9 +71,21 @@ def test_a_level_of_one_factor_at_a_time_is_compared_at_the_base_alone():
 
 
 def test_one_factor_at_a_time_has_no_interaction_and_no_line_through_all():
-    assert (main_effects(study()), heat_maps(study())) == ([], [])
+    for points in itertools.permutations(ALONE):  # whichever was flown first
+        alone = study(points, episodes=1, flights=1)
+        assert (main_effects(alone), heat_maps(alone)) == ([], [])
     assert len(main_effects(study(GRID))) == 4
     assert len(heat_maps(study(GRID))) == 2
+
+
+def test_a_latin_hypercube_has_effects_though_no_level_comes_twice():
+    """Each level of both once: more points than levels there are not, and yet neither stays at a base."""
+    levels = [0.0, 0.5, 1.0, 1.5, 2.0]
+    latency, wind = number_factor("latency", *levels), number_factor("wind", *levels, unit="m/s")
+    points = list(zip(levels, [1.0, 2.0, 0.0, 1.5, 0.5], strict=True))
+    drawn = study(points, (latency, wind), episodes=4, flights=1)
+    assert [each.factor for each in main_effects(drawn)] == [0, 1, 0, 1]
+    assert len(heat_maps(drawn)) == 2
 
 
 def test_where_nobody_is_beside_or_nobody_would_read_it_nothing_is_told():
