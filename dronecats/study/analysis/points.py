@@ -49,17 +49,15 @@ def at_points(studied: Studied) -> list[AtPoint]:
     return found
 
 
-def over_points(studied: Studied) -> list[PairedDifference]:
-    """Return each two entrants' success over all points alike, in every cell; where `at_points` tells nothing, nothing.
+def over_points(studied: Studied, points: Iterable[AtPoint]) -> list[PairedDifference]:
+    """Return the success of each two entrants of these points over all of them alike, in every cell.
 
     Episodes are the unit: what one comes to at all the points is one number.
     """
-    found, told = [], {(each.first, each.second, each.cell) for each in at_points(studied)}
-    step = LevelStep("all", None, frozenset())
-    for (one, other), cell in itertools.product(itertools.combinations(studied.entrants, 2), studied.groups):
-        if (one, other, cell) in told:
-            pairs = pairs_of(studied.of(one, cell), studied.of(other, cell), None)
-            found += difference(-1, cell, SUCCESS, (one, step), (other, step), pairs)
+    found, step = [], LevelStep("all", None, frozenset())
+    for one, other, cell in dict.fromkeys((each.first, each.second, each.cell) for each in points):
+        pairs = pairs_of(studied.of(one, cell), studied.of(other, cell), None)
+        found += difference(-1, cell, SUCCESS, (one, step), (other, step), pairs)
     return found
 
 

@@ -44,14 +44,15 @@ class Findings:
 
 def findings(studied: Studied, command: str) -> Findings:
     """Return what is found in a study; `command` is the command line of the report."""
+    points = at_points(studied)
     return Findings(
         studied=studied,
         command=command,
         factors=tuple(_along(studied, number) for number in range(len(studied.factors))),
         effects=tuple(main_effects(studied)),
         maps=tuple(heat_maps(studied)),
-        points=tuple(at_points(studied)),
-        over_points=tuple(over_points(studied)),
+        points=tuple(points),
+        over_points=tuple(over_points(studied, points)),
     )
 
 

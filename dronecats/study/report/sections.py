@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from dronecats.review.report_table import ReportTable
 from dronecats.statistics.paired import ALPHA
-from dronecats.study.analysis.paired_flights import PairedDifference
+from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
 from dronecats.study.analysis.studied import ALL
 from dronecats.study.report import other_tables, outcome_tables, pair_tables
 from dronecats.study.report.figures.all import StudyFigure
@@ -103,11 +103,9 @@ def _over(found: Findings, cells: Sequence[str]) -> Iterator[str]:
     """Yield what those who fly come to over all points alike."""
     count = len({each.title for each in found.points})
     for each in (each for each in found.over_points if each.cell in cells):
-        known = each.difference
-        interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
         yield (
             f"{each.first} less {each.second}, {cell_title(each.cell).lower()}, over all {count} points alike:"
-            f" {points(known.mean)} points of success{interval}; p {_equals(each.p)}."
+            f" {_success(each)}; p {_equals(each.p)}."
         )
 
 
@@ -117,7 +115,7 @@ def _quiet(found: Findings) -> Iterator[str]:
     for entrant in found.studied.entrants:
         names = []
         for along in found.factors:
-            told = [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, "success")]
+            told = _against_reference(along, entrant, cell)
             if told and not any(each.p_holm <= ALPHA for each in told):
                 names.append(along.factor.name.replace("_", " "))
         if names:
@@ -130,7 +128,7 @@ def _costs(found: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]
     name = "" if len(found.factors) <= FEW else f" along {along.factor.name.replace('_', ' ')}"
     for entrant in found.studied.entrants:
         cell = found.studied.groups[0]
-        told = [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, "success")]
+        told = _against_reference(along, entrant, cell)
         apart = [each for each in told if each.p_holm <= ALPHA]
         if not told:
             continue
@@ -138,14 +136,23 @@ def _costs(found: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]
             yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success.", False
             continue
         each = min(apart, key=_away)  # of words, which are no way off, the first
-        known = each.difference
-        interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
         told_so = (
             f"{entrant}, {cell_title(cell).lower()}{name}: {each.at.title} is the first level that is told apart from"
-            f" {reference}: {points(known.mean)} points of success{interval}; p {_equals(each.p_holm)} after"
-            " Holm's correction."
+            f" {reference}: {_success(each)}; p {_equals(each.p_holm)} after Holm's correction."
         )
         yield told_so, True
+
+
+def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
+    """Return each level's success less the reference's."""
+    return [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, SUCCESS)]
+
+
+def _success(told: PairedDifference) -> str:
+    """Return a difference of success in words: −4 points of success (−6 to −1)."""
+    known = told.difference
+    interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
+    return f"{points(known.mean)} points of success{interval}"
 
 
 def _away(told: PairedDifference) -> float:

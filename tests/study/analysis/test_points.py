@@ -53,7 +53,7 @@ def test_each_point_has_its_own_flights_and_is_named_by_what_is_unusual_there():
 
 def test_over_all_points_an_episode_is_one_number():
     studied = study()
-    [over] = over_points(studied)
+    [over] = over_points(studied, at_points(studied))
     one, two = (
         [list(itertools.chain(*some)) for some in zip(*(flown(studied, who, at) for at in ALONE), strict=True)]
         for who in ("one", "two")
@@ -94,7 +94,7 @@ def test_where_nobody_is_beside_or_nobody_would_read_it_nothing_is_told():
     drawn = number_factor("latency", *(0.01 * k for k in range(POINTS_MAX + 1)))
     many = study([(level, 0.0) for level in drawn.levels], (drawn, WIND), episodes=1, flights=1)
     assert at_points(many) == []
-    assert over_points(many) == []
+    assert over_points(many, []) == []
 
 
 def test_the_usual_level_is_that_of_most_points_and_of_a_grid_the_reference():
