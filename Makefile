@@ -1,55 +1,67 @@
-# `make fly` and `make test` are all a newcomer needs. Both make the environment first; nothing outside .venv is touched.
+# A newcomer needs `make fly` and `make test`. Each target makes its environment first and changes nothing outside .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/installed
+UV := uv==0.13.9
+PYTEST := $(BIN)/python -m pytest
 
-.PHONY: fly test test-slow compatibility lint install lock schemas metrics studies clean
+.PHONY: fly install install-dev check unit test test-slow compatibility lock schemas metrics studies clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
 
-test: install lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+# What flying needs.
+install: $(VENV)/fly.installed
+# What the tests need as well.
+install-dev: $(VENV)/dev.installed
 
-test-slow: install
-	$(BIN)/python -m pytest -m slow
-
-# Other people's scripts; docs/compatibility.md says what EXAMPLES and MAVSDK3 are, and is written by it.
-compatibility: install
-	$(BIN)/python -m pytest tests/system/compatibility/test_examples.py -v --examples "$(EXAMPLES)" --mavsdk3 "$(MAVSDK3)"
-
-lint: install
+# Ruff, mypy and the import contracts.
+check: install-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/lint-imports --no-cache
+	$(BIN)/lint-imports
 
-install: $(STAMP)
+# Tests without processes, sockets, flights, browsers and rendering.
+unit: install-dev
+	$(PYTEST) -n 2 --dist worksteal -m unit
 
-$(STAMP): requirements.lock pyproject.toml
+# Everything that a change should pass before it is shared.
+test: check
+	$(PYTEST) -n 2 --dist worksteal -m "not slow"
+
+# Whole flights in real time, commands of the docs, browsers, fits.
+test-slow: install-dev
+	$(PYTEST) -n 2 --dist loadgroup -m slow
+
+# Scripts of other projects. docs/compatibility.md defines EXAMPLES and MAVSDK3 and is written by this target.
+compatibility: install-dev
+	$(PYTEST) tests/system/compatibility/test_examples.py -v --examples "$(EXAMPLES)" --mavsdk3 "$(MAVSDK3)"
+
+$(VENV)/%.installed: requirements/%.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "DroneCATS needs Python 3.11 or newer; name one with: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 2; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "the venv module is missing: on Debian and Ubuntu, apt install python3-venv" >&2; exit 2; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@test -x $(BIN)/python || { echo "making the environment $(VENV) …"; $(PYTHON) -m venv $(VENV); } || { echo "the venv module is missing: on Debian and Ubuntu, apt install python3-venv" >&2; exit 2; }
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check $(UV) || echo "uv cannot be installed; pip is used instead, which is slower" >&2
+	@echo "installing the packages of $< …"
+	@$(BIN)/uv pip install --python $(BIN)/python -r $< -e . || \
+	    $(BIN)/python -m pip install --disable-pip-version-check -r $< -e .
 	@touch $@
 
-# Rewrites the pins from pyproject.toml; run it when a dependency changes.
-lock:
-	$(PYTHON) -m venv $(VENV)-lock
-	$(VENV)-lock/bin/pip install --quiet uv
-	$(VENV)-lock/bin/uv pip compile --quiet --universal --python-version 3.11 --extra sim --extra dev --extra serial \
-	    --no-emit-package dronecats --custom-compile-command "make lock" pyproject.toml -o requirements.lock
-	rm -rf $(VENV)-lock
+# Rewrites the pins from pyproject.toml. Run it when a dependency changes.
+LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-emit-package dronecats \
+    --custom-compile-command "make lock" pyproject.toml
+lock: install
+	$(LOCK) --extra sim --extra vision -o requirements/fly.lock
+	$(LOCK) --extra dev --constraints requirements/fly.lock -o requirements/dev.lock
 
-# Rewrites dronecats/rundir/schemas from the rows; run it when a row changes.
+# Rewrites dronecats/rundir/schemas from the rows. Run it when a row changes.
 schemas: install
 	$(BIN)/python -c "from dronecats.rundir.schema import write; write()"
 
-# Rewrites the tables of docs/metrics.md from the registry; run it when a metric changes.
+# Rewrites the tables of docs/metrics.md from the registry. Run it when a metric changes.
 metrics: install
 	$(BIN)/python -c "from pathlib import Path; from dronecats.metrics.page import write; write(Path('docs/metrics.md'))"
 
-# Rewrites the table of docs/studies.md from the registry of factors; run it when a factor changes.
+# Rewrites the table of docs/studies.md from the registry of factors. Run it when a factor changes.
 studies: install
 	$(BIN)/python -c "from pathlib import Path; from dronecats.study.page import write; write(Path('docs/studies.md'))"
 

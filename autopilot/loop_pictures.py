@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from autopilot.design import FREQUENCIES, Gains, Response, closed, loops
 from foundation.airframe import Airframe
-from foundation.errors import UsageError
 
 Array = NDArray[np.float64]
 
@@ -55,11 +54,8 @@ def step_figures(airframe: Airframe, gains: Gains) -> dict[str, dict[str, float]
 
 
 def draw(airframe: Airframe, gains: Gains, folder: Path) -> list[Path]:
-    """Draw NAME-bode.png and NAME-steps.png into a folder; return their paths. Raises UsageError without matplotlib."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise UsageError("drawing needs matplotlib: pip install 'dronecats[sim]', or leave --out away") from error
+    """Draw NAME-bode.png and NAME-steps.png into a folder; return their paths."""
+    from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)
     found = loops(airframe, gains)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from dronecats.cli.exit_status import exit_status
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.pilots import roster
 from dronecats.run.fly import fly
@@ -88,8 +89,8 @@ def table(found: dict[str, list[CommandedFlight]]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Fly, and print the table, or with --json every flight."""
+def main() -> int:
+    """Fly, and print the table, or with --json every flight; return the exit status."""
     parser = argparse.ArgumentParser(description="the three ways of commanding, side by side")
     parser.add_argument("episodes", nargs="*", help="default: the commanding suite")
     parser.add_argument("--pilot", default="oracle", help="oracle (default) or vision")
@@ -110,6 +111,7 @@ def main() -> None:
                 print(json.dumps({"episode": episode, "command": mode, **_plain(one)}), flush=True)
     if not args.json:
         print(table(found))
+    return 0
 
 
 def _plain(one: CommandedFlight) -> dict[str, object]:
@@ -117,4 +119,4 @@ def _plain(one: CommandedFlight) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(exit_status("benchmarks.commanding", main))

@@ -22,9 +22,11 @@ import numpy as np
 
 from benchmarks.machine import Machine
 from dronecats.agent.prompt import Prompt
+from dronecats.cli.exit_status import exit_status
 from dronecats.results.collection import collect
 from dronecats.review.page import write_page
 from dronecats.rundir import layout
+from foundation import extras
 from foundation.picture import encode
 
 PILOTS, STEPS, PERIOD_S = 9, 60, 2.6
@@ -164,6 +166,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, metavar="DIR", help="leave runs and report there")
     parser.add_argument("--short", action="store_true", help="eighteen short flights: that it works, not how fast")
     args = parser.parse_args()
+    extras.require("selenium")
     flights, steps = (18, 6) if args.short else (args.flights, STEPS)
     with tempfile.TemporaryDirectory() as scratch:
         told = figures(args.keep or Path(scratch), flights, steps, args.embed)
@@ -176,4 +179,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(exit_status("benchmarks.page", main))

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.cli.exit_status import exit_status
 from dronecats.pilots import inscription, reading, vision
 from dronecats.pilots.inscription import SURE, ReadText
 from episodes import assets
@@ -108,7 +109,8 @@ def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) 
     return rows, 1e3 * spent_s / max(1, count)
 
 
-def main() -> None:
+def main() -> int:
+    """Print the figures; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.reading", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--each", type=int, default=10, help="pictures of each kind, distance and angle (default 10)")
@@ -117,14 +119,15 @@ def main() -> None:
     rows, cpu_ms = measure((4.0,), (0.0,), 1) if args.short else measure(DISTANCES_M, ANGLES_DEG, args.each)
     if args.json:
         print(json.dumps({"rows": [asdict(row) for row in rows], "cpu_ms_per_line": round(cpu_ms, 1)}))
-        return
+        return 0
     for row in rows:
         print(
             f"{row.kind:5} {row.distance_m:4g} m {row.angle_deg:3g}°   package {row.package}/{row.pictures}"
             f"   believed and wrong {row.wrong}"
         )
     print(f"{cpu_ms:.1f} ms of CPU a line")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(exit_status("benchmarks.reading", main))

@@ -27,8 +27,10 @@ from typing import Any
 from benchmarks.bench import flown
 from benchmarks.machine import Machine
 from dronecats.campaign import worker
+from dronecats.cli.exit_status import exit_status
 from dronecats.flight.file import as_json
 from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.pilots import reading
 from episodes import suites
 from episodes.once import expect_more
 
@@ -152,14 +154,15 @@ def minutes(episodes: int, measured: dict[str, Any]) -> float:
     return float(episodes * measured["wall_s"] / measured["episodes"] / 60.0)
 
 
-def main() -> None:
-    """Print the figures."""
+def main() -> int:
+    """Print the figures; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--suite", default="one-drone", metavar="NAME", help="whose episodes are flown undrawn")
     parser.add_argument("--drawn", default="quick", metavar="NAME", help="whose episodes vision flies (quick)")
     parser.add_argument("--short", action="store_true", help="only show that every figure can be had")
     args = parser.parse_args()
+    reading.check_installed()
     machine, few = Machine(), ["--limit", "2"] if args.short else []
     undrawn = ["--pilot", "noisy", *(few or ["--flights", "2"])]
     one, two = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
@@ -184,10 +187,11 @@ def main() -> None:
     }
     if args.json:
         print(json.dumps(found))
-        return
+        return 0
     for name, value in found.items():
         print(f"{name:20} {value}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(exit_status("benchmarks.study", main))

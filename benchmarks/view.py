@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import Machine
-from benchmarks.page_client import PageClient
+from dronecats.cli.exit_status import exit_status
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.fly import fly
 from dronecats.rundir import layout
@@ -34,6 +34,7 @@ from dronecats.scenery import display
 from dronecats.watch.heard import HeardFlight
 from dronecats.watch.tails import FrameTail
 from dronecats.watch.world import flown_world
+from foundation import extras
 
 EPISODE = "residential-approaching-03"
 NODE = "/world/flight/drone-0"
@@ -47,6 +48,8 @@ class Arrivals(threading.Thread):
     """When each attitude of the drone came to a browser's end: quaternion → wall s."""
 
     def __init__(self, url: str) -> None:
+        from benchmarks.page_client import PageClient
+
         super().__init__(daemon=True)
         self._client = PageClient(url)
         self.at: dict[tuple[float, ...], float] = {}
@@ -195,6 +198,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of flight (default 60)")
     parser.add_argument("--short", action="store_true", help="seconds: shows that every figure can be had")
     args = parser.parse_args()
+    extras.require("viser")
     with tempfile.TemporaryDirectory(prefix="dronecats-view-") as scratch:
         found = figures(Path(scratch), 5.0 if args.short else args.seconds)
         flown = (1, 3.0) if args.short else (7, 60.0)
@@ -208,4 +212,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_status("benchmarks.view", main))

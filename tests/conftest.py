@@ -1,21 +1,92 @@
 import gc
+import os
 import signal
+from collections import Counter
 
+# Before anything imports numpy: on busy cores OpenBLAS's threads spend ten times the work waiting for one another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import pytest
 from hypothesis import settings
 
-# A shell that starts us in the background has SIGINT ignored, and every child would inherit that: no Ctrl-C to test.
+from tests import natures
+
+pytest_plugins = ["tests.support.browser", "tests.support.flown_runs"]
+
+# A shell that starts the tests in the background ignores SIGINT, and children would inherit that: no Ctrl-C to test.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# How long an example takes is the machine's matter, and no test's.
+# The time that an example takes depends on the machine, so it is no reason to fail.
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
 
+LONG_S = 30.0  # a test that takes longer gives a reason as the argument of its mark `slow`
+
+guard = natures.Guard()
+
+
+def pytest_configure(config):
+    for nature, needs in natures.NATURES.items():
+        config.addinivalue_line("markers", f"{nature}: {needs}")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Skip the files of other natures when only unit tests are wanted: importing them takes ten seconds."""
+    if config.getoption("markexpr") == "unit" and collection_path.suffix == ".py":
+        return natures.of_path(collection_path.relative_to(config.rootpath).as_posix()) != "unit" or None
+    return None
+
+
+def pytest_itemcollected(item):
+    natures.mark(item)
+    if slow := item.get_closest_marker("slow"):
+        item.user_properties.append(("reason", " ".join(slow.args)))
+        if item.get_closest_marker("xdist_group") is None:  # one worker runs a file, since its tests share flights
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item):
+    guard.watch_engines()
+    guard.item = item
+    try:
+        return (yield)
+    finally:
+        guard.item = None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    guard.item = item
+    try:
+        return (yield)
+    finally:
+        guard.item = None
+
+
+def pytest_terminal_summary(terminalreporter):
+    """List why tests were skipped and what enables them, and the long tests that give no reason for their length."""
+    reasons = Counter(report.longrepr[2] for report in terminalreporter.getreports("skipped"))
+    if reasons:
+        terminalreporter.section("skipped tests")
+    for reason, count in reasons.most_common():
+        terminalreporter.write_line(f"{count:4} {reason.removeprefix('Skipped: ')}")
+    long = [
+        report
+        for report in terminalreporter.getreports("passed")
+        if report.when == "call" and report.duration > LONG_S and not dict(report.user_properties).get("reason")
+    ]
+    if long:
+        terminalreporter.section(f"over {LONG_S:.0f} s without a reason, as in pytest.mark.slow('flies for a minute')")
+    for report in long:
+        terminalreporter.write_line(f"{report.duration:5.0f} s {report.nodeid}")
+
 
 def pytest_collection_finish(session):
-    """Thousands of collected tests stay to the end: no collection has to look at them again, which would take a second.
+    """Freeze the collected tests: looking through their thousands of objects takes the garbage collector a second.
 
-    In that second nothing that a test runs in real time goes on, such as the wire between an agent and a vehicle.
+    That second would stall what a test runs in real time, such as the wire between an agent and a vehicle.
     """
     gc.collect()
     gc.freeze()

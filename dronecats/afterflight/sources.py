@@ -134,10 +134,8 @@ def tlog_messages(
 
 def from_ulog(path: Path) -> FlightRecord:
     """Return what PX4's estimator wrote down on board. Raises UsageError when the file is no such log."""
-    try:
-        from pyulog import ULog
-    except ImportError:
-        raise UsageError("ULogs are read by pyulog: pip install 'dronecats[ulog]'") from None
+    from pyulog import ULog
+
     topics = ["vehicle_local_position", "vehicle_gps_position", "sensor_gps"]
     try:
         log = {d.name: d.data for d in reversed(ULog(str(path), topics).data_list)}  # instance 0 of each stays

@@ -12,6 +12,7 @@ from dronecats.campaign.matrix import BenchEntry, ChosenSuite, benchmark, part_o
 from dronecats.campaign.summary import EpisodeScore, score
 from dronecats.flight.file import as_kept
 from dronecats.flight.flight import look_up
+from dronecats.pilots import roster
 from dronecats.run.settings import settings
 from dronecats.rundir import layout
 from dronecats.rundir.folder import write_json
@@ -44,6 +45,9 @@ class Bench:
         self._opened = ExitStack()
         part = set(part_of(tuple(suite.records), limit, shard))
         try:
+            for entry in entries:
+                instructions = [suite.records[each].instruction for each in entry.episodes if each in part]
+                roster.check_installed(entry.flight.pilot or "", instructions)
             configurations = _configurations(suite, entries)
             told = self._joined(as_json(benchmark(suite, entries, retry=retry)))
             asked = list(zip(entries, configurations, strict=True))

@@ -20,10 +20,13 @@ from dronecats import __version__
 from dronecats.agent.models import rows
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
 from foundation.errors import UsageError
+from foundation.extras import BASE_COMMAND, EXTRAS, Extra, is_installed
 from foundation.ports import port_holder
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
+PACKAGE, EXTRA, MACHINE = "package", "extra", "machine"
+_HEADINGS = {PACKAGE: "Packages", EXTRA: "Extras", MACHINE: "This machine"}
 
 # distribution → the module it is imported as
 BASE = {
@@ -35,9 +38,10 @@ BASE = {
     "filterpy": "filterpy",
     "opencv-python-headless": "cv2",
     "httpx": "httpx",
+    "msgspec": "msgspec",
 }
-SIM = {"numba": "numba", "embreex": "embreex", "matplotlib": "matplotlib", "pillow": "PIL", "tqdm": "tqdm"}
-INSTALL = {"base": 'pip install "dronecats"', "sim": 'pip install "dronecats[sim]"'}
+REINSTALL = 'pip install --force-reinstall "dronecats[sim]"'
+SIM = "sim"  # the extra without which no flight can be simulated
 PYTHON = (3, 11)
 PORTS = {
     14540: "offboard MAVLink, where an agent listens",
@@ -52,12 +56,13 @@ DISK_WANTED_GB = 1.0  # a run keeps about 120 frames of 40 kB an episode; the re
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One thing that was looked at."""
+    """One finding."""
 
     name: str
     state: str  # OK | NOTE (flying in simulation works without) | MISSING (it does not)
     detail: str
     remedy: str = ""
+    kind: str = MACHINE  # or PACKAGE, EXTRA
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -74,56 +79,85 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"can_simulate": able, "findings": [asdict(f) for f in findings]}))
         return 0 if able else 1
-    wide = max(len(f.name) for f in findings)
-    for finding in findings:
-        print(f"{_MARKS[finding.state]} {finding.name:{wide}}  {finding.detail}")
-        if finding.remedy:
-            print(f"  {'':{wide}}  → {finding.remedy}")
-    print()
+    for kind, heading in _HEADINGS.items():
+        print(f"{heading}:")
+        _print([finding for finding in findings if finding.kind == kind])
     print("Flying in simulation is possible here." if able else "Flying in simulation is NOT possible here yet: see ✗.")
     return 0 if able else 1
 
 
+def _print(findings: list[Diagnosis]) -> None:
+    """Print one section. The command that installs an extra stands beside it, any other remedy on the next line."""
+    name_width = max(len(finding.name) for finding in findings)
+    detail_width = max(len(finding.detail) for finding in findings)
+    for finding in findings:
+        line = f"{_MARKS[finding.state]} {finding.name:{name_width}}  "
+        if finding.remedy and finding.kind == EXTRA:
+            print(f"{line}{finding.detail:{detail_width}}  {finding.remedy}")
+            continue
+        print(f"{line}{finding.detail}")
+        if finding.remedy:
+            print(f"  {'':{name_width}}  → {finding.remedy}")
+    print()
+
+
 def examine() -> list[Diagnosis]:
-    """Return everything that was looked at, in reading order. Never raises: a check that breaks is a finding."""
-    checks: list[Callable[[], Diagnosis]] = [_version, _python]
-    checks += [partial(_package, d, m, "base") for d, m in BASE.items()]
-    checks += [partial(_package, d, m, "sim") for d, m in SIM.items()]
-    checks += [_jpeg, _compiler, _rays]
+    """Return every finding, in reading order. Never raises: a check that fails is a finding."""
+    findings = [_version(), _python(), *(_package(*names) for names in BASE.items()), *map(_extra, EXTRAS)]
+    checks: list[Callable[[], Diagnosis]] = [_jpeg]
+    if all(finding.state != MISSING for finding in findings):
+        checks += [_compiler, _rays]
     checks += [partial(port, p, w) for p, w in PORTS.items()]
     checks += [_disk, _cores, _models, _keys]
-    findings = []
     for check in checks:
         try:
             findings.append(check())
-        except Exception as error:  # a broken installation breaks in its own ways; each is worth one line
+        except Exception as error:  # a damaged installation can raise anything
             name = getattr(check, "__name__", "check").strip("_")
-            findings.append(Diagnosis(name, MISSING, f"{type(error).__name__}: {error}", INSTALL["sim"]))
+            findings.append(Diagnosis(name, MISSING, f"{type(error).__name__}: {error}", REINSTALL))
     return findings
 
 
 def _version() -> Diagnosis:
-    return Diagnosis("dronecats", OK, f"{__version__} in {Path(__file__).resolve().parents[2]}")
+    return Diagnosis("dronecats", OK, f"{__version__} in {Path(__file__).resolve().parents[2]}", kind=PACKAGE)
 
 
 def _python() -> Diagnosis:
     detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     if sys.version_info < PYTHON:
-        return Diagnosis("python", MISSING, detail, f"Python {PYTHON[0]}.{PYTHON[1]} or newer is needed")
-    return Diagnosis("python", OK, detail)
+        return Diagnosis("python", MISSING, detail, f"Python {PYTHON[0]}.{PYTHON[1]} or newer is needed", PACKAGE)
+    return Diagnosis("python", OK, detail, kind=PACKAGE)
 
 
-def _package(distribution: str, module: str, extra: str) -> Diagnosis:
+def _package(distribution: str, module: str) -> Diagnosis:
     try:
         version = metadata.version(distribution)
     except metadata.PackageNotFoundError:
         version = ""
+    if fault := _import_fault(module):
+        remedy = f"pip install --force-reinstall {distribution}" if version else BASE_COMMAND
+        return Diagnosis(distribution, MISSING, fault, remedy, PACKAGE)
+    return Diagnosis(distribution, OK, version or "installed without metadata", kind=PACKAGE)
+
+
+def _extra(extra: Extra) -> Diagnosis:
+    """Return whether an extra is installed. Only the packages of SIM are imported: the others take seconds."""
+    if not all(map(is_installed, extra.modules)):
+        return Diagnosis(extra.name, MISSING if extra.name == SIM else NOTE, extra.enables, extra.command, EXTRA)
+    if extra.name == SIM and (faults := [*filter(None, map(_import_fault, extra.modules))]):
+        return Diagnosis(extra.name, MISSING, faults[0], REINSTALL, EXTRA)
+    return Diagnosis(extra.name, OK, extra.enables, kind=EXTRA)
+
+
+def _import_fault(module: str) -> str:
+    """Return why a module cannot be imported, an empty string when it can."""
+    if not is_installed(module):
+        return "not installed"
     try:
         importlib.import_module(module)
-    except Exception as error:  # an ImportError, or whatever a half-installed binary raises
-        detail = f"{version} does not import: {error}" if version else "not installed"
-        return Diagnosis(distribution, MISSING, detail, INSTALL[extra])
-    return Diagnosis(distribution, OK, version or "installed without metadata")
+    except Exception as error:  # a damaged binary can raise anything
+        return f"{module} does not import: {error}"
+    return ""
 
 
 def _jpeg() -> Diagnosis:
@@ -224,5 +258,5 @@ def _keys() -> Diagnosis:
     present = [f"{name} ({provider})" for name, provider in KEYS.items() if os.environ.get(name)]
     if present:
         return Diagnosis("model keys", OK, "set: " + ", ".join(present))
-    wanted = "set " + " or ".join(HOSTED) + " to fly hosted models; local models and the built-in pilots need none"
-    return Diagnosis("model keys", NOTE, "none set", wanted)
+    detail = "none set: hosted models need one, local models and the built-in pilots do not"
+    return Diagnosis("model keys", NOTE, detail, f"set {', '.join(HOSTED[:-1])} or {HOSTED[-1]}")

@@ -22,15 +22,13 @@ def run(args: argparse.Namespace) -> int:
     import webbrowser
 
     from dronecats.cli import signals
+    from foundation import extras
     from foundation.errors import UsageError
 
     signals.as_interrupts()
     if not 1 <= args.port <= 65535:
         raise UsageError(f"--port {args.port} is no port: choose one from 1 to 65535.")
-    try:
-        import viser  # noqa: F401
-    except ImportError:
-        raise UsageError("the editor needs viser, which is not installed: pip install 'dronecats[edit]'") from None
+    extras.require("viser")
     from dronecats.editor.editor import Editor
 
     print("building the map …", flush=True)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from dronecats import __version__
+from dronecats.cli.exit_status import exit_status
 from dronecats.cli.output import Output
-from foundation.errors import DronecatsError
 
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     with Output(UNHEARD.get(_verb(arguments) or "")) as output:
         args = parse(arguments)
-        status = _run(args)
+        status = exit_status(f"dronecats {args.verb}", lambda: int(args.run(args)))
         fault = output.fault()
         if fault and status == 0:
             print(f"dronecats {args.verb}: the output cannot be written: {fault}", file=sys.stderr)
@@ -88,25 +88,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _verb(arguments: Sequence[str]) -> str | None:
     return next((a for a in arguments if not a.startswith("-")), None)
-
-
-def _run(args: argparse.Namespace) -> int:
-    try:
-        return int(args.run(args))
-    except DronecatsError as error:
-        print(f"dronecats {args.verb}: {error}", file=sys.stderr)
-        return error.exit_status
-    except ImportError as missing:
-        from dronecats.rundir.folder import missing_package
-
-        said = missing_package(missing)
-        if said is None:  # a mistake of ours, which its traceback tells best
-            raise
-        print(f"dronecats {args.verb}: {said}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"dronecats {args.verb}: interrupted", file=sys.stderr)
-        return 130
 
 
 if __name__ == "__main__":

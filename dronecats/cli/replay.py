@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     import webbrowser
 
     from dronecats.cli import signals
+    from foundation import extras
     from foundation.errors import UsageError
 
     signals.as_interrupts()
@@ -39,10 +40,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--port {args.port} is no port: choose one from 1 to 65535.")
     if not (math.isfinite(args.at) and args.at >= 0.0):
         raise UsageError(f"--at wants seconds since the episode began, 0 or more, got {args.at:g}")
-    try:
-        import viser  # noqa: F401
-    except ImportError:
-        raise UsageError("the page needs viser, which is not installed: pip install 'dronecats[view]'") from None
+    extras.require("viser")
     from dronecats.playback.clock import check_speed
     from dronecats.playback.page import ReplayPage
     from dronecats.playback.recorded import playable_flight

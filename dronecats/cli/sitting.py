@@ -38,7 +38,8 @@ class Sitting:
 
 
 def check_address(args: argparse.Namespace) -> None:
-    """Raise UsageError for the address of a cluster that nobody asks for, and a page that cannot be shown."""
+    """Raise UsageError for an address without a cluster, a page that cannot be shown, and a missing package."""
+    from foundation import extras
     from foundation.errors import UsageError
 
     if view_of(args) and args.engine == "ray":
@@ -46,6 +47,8 @@ def check_address(args: argparse.Namespace) -> None:
 
     if args.address and args.engine != "ray":
         raise UsageError("--address goes with --engine ray; add it or leave --address out")
+    if args.engine == "ray":
+        extras.require("ray")
 
 
 def allow_locks(runs: int) -> None:

@@ -20,6 +20,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.study.analysis.flown_study import flown_study
     from dronecats.study.report.writing import as_json, write
     from foundation.errors import UsageError
+    from foundation.extras import not_installed
 
     out = args.out or args.study / "report"
     if out.exists() and not out.is_dir():
@@ -33,5 +34,5 @@ def run(args: argparse.Namespace) -> int:
         print(said)
     print(f"page: {made.page}, report: {made.markdown}")
     if made.parquet is None:
-        print("no Parquet was written: pip install 'dronecats[query]'")
+        print(f"no Parquet was written: {not_installed('duckdb')}")
     return 0

@@ -16,6 +16,7 @@ from PIL import Image
 from dronecats.film.plan import FilmPlan
 from dronecats.film.words import BACKGROUND, DRONES, GREEN, MAGENTA, RED, WHITE, YELLOW, Picture
 from foundation.errors import InfrastructureError
+from foundation.extras import not_installed
 
 Codec = Literal["h264", "mp4v", "gif"]
 
@@ -44,7 +45,7 @@ def said(codec: Codec) -> str:
         return "H.264, by the ffmpeg of imageio-ffmpeg"
     if codec == "gif":
         return f"GIF of {GIF_COLORS} colours, by Pillow"
-    return "MPEG-4 part 2, by OpenCV, which no browser plays; for H.264: pip install 'dronecats[film]'"
+    return f"MPEG-4 part 2, by OpenCV, which no browser plays; for H.264, {not_installed('imageio_ffmpeg')}"
 
 
 def ffmpeg() -> str | None:
@@ -116,7 +117,7 @@ def join(parts: Sequence[Path], out: Path, plan: FilmPlan, codec: Codec) -> None
     else:
         writer = cv2.VideoWriter(str(out), cv2.VideoWriter.fourcc(*"mp4v"), float(plan.fps), (plan.width, plan.height))
         if not writer.isOpened():
-            raise InfrastructureError("OpenCV has no encoder for films here: pip install 'dronecats[film]'")
+            raise InfrastructureError(f"OpenCV has no encoder for films, and {not_installed('imageio_ffmpeg')}")
         for picture in _read(parts):
             writer.write(picture)
         writer.release()

@@ -21,6 +21,7 @@ from episodes import record as records
 from episodes.optics.file import optics_of
 from episodes.optics.options import Optics
 from episodes.record import EpisodeRecord
+from foundation import extras
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
@@ -76,6 +77,8 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None =
     if spec.outside is not None and outside is None and not spec.replay:
         raise UsageError(f"only {spec.outside.harness} can ask {spec.outside.name}; --model replay:RUN flies it again")
     _check_numbers(spec)
+    if spec.simulated or (spec.connected and spec.connected.truth):
+        extras.require("numba", "embreex")
     _check_accounts(spec)
     if spec.pilot and not spec.replay:
         roster.check(spec.pilot)
@@ -105,6 +108,9 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None =
         raise UsageError(
             "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
         )
+    record = _record(spec)
+    if spec.pilot and not spec.replay:
+        roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])
     for asked in () if spec.replay else filter(None, (spec.model, spec.commander)):
         model = open_model(asked)
         try:
@@ -114,7 +120,7 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None =
             model.close()
     return Flight(
         spec=spec,
-        record=_record(spec),
+        record=record,
         prompt=Prompt.load() if spec.prompt is None else Prompt.of(spec.prompt, "the prompt"),
         latency=policy,
         optics=optics_of(simulated.optics, "optics") if simulated and simulated.optics else None,

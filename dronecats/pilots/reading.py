@@ -12,21 +12,24 @@ import numpy as np
 
 from dronecats.pilots.inscription import ReadText
 from dronecats.pilots.paint import Picture
-from foundation.errors import UsageError
+from foundation import extras
 
-MISSING = "The vision pilot reads signs and plates with RapidOCR: install it by `pip install 'dronecats[vision]'`."
 _ENLARGED = 4.0  # times; letters of 8 px become as large as those that the models were made for
 _LARGEST_PX = 960  # of an enlarged part
 _LEAST_PX = 6
 
 
+def check_installed() -> None:
+    """Raise UsageError when a package that reads text is not installed."""
+    extras.require("rapidocr", "onnxruntime")
+
+
 @cache
 def _engine() -> Any:
-    """Return the OCR engine, made once a process. Raises UsageError when the package is not there."""
-    try:
-        from rapidocr import RapidOCR
-    except ImportError:
-        raise UsageError(MISSING) from None
+    """Return the OCR engine, made once a process. Raises UsageError as `check_installed` does."""
+    check_installed()
+    from rapidocr import RapidOCR
+
     threads = {f"EngineConfig.onnxruntime.{which}_op_num_threads": 1 for which in ("intra", "inter")}
     return RapidOCR(params={"Global.log_level": "error", "Global.text_score": 0.0, **threads})
 

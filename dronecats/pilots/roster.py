@@ -1,9 +1,10 @@
 """The built-in pilots by name."""
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from dronecats.pilots import inscription
 from dronecats.pilots.failing import FAILURES
 from dronecats.pilots.patterns import PATTERNS
 from foundation.errors import UsageError
@@ -34,6 +35,14 @@ def check(name: str) -> str:
     every = ", ".join((*NAMES, f"{BLIND}NAME", f"{FAILING}NAME", f"{RECORDED}FILE"))
     hint = f"did you mean {' or '.join(near)}?" if near else f"there are {every}"
     raise UsageError(f"there is no pilot '{name}'; {hint}")
+
+
+def check_installed(name: str, instructions: Iterable[str]) -> None:
+    """Raise UsageError when a pilot needs a package for one of these instructions that is not installed."""
+    if name == "vision" and any(map(inscription.named, instructions)):
+        from dronecats.pilots import reading
+
+        reading.check_installed()
 
 
 def check_commander(name: str) -> str:

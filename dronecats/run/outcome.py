@@ -17,13 +17,13 @@ from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.run.episode import Flown
 from dronecats.run.identity import write_identity
 from dronecats.run.landing import unexpected
-from dronecats.rundir import folder as folders
 from dronecats.rundir.layout import DECISIONS
 from dronecats.rundir.reading import rows
 from dronecats.rundir.results import Result
 from dronecats.rundir.rows import Decision
 from foundation.camera import CameraModel
 from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
+from foundation.extras import missing_package
 from foundation.protocol import FINISHED
 
 Say = Callable[[str], None]
@@ -53,8 +53,8 @@ def fly_and_judge(
     except DronecatsError as error:
         flown = Flown("error", error, 0.0, 0.0, 0)
     except ImportError as missing:
-        said = folders.missing_package(missing)
-        flown = Flown("error", UsageError(said) if said else unexpected(missing, folder), 0.0, 0.0, 0)
+        sentence = missing_package(missing)
+        flown = Flown("error", UsageError(sentence) if sentence else unexpected(missing, folder), 0.0, 0.0, 0)
     except Exception as bug:
         flown = Flown("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with undisturbed():

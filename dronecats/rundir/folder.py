@@ -17,17 +17,6 @@ from dronecats.rundir.reading import SCHEMA, check_version, json_object, run_con
 from foundation.errors import UsageError
 from foundation.json_file import write_json as write_json
 
-OURS = ("foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil")
-SIMULATION = ("numba", "embreex", "matplotlib", "PIL")
-QUERY = ("duckdb",)
-EXPORTS = {  # package → the extra that brings it
-    "mcap": "export",
-    "mcap_protobuf": "export",
-    "foxglove_schemas_protobuf": "export",
-    "google": "export",
-    "rerun": "rerun",
-    "pyarrow": "lerobot",
-}
 PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
 PER_SITTING = ("accounts",)  # in which a run may be gone on with
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
@@ -112,22 +101,6 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
 def of_several(configuration: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration of a run of several episodes: it names none of them."""
     return {**configuration, "flight": {**configuration["flight"], **dict.fromkeys(PER_EPISODE)}}
-
-
-def missing_package(error: ImportError) -> str | None:
-    """Return what to do about a package that is not installed or cannot be loaded; None for a module of our own."""
-    top = (error.name or "").split(".")[0]
-    if top in OURS:
-        return None
-    if not isinstance(error, ModuleNotFoundError):
-        return f"{error.name or 'a package'} cannot be loaded ({error}); install dronecats again with pip"
-    if top in SIMULATION:
-        return f"simulation needs {error.name}, which is not installed: pip install 'dronecats[sim]'"
-    if top in QUERY:
-        return f"SQL needs {error.name}, which is not installed: pip install 'dronecats[query]'"
-    if top in EXPORTS:
-        return f"the export needs {error.name}, which is not installed: pip install 'dronecats[{EXPORTS[top]}]'"
-    return f"{error.name or error} is not installed; install dronecats again with pip"
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:

@@ -1,13 +1,16 @@
-"""The first run of an installation compiles the plant in a second process while the first compiles the autopilot.
+"""Compiles what a flight needs in several processes, on the first run of an installation.
 
-numba compiles one function at a time in a process, and plant and inner loop take about as long as one another. Both
-processes leave their work in the cache of `foundation.compiled`, where `dronecats.sitl.fused` finds it.
+numba compiles one function at a time in a process. The plant, the inner loop and the camera take about as long as one
+another: the first run compiles the inner loop, and one more process each the plant and the camera. All leave their work
+in the cache of `foundation.compiled`, where `dronecats.sitl.fused` and the camera find it.
 """
 
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterable
+from contextlib import ExitStack
 from typing import Any
 
 import numba
@@ -17,7 +20,7 @@ from foundation.redaction import keyless_environment
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
-PLANT_S = 60.0  # wall seconds after which the plant is compiled here instead
+OTHERS_S = 60.0  # wall seconds after which the parts that are not ready are compiled where they are called
 CACHED = "*.nbi"  # numba's index of what it has compiled of one function
 
 
@@ -26,26 +29,34 @@ def cold() -> bool:
     return KEEPS and (os.cpu_count() or 1) > 1 and not any(cache_folder().rglob(f"multirotor.step{CACHED}"))
 
 
-def compile_both(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:
-    """Return when the plant and `core` (a kernel) are compiled and cached for the arguments they will have.
+def compile_all(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:
+    """Compile and cache `core` (a kernel) for the arguments it will have, and beside it the plant and the camera.
 
-    A second process that fails costs its time only: what it leaves undone is compiled when it is called.
+    A process that fails costs its time only: what it leaves undone is compiled when it is called.
     """
-    with subprocess.Popen(
-        [sys.executable, "-m", "dronecats.sitl.compile_ahead"],
+    with ExitStack() as stack:
+        others = [stack.enter_context(_started(part)) for part in PARTS]
+        try:
+            core.compile(signature(core_arguments))
+            deadline_s = time.monotonic() + OTHERS_S
+            for other in others:
+                other.wait(max(0.0, deadline_s - time.monotonic()))
+        except BaseException as stopped:
+            for other in others:
+                other.kill()
+            if not isinstance(stopped, subprocess.TimeoutExpired):
+                raise
+
+
+def _started(part: str) -> "subprocess.Popen[bytes]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "dronecats.sitl.compile_ahead", part],
         cwd=ROOT,
         env=keyless_environment(os.environ) | {"NUMBA_CACHE_DIR": str(cache_folder().parents[1].resolve())},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-    ) as other:
-        try:
-            core.compile(signature(core_arguments))
-            other.wait(PLANT_S)
-        except BaseException as stopped:
-            other.kill()
-            if not isinstance(stopped, subprocess.TimeoutExpired):
-                raise
+    )
 
 
 def signature(arguments: Iterable[Any]) -> tuple[numba.types.Type, ...]:
@@ -59,5 +70,21 @@ def compile_plant() -> None:
     step.compile(signature(plant.kernel_args))
 
 
+def compile_camera() -> None:
+    """Compile the renderer. One map and a small picture stand for all: maps differ in values, not in types."""
+    from episodes import catalogue
+    from episodes.render.pose import camera_pose
+    from episodes.render.renderer import Renderer
+    from episodes.world import World
+    from foundation.camera import CameraModel
+
+    world, camera = World(catalogue.load("blocks-commanding-01")), CameraModel(64, 36)
+    renderer = Renderer(world.filmed, camera)
+    renderer.picture(camera_pose(world.scene.spawn_ned, (1.0, 0.0, 0.0, 0.0), camera), world.moved(0.0))
+    renderer.close()
+
+
+PARTS = {"plant": compile_plant, "camera": compile_camera}
+
 if __name__ == "__main__":
-    compile_plant()
+    PARTS[sys.argv[1]]()

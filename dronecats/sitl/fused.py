@@ -87,7 +87,7 @@ class Fused:
         self._at = np.array([np.frombuffer(record, np.uint8).ctypes.data for record in records], np.int64)
         self._arrays = tuple(each for each in each_alone if not isinstance(each, np.void))
         if compile_ahead.cold():
-            compile_ahead.compile_both(update, core)
+            compile_ahead.compile_all(update, core)
 
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds."""

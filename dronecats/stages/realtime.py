@@ -179,4 +179,4 @@ class Patience:
     def __call__(self) -> None:
         self._waits += 1
         if self._waits == 6:
-            self._say("starting the simulator and the camera; the first run compiles them, about a minute …")
+            self._say("starting the simulator and the camera; the first run compiles them, about half a minute …")

@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 
 from dronecats.processes.supervisor import ChildKind, ChildProcess
 from dronecats.watch.config import ViewerConfig, WatchedWires
+from foundation import extras
 from foundation.errors import DronecatsError, UsageError
 
 VIEWER = ChildKind("viewer", "dronecats.watch.viewer_process", ViewerConfig)
@@ -26,11 +26,10 @@ class WantedPage:
 
 
 def check(view: WantedPage) -> None:
-    """Raise UsageError for a port that is none, or where nothing that serves a page is installed."""
+    """Raise UsageError for an invalid port, or when the package that serves the page is not installed."""
     if not 1 <= view.port <= 65535:
         raise UsageError(f"--view-port {view.port} is no port: choose one from 1 to 65535.")
-    if find_spec("viser") is None:
-        raise UsageError("--view needs viser, which is not installed: pip install 'dronecats[view]'")
+    extras.require("viser")
 
 
 @contextmanager

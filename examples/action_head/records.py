@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
+from dronecats.cli.exit_status import exit_status
 from episodes import catalogue
 from episodes.processes import share_out
 from episodes.propose.proposals import RecordRequest, propose
@@ -90,4 +91,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(script.ended(main))
+    raise SystemExit(exit_status("action_head", main))

@@ -1,26 +1,8 @@
-"""What the example's scripts share with the commands: a fault in one sentence, and its status."""
+"""What the example's scripts share."""
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
-from foundation.errors import DronecatsError, UsageError
-
-
-def ended(main: Callable[[], int]) -> int:
-    """Return the status of a script: its own, 2 for wrong input, 3 when something broke, 130 when interrupted."""
-    try:
-        return main()
-    except DronecatsError as error:
-        print(f"action_head: {error}", file=sys.stderr)
-        return error.exit_status
-    except ImportError as missing:
-        if (missing.name or "").split(".")[0] != "torch":  # a mistake of ours, which its traceback tells best
-            raise
-        print("action_head: PyTorch is not installed: `pip install -e '.[train]'` does it.", file=sys.stderr)
-        return UsageError.exit_status
-    except KeyboardInterrupt:
-        return 130
+from foundation.errors import UsageError
 
 
 def say(text: str) -> None:

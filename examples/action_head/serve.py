@@ -5,6 +5,7 @@ import signal
 import threading
 from pathlib import Path
 
+from dronecats.cli.exit_status import exit_status
 from dronecats.pilots.server import PilotServer
 from examples.action_head import script
 from examples.action_head.pilot import pilot
@@ -43,4 +44,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(script.ended(main))
+    raise SystemExit(exit_status("action_head", main))

@@ -5,13 +5,17 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from examples.action_head import dataset, script
+from dronecats.cli.exit_status import exit_status
+from examples.action_head import script
 from examples.action_head.settings import Shape, Training
+from foundation import extras
 from foundation.errors import UsageError
 
 
 def train(folder: Path, out: Path, how: Training) -> None:
     """Fit a head to a dataset's flights and write it. Raises UsageError for what cannot be learnt from or written."""
+    extras.require("torch", "pyarrow")
+    from examples.action_head import dataset
     from examples.action_head.fit import fit, judged
     from examples.action_head.network import save
 
@@ -56,4 +60,4 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(script.ended(main))
+    raise SystemExit(exit_status("action_head", main))

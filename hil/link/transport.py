@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
+from foundation import extras
 from foundation.errors import LinkError, UsageError
 from foundation.ports import port_holder
 
@@ -181,10 +182,9 @@ class SerialTransport:
     """A serial line, through pyserial (extra `serial`)."""
 
     def __init__(self, url: str, device: str, baud: int) -> None:
-        try:
-            import serial
-        except ImportError:
-            raise UsageError("serial links need pyserial: pip install 'dronecats[serial]'") from None
+        extras.require("serial")
+        import serial
+
         self.url = url
         try:
             self._port = serial.Serial(device, baud, timeout=0, write_timeout=1.0)

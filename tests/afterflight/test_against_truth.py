@@ -1,6 +1,7 @@
 """How far an estimate is from the truth does not hang on the tick at which an episode begins."""
 
 import json
+import re
 
 import pytest
 
@@ -46,5 +47,5 @@ def test_a_gap_in_the_truth_is_not_bridged(tmp_path):
 
 
 def test_no_time_in_common_is_said(tmp_path):
-    with pytest.raises(UsageError, match="tells no instant"):
+    with pytest.raises(UsageError, match=re.escape(str(tmp_path))):
         against_truth(folder_of(tmp_path, [0.01, 0.51], [5.0, 5.5]), ORIGIN)

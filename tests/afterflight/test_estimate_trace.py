@@ -3,6 +3,7 @@
 import bisect
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from foundation.mavlink import Packer, Parser, dialect
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from foundation.truth import TruthSample, truth_sample
 from hil.link.link import Link
+from tests.support.refusal import refusal
 
 EPISODE = "campus-approaching-01"
 ROUND: list[tuple[Setpoint, float]] = [
@@ -65,7 +67,7 @@ class Flown:
         return self.truth.at(self.t0_us + t * 1e6)
 
 
-pytestmark = pytest.mark.slow  # one flight of a minute in real time, of which every test here looks at something else
+pytestmark = pytest.mark.slow("one flight of a minute in real time, which all tests read")
 
 
 @pytest.fixture(scope="module")
@@ -176,19 +178,13 @@ def test_distances_are_true_within_their_standard_deviation(flown: Flown, altitu
     assert judge_folder(flown.folder).as_json()["distances"]["declarations"][0]["within"] is False
 
 
-def test_the_command_judges_anew_and_tells_it_in_words(flown: Flown, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_judges_anew(flown: Flown, capsys: pytest.CaptureFixture[str]) -> None:
     target = surveyed(flown, flown.true(0.0))
     where = f"--target={target.latitude_deg},{target.longitude_deg}"
     assert main(["flightlog", "trace", str(flown.folder), where, "--target-std", "0.02"]) == 0
-    said = capsys.readouterr().out
-    assert "DISTANCE ONLY: closest" in said
-    assert "horizontally, since the target has no altitude" in said
-    assert "nobody measured" in said
     assert json.loads((flown.folder / "verdict.json").read_text())["outcome"] == "distance only"
     assert main(["judge", str(flown.folder)]) == 0
-    told = capsys.readouterr().out
-    assert "agrees with verdict.json" in told
-    assert "DISTANCE ONLY" in told
+    capsys.readouterr()
     assert main(["flightlog", "trace", str(flown.folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["outcome"] == "unknown"  # no target: nothing to be near to
 
@@ -199,13 +195,13 @@ def test_a_connected_flight_ends_traced_and_one_that_told_too_little_as_it_was(f
     result = rejudge(ended, surveyed(flown, flown.true(0.0)), said.append)
     assert (result["outcome"], result["success"], result["reason"]) == ("distance only", None, "cap")
     assert result["distances"]["closest"]["distance_m"] < 2.0
-    assert said[0].startswith("DISTANCE ONLY")
+    assert len(said) == 1
     assert rejudge(ended, None, said.append)["outcome"] == "unknown"
     for log in ("decisions.jsonl", "truth.jsonl"):
         (tmp_path / log).touch()
     broken = {"run_dir": str(tmp_path), "outcome": "error", "success": False}
     assert rejudge(broken, None, said.append) == broken
-    assert "no smoothed trace: " in said[-1]
+    assert len(said) == 2
 
 
 @pytest.mark.parametrize(
@@ -223,7 +219,7 @@ def test_the_target_may_stand_in_the_episode(flown: Flown) -> None:
         derive(flown.folder)
         assert judge_folder(flown.folder).as_json()["distances"]["target"] == target.as_json()
         (flown.folder / "episode.json").write_text(json.dumps({"surveyed_target": {"latitude_deg": "north"}}))
-        with pytest.raises(UsageError, match="a surveyed target wants"):
+        with pytest.raises(UsageError, match="latitude_deg"):
             derive(flown.folder)
     finally:
         (flown.folder / "episode.json").unlink()
@@ -258,28 +254,27 @@ def test_a_torn_tlog_is_read_up_to_the_tear_and_others_on_the_wire_are_not_belie
 def test_what_tells_no_flight_is_refused(flown: Flown, tmp_path: Path) -> None:
     (tmp_path / "decisions.jsonl").write_text("")
     (tmp_path / "truth.jsonl").write_text("")
-    with pytest.raises(UsageError, match="no episode that began"):
+    with pytest.raises(UsageError, match=re.escape(str(tmp_path))):
         derive(tmp_path)
     (tmp_path / "truth.jsonl").write_text('{"kind": "begin", "t": 0.0, "t0_us": 1, "source": "estimate"}\n')
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match=r"flight\.tlog"):
         derive(tmp_path)
     (tmp_path / "flight.tlog").write_bytes(b"nothing" * 100)
-    with pytest.raises(UsageError, match="tells no positions"):
+    with pytest.raises(UsageError, match="LOCAL_POSITION_NED"):
         derive(tmp_path)
     (tmp_path / "flight.tlog").write_bytes((flown.folder / "flight.tlog").read_bytes())
     (tmp_path / "truth.jsonl").write_text('{"kind": "begin", "t": 0.0, "t0_us": 9000000000, "source": "estimate"}\n')
-    with pytest.raises(UsageError, match="is it of this flight"):
+    with pytest.raises(UsageError, match=r"flight\.tlog"):
         derive(tmp_path)
-    with pytest.raises(UsageError, match="is no ULog"):
+    with pytest.raises(UsageError, match="ULog"):
         from_ulog(tmp_path / "flight.tlog")
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match=r"none\.ulg"):
         from_ulog(tmp_path / "none.ulg")
 
 
-@pytest.mark.parametrize("wrong", ["", "1", "1,2,3,4", "north,east", "91,0", "0,181", "0,0,99999", "nan,0"])
-def test_a_target_that_is_nowhere_is_refused(wrong: str) -> None:
-    with pytest.raises(UsageError, match="target"):
-        target_from(wrong)
+def test_a_target_that_is_nowhere_is_refused() -> None:
+    for wrong in ["", "1", "1,2,3,4", "north,east", "91,0", "0,181", "0,0,99999", "nan,0"]:
+        assert "target" in refusal(target_from, wrong)
 
 
 def test_a_target_is_what_it_was_written_as() -> None:

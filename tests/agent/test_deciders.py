@@ -43,7 +43,7 @@ def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
     folder.mkdir()
     model, log = model or Noting(), DecisionLog(folder / "decisions.jsonl")
     cockpit = Cockpit(
-        aircraft=[Clock() for _ in range(3)], camera=Views(), camera_model=CAMERA, log=log,
+        aircraft=[Clock() for _ in range(3)], camera=Views(90, 160), camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0, pictures=pictures,
     )  # fmt: skip
     PaperAgent(Questions(model, Prompt.load(None), "go", policy), cockpit, groups).fly(seconds)
@@ -127,7 +127,7 @@ def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_pa
     for parser, mended in cases:
         log = DecisionLog(tmp_path / f"{parser}.jsonl")
         cockpit = Cockpit(
-            aircraft=[Clock() for _ in range(2)], camera=Views(), camera_model=CAMERA, log=log,
+            aircraft=[Clock() for _ in range(2)], camera=Views(90, 160), camera_model=CAMERA, log=log,
             frames_dir=tmp_path, executor=InlineExecutor(), t0_us=0,
         )  # fmt: skip
         policy = latency("fixed:0.5")

@@ -49,7 +49,7 @@ def test_a_camera_that_hangs_ends_the_flight(tmp_path):
         frames_dir=tmp_path, executor=DaemonExecutor(), t0_us=0,
     )  # fmt: skip
     agent = PaperAgent(Questions(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0), cockpit)
-    with pytest.raises(CameraError, match="has not answered for 5 s"):
+    with pytest.raises(CameraError, match="5 s"):
         agent.fly(300.0)
     assert agent.now_s < 6.0
     camera.free.set()

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.orders import MAX_REPLY_CHARS, FleetOrders, OrdersError, parse_orders
+from tests.support.refusal import refusal
 
 LOOK: dict[str, Any] = {"drone": 2, "goal": "look at the left one"}
 
 
-@pytest.mark.parametrize(
-    ("reply", "read"),
-    [
+def test_what_can_be_read():
+    for reply, read in [
         ({"orders": [LOOK], "confirm": [3]}, FleetOrders(((1, "look at the left one"),), (2,))),
         ({"orders": [], "confirm": []}, FleetOrders()),
         ({"confirm": [1, 4, 1]}, FleetOrders((), (0, 3))),
@@ -26,39 +26,33 @@ LOOK: dict[str, Any] = {"drone": 2, "goal": "look at the left one"}
         ("```json\n" + json.dumps({"confirm": [2]}) + "\n```", FleetOrders((), (1,))),
         ('First {"confirm":[1]}, no: {"orders":[],"confirm":[2]}. {"done": true}', FleetOrders((), (1,))),
         ('{"drone": {broken {"confirm":[2]}', FleetOrders((), (1,))),
-    ],
-)
-def test_what_can_be_read(reply, read):
-    assert parse_orders(reply if isinstance(reply, str) else json.dumps(reply), 4) == read
+    ]:
+        assert parse_orders(reply if isinstance(reply, str) else json.dumps(reply), 4) == read, reply
 
 
-@pytest.mark.parametrize(
-    ("reply", "said"),
-    [
-        ("", "no JSON object"),
-        ("all of them: go left", "no JSON object"),
-        ('[{"drone":1}]', "no JSON object"),
-        ('{"orders":[{"drone":1,"goal":"a"}', "no JSON object"),
-        ('{"orders":{"1":"a"}}', '"orders" is not a list'),
-        ('{"orders":[],"confirm":2}', '"confirm" is not a list'),
-        ('{"orders":["go left"]}', "not a JSON object"),
-        ('{"orders":[{"drone":1}]}', 'no "goal"'),
-        ('{"orders":[{"drone":1,"goal":7}]}', 'no "goal"'),
-        ('{"orders":[{"drone":1,"goal":"  "}]}', "1 … 500 printable characters"),
-        ('{"orders":[{"drone":1,"goal":"a\\u0000b"}]}', "1 … 500 printable characters"),
-        (json.dumps({"orders": [{"drone": 1, "goal": "a" * 501}]}), "1 … 500 printable characters"),
-        ('{"orders":[{"goal":"a"}]}', "not named by its number"),
-        ('{"orders":[{"drone":"1","goal":"a"}]}', "not named by its number"),
-        ('{"orders":[{"drone":true,"goal":"a"}]}', "not named by its number"),
-        ('{"orders":[{"drone":0,"goal":"a"}]}', "there is no drone 0, but 1 to 4"),
-        ('{"confirm":[5]}', "there is no drone 5, but 1 to 4"),
-        ('{"orders":[{"drone":2,"goal":"a"},{"drone":2,"goal":"b"}]}', "drone 2 has two goals"),
-        ('{"orders":[{"drone":2,"goal":"a"}],"confirm":["2"]}', "not named by its number"),
-    ],
-)
-def test_what_cannot_is_told_and_changes_nothing(reply, said):
-    with pytest.raises(OrdersError, match=said):
-        parse_orders(reply, 4)
+def test_what_cannot_is_told_and_changes_nothing():
+    for reply, word in [
+        ("", "JSON"),
+        ("all of them: go left", "JSON"),
+        ('[{"drone":1}]', "JSON"),
+        ('{"orders":[{"drone":1,"goal":"a"}', "JSON"),
+        ('{"orders":{"1":"a"}}', "list"),
+        ('{"orders":[],"confirm":2}', "list"),
+        ('{"orders":["go left"]}', "JSON object"),
+        ('{"orders":[{"drone":1}]}', '"goal"'),
+        ('{"orders":[{"drone":1,"goal":7}]}', '"goal"'),
+        ('{"orders":[{"drone":1,"goal":"  "}]}', "500"),
+        ('{"orders":[{"drone":1,"goal":"a\\u0000b"}]}', "500"),
+        (json.dumps({"orders": [{"drone": 1, "goal": "a" * 501}]}), "500"),
+        ('{"orders":[{"goal":"a"}]}', "number"),
+        ('{"orders":[{"drone":"1","goal":"a"}]}', "number"),
+        ('{"orders":[{"drone":true,"goal":"a"}]}', "number"),
+        ('{"orders":[{"drone":0,"goal":"a"}]}', "drone 0"),
+        ('{"confirm":[5]}', "drone 5"),
+        ('{"orders":[{"drone":2,"goal":"a"},{"drone":2,"goal":"b"}]}', "drone 2"),
+        ('{"orders":[{"drone":2,"goal":"a"}],"confirm":["2"]}', "number"),
+    ]:
+        assert word in refusal(parse_orders, reply, 4, error=OrdersError)
 
 
 keys = st.sampled_from(["orders", "confirm", "drone", "goal"])

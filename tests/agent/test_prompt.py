@@ -28,10 +28,10 @@ def test_history_is_five_lines_in_pixels_with_the_newest_tagged():
 
 def test_prompt_fills_its_fields_and_nothing_else():
     prompt = Prompt.load()
-    text = prompt.render("go to the {history} van", "1. THINK", 5, "yx")
-    assert "Command: go to the {history} van" in text
+    text = prompt.render("go to the {history} van", "1. THINK", 17, "yx")
+    assert "go to the {history} van" in text
     assert '"point":[y, x]' in text
-    assert "last 5 actions" in text
+    assert "17" in text
     assert "1. THINK" in text
     for action in ('{"action":"go"', '{"action":"rotate"', '{"action":"think"}', '{"action":"finished"}'):
         assert action in text
@@ -45,18 +45,16 @@ def test_digest_is_of_the_template():
 def test_a_prompt_without_its_fields_is_refused(tmp_path):
     path = tmp_path / "prompt.txt"
     path.write_text("fly to {instruction}")
-    with pytest.raises(UsageError, match=r"lacks the field .history"):
+    with pytest.raises(UsageError, match=r"\{history\}"):
         Prompt.load(path)
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match=r"missing\.txt"):
         Prompt.load(tmp_path / "missing.txt")
 
 
 def test_a_fleet_is_asked_for_an_array_and_told_about_its_pictures():
     text = Prompt.load().render("find the blue car", "Drone 1:\n1. THINK", 5, drones=4)
-    assert "JSON array of 4 objects" in text
-    assert "4 multirotors" in text
+    assert re.search(r"array\D*4", text)
     assert "{" not in text.split("# Answer")[0]
-    assert "One JSON object" not in text
 
 
 @pytest.mark.parametrize("drones", [1, 4])
@@ -67,7 +65,6 @@ def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
     assert not re.search(r"\b(five|5|5\.0)\s*(m|met\w+)\b", text)
     told = r"\b(radius|enough|divide|share|split|spread|pool\w*|one drone|any drone|verif\w+|score\w*)\b"
     assert not re.search(told, text)
-    assert "a few metres" in text
 
 
 def test_not_six_words_in_a_row_are_the_papers():
@@ -95,8 +92,9 @@ def test_a_template_for_one_drone_asks_a_fleet_for_an_array(tmp_path):
     ).replace("{history}", "1. THINK")
     histories = "Drone 1:\n1. THINK\nDrone 2:\n1. FINISHED\nDrone 3:\n1. ROTATE angle=9deg"
     fleet = prompt.render("find the {n} van", histories, 5, drones=3)
-    assert fleet.index("You fly 3 multirotors") < fleet.index("find the {n} van") < fleet.index("JSON array of 3")
-    assert fleet.rstrip().endswith("One JSON array of 3 objects, no other text.")
+    before, _, after = fleet.partition("find the {n} van")
+    assert "3" in before
+    assert re.search(r"array\D*3", after.rstrip().splitlines()[-1])
     assert [[p.kind for p in past] for past in briefing.read(fleet).history] == [["think"], ["finished"], ["rotate"]]
 
 
@@ -111,7 +109,7 @@ def test_a_template_that_knows_of_fleets_is_left_as_it_is(tmp_path, knowing):
 
 @pytest.mark.parametrize(
     ("field", "hint"),
-    [("{instrution}", "did you mean {instruction}?"), ("{point_format}", "{point_fmt}?"), ("{wind}", "fields are ")],
+    [("{instrution}", "{instruction}"), ("{point_format}", "{point_fmt}"), ("{wind}", "history_len")],
 )
 def test_a_field_that_there_is_not_is_refused(tmp_path, field, hint):
     path = tmp_path / "prompt.txt"

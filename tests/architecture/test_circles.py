@@ -1,5 +1,6 @@
 """No file needs a file that needs it, however late it asks for it; and nothing of ours stands outside the rooms."""
 
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,8 +11,14 @@ from tests.architecture.import_graph import ROOMS, ROOT, circles, graph, modules
 BESIDE = {"tests", "benchmarks", "examples"}  # top-level packages that no room imports
 
 
+@cache
+def edges() -> dict[str, set[str]]:
+    """Return our modules with the modules that each imports or names."""
+    return graph(modules())
+
+
 def test_no_file_is_in_a_circle_of_imports():
-    assert circles(graph(modules())) == []
+    assert circles(edges()) == []
 
 
 @pytest.mark.parametrize(
@@ -42,7 +49,7 @@ def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_r
 
 def test_children_that_are_named_can_be_imported():
     known = modules()
-    named = {name for edges in graph(known).values() for name in edges if name.endswith(("_process", ".worker"))}
+    named = {name for needed in edges().values() for name in needed if name.endswith(("_process", ".worker"))}
     assert {"dronecats.sitl.simulator_process", "dronecats.campaign.worker"} <= named
     assert all(find_spec(name) for name in named)
     assert Path(known["dronecats.campaign.worker"]).is_file()
@@ -51,7 +58,7 @@ def test_children_that_are_named_can_be_imported():
 def test_a_model_is_opened_in_one_place():
     """Whoever wants one says which by a `ModelSpec`: a wire format is one file more, and no other place knows it."""
     formats = {f"dronecats.agent.models.{name}" for name in ("openai_chat", "gemini", "anthropic")}
-    users = {name for name, edges in graph(modules()).items() if edges & formats}
+    users = {name for name, needed in edges().items() if needed & formats}
     assert users == {"dronecats.agent.models.open"}
 
 

@@ -94,5 +94,5 @@ def test_geometry_that_cannot_fly_is_refused():
     with pytest.raises(UsageError, match="rotors"):
         allocation(replace(x500, rotors=x500.rotors[:3]))
     beside = tuple(replace(r, position_frd=(r.position_frd[0] + 1.0, *r.position_frd[1:])) for r in x500.rotors)
-    with pytest.raises(UsageError, match="hover level"):
+    with pytest.raises(UsageError, match="level"):
         allocation(replace(x500, rotors=beside))

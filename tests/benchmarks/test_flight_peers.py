@@ -45,6 +45,6 @@ def test_a_peer_that_is_absent_or_breaks_is_a_note_and_the_rest_are_ratios(tmp_p
     scripts = {"works": f"print({json.dumps(json.dumps(answer))})", "breaks": "raise ValueError('no rotors')"}
     make_environments(tmp_path, scripts)
     found = peers.compare(tmp_path, 500.0, 600.0)
-    assert found["absent"]["note"].startswith("skipped: no virtual environment")
+    assert found["absent"].keys() == {"note"}
     assert "no rotors" in found["breaks"]["note"]
     assert found["works"] == {**answer, "ours_over_it": 125.0, "ours_over_it_cpu": 120.0}

@@ -91,7 +91,7 @@ def test_an_absent_or_broken_peer_is_a_note_and_the_rest_are_ratios(tmp_path, mo
     }
     make_environments(tmp_path, scripts)
     found = peers.compare(tmp_path, kept, lambda: {"ms_1280x720": 100.0, "ms_640x360": 30.0})
-    assert found["absent"]["note"].startswith("absent: no virtual environment")
+    assert found["absent"].keys() == {"note"}
     assert "no libOSMesa" in found["breaks"]["note"]
     assert found["works"]["over_ours_ms_1280x720"] == 5.0
     assert found["works"]["over_ours_ms_640x360"] == 3.0

@@ -2,7 +2,6 @@
 
 import json
 import math
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +9,9 @@ from typing import Any
 
 import pytest
 
-pytestmark = pytest.mark.slow
+from tests.needs import needs
+
+pytestmark = pytest.mark.slow("whole benchmark commands")
 ROOT = Path(__file__).parents[2]
 # which the others are made of: no command
 PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers", "render_export"}
@@ -46,9 +47,8 @@ def test_every_benchmark_is_looked_at_here():
     assert {path.stem for path in (ROOT / "benchmarks").glob("[a-z]*.py")} - PARTS <= tested
 
 
+@needs("browser")
 def test_page():
-    if not (shutil.which("chromium") and shutil.which("chromedriver")):
-        pytest.skip("no Chromium with chromedriver here: apt install chromium chromium-driver")
     for embed in ((), ("--embed",)):
         (found,) = printed("page", *embed)
         assert_figures(found, {"shown_ms", "interactive_ms", "flight_ms", "page_mb"})
@@ -117,7 +117,6 @@ def test_commanding():
 
 
 def test_reading():
-    pytest.importorskip("rapidocr")
     (found,) = printed("reading")
     assert {row["kind"] for row in found["rows"]} == {"sign", "plate"}
     assert all(row["package"] == row["pictures"] == 1 for row in found["rows"])
@@ -147,7 +146,6 @@ def test_film():
     assert (found["pictures"], found["read_back"], found["film_s"]) == (10, 10, 1.0)
 
 
-@pytest.mark.slow
 def test_view():
     (found,) = printed("view")
     assert found["matched"] > 10

@@ -27,5 +27,5 @@ def test_every_action_in_the_space_is_read_strictly_as_itself(kind, point, depth
 
 
 def test_a_kind_that_is_none_is_refused():
-    with pytest.raises(ValueError, match="0 … 3, got 4"):
+    with pytest.raises(ValueError, match=r"0 .*3, .*4"):
         reply(4, (0, 0), 1, 0)

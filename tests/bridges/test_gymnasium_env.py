@@ -77,10 +77,10 @@ def test_a_fleet_is_commanded_by_one_action_for_each_drone(tmp_path):
     for row, frame in zip(first, seen["frames"], strict=True):  # in the drones' order
         kept = folder / "frames" / frame_name(row["frame_id"], row["drone"])
         np.testing.assert_array_equal(picture(kept.read_bytes()), frame)
-    with pytest.raises(ValueError, match="an action for each of 4 drones is wanted, got 1"):
+    with pytest.raises(ValueError, match=r"4 .*1"):
         spaces.joint_reply(DECLARE, 4)
 
 
 def test_one_environment_flies_one_number_of_drones():
-    with pytest.raises(UsageError, match=f"{FLEET} is for 4 drones, and {EPISODE} for 1"):
+    with pytest.raises(UsageError, match=f"{FLEET} .*4 .*{EPISODE} .*1"):
         made(episodes=[EPISODE, FLEET])

@@ -24,9 +24,9 @@ def said(text):
     return output
 
 
-def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, **options):
+def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0, **options):
     model = get_model("mockllm/model", custom_outputs=answer, memoize=False)
-    task = dronecats(episodes, seconds=8.0, out=str(tmp_path / "runs"), **options)
+    task = dronecats(episodes, seconds=seconds, out=str(tmp_path / "runs"), **options)
     (log,) = evaluate(task, model=model, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False,
                       reasoning_effort=reasoning_effort)  # fmt: skip
     return read_eval_log(log.location)
@@ -38,7 +38,7 @@ def test_what_inspects_model_says_is_what_is_flown_and_judged(tmp_path):
         assert (config.temperature, config.max_tokens) == (0.4, 8192)
         return said(FLEET if pictures == 4 else GO)
 
-    log = run(tmp_path, answer)
+    log = run(tmp_path, answer, seconds=4.0)
     assert log.status == "success"
     assert {sample.id for sample in log.samples} == set(EPISODES.split(","))
     for sample in log.samples:
@@ -75,7 +75,7 @@ def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, li
 
 
 def test_an_effort_that_inspect_does_not_know_is_refused():
-    with pytest.raises(UsageError, match=r"-T lifted wants one of minimal, .*, got 'much'"):
+    with pytest.raises(UsageError, match=r"-T lifted .*minimal, .*'much'"):
         dronecats("quick", lifted=cast(Any, "much"))
 
 

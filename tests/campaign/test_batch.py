@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from typing import Any
 
 import pytest
@@ -62,20 +63,20 @@ def test_a_second_attempt_keeps_the_first(tmp_path):
 
 def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):
     Batch(tmp_path / "run", {"pilot": "oracle", "seed": 0}).close()
-    with pytest.raises(UsageError, match="another seed"):
+    with pytest.raises(UsageError, match=r"\bseed\b"):
         Batch(tmp_path / "run", {"pilot": "oracle", "seed": 1})
 
 
 def test_settings_are_compared_as_they_stand_in_the_file(tmp_path):
     Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
     Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
-    with pytest.raises(UsageError, match="another envelope"):
+    with pytest.raises(UsageError, match=r"\benvelope\b"):
         Batch(tmp_path / "run", {"envelope": {"exclusions": ()}})
 
 
 def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
     first = Batch(tmp_path / "run", {})
-    with pytest.raises(UsageError, match="another process is flying"):
+    with pytest.raises(UsageError, match=f"{tmp_path}/run"):
         Batch(tmp_path / "run", {})
     first.close()
     Batch(tmp_path / "run", {}).close()
@@ -83,13 +84,13 @@ def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("three years of work")
-    with pytest.raises(UsageError, match=r"not empty and has no run\.json"):
+    with pytest.raises(UsageError, match=r"run\.json"):
         Batch(tmp_path, {})
 
 
 def test_a_folder_that_cannot_be_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match="cannot be written"):
+    with pytest.raises(UsageError, match=f"{tmp_path}/file"):
         Batch(tmp_path / "file" / "run", {})
 
 
@@ -113,7 +114,7 @@ def test_errors_are_nobodys_score():
 def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
     names = [each.name for each in table(results())]
     assert names[:3] == ["campus-approaching", "residential-tracking", "residential-search-and-track"]
-    assert "1 error, not scored" in text(table(results()), {})
+    assert re.search(r"\b1 error\b", text(table(results()), {}))
 
 
 def test_pars_are_of_solved_episodes_only():

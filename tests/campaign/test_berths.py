@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import pytest
-
 from dronecats.campaign.berths import Berths
 
 C, R = "campus", "residential"
@@ -15,21 +13,21 @@ def shared_out(jobs, workers, maps):
     return [berths.take(Path(str(k)), name) for k, name in enumerate(maps)]
 
 
-@pytest.mark.parametrize(
-    ("jobs", "workers", "flights", "expected"),
-    [(1, 2, 1, [1]), (2, 2, 2, [1, 1]), (16, 2, 16, [8, 8]), (16, 2, 1, [1]), (5, 2, 5, [3, 2]), (3, 8, 3, [1, 1, 1])],
-)
-def test_flights_of_one_map_are_shared_out_evenly(jobs, workers, flights, expected):
-    given = shared_out(jobs, workers, [R] * flights)
-    assert [given.count(k) for k in sorted(set(given))] == expected
+def test_flights_of_one_map_are_shared_out_evenly():
+    for jobs, workers, flights, expected in (
+        (1, 2, 1, [1]), (2, 2, 2, [1, 1]), (16, 2, 16, [8, 8]), (16, 2, 1, [1]), (5, 2, 5, [3, 2]),
+        (3, 8, 3, [1, 1, 1]),
+    ):  # fmt: skip
+        given = shared_out(jobs, workers, [R] * flights)
+        assert [given.count(k) for k in sorted(set(given))] == expected, (jobs, workers, flights)
 
 
-@pytest.mark.parametrize("maps", [[C] * 4 + [R] * 4, [C, R] * 4, [C, C, R, R] * 2])
-def test_every_worker_has_one_map_where_that_comes_out_even(maps):
-    given = shared_out(8, 2, maps)
-    assert {name: {k for k, each in zip(given, maps, strict=True) if each == name} for name in (C, R)} == {
-        C: {0}, R: {1},
-    }  # fmt: skip
+def test_every_worker_has_one_map_where_that_comes_out_even():
+    for maps in ([C] * 4 + [R] * 4, [C, R] * 4, [C, C, R, R] * 2):
+        given = shared_out(8, 2, maps)
+        assert {name: {k for k, each in zip(given, maps, strict=True) if each == name} for name in (C, R)} == {
+            C: {0}, R: {1},
+        }, maps  # fmt: skip
 
 
 def test_no_worker_stands_idle_for_the_sake_of_a_map():

@@ -177,11 +177,11 @@ def test_a_matrix_is_every_pilot_under_every_latency_and_command():
     alone, led = entries(two[:1], suite, commands=("hierarchical",), latencies=POLICY)
     assert (alone.episodes, alone.flight.command) == (tuple(FOUR), "flat")
     assert (led.episodes, led.flight.command) == ((FLEET,), "hierarchical")
-    with pytest.raises(UsageError, match="would be called oracle-flat"):
+    with pytest.raises(UsageError, match="oracle-flat"):
         entries([two[0], two[0]], suite, latencies=POLICY)
-    with pytest.raises(UsageError, match="nothing is to be flown"):
+    with pytest.raises(UsageError, match="--pilot"):
         entries([], suite, latencies=POLICY)
-    with pytest.raises(UsageError, match="--command wants one of flat, hierarchical, solo"):
+    with pytest.raises(UsageError, match=r"--command .*flat, hierarchical, solo"):
         entries(two, suite, commands=("loud",), latencies=POLICY)
 
 
@@ -191,7 +191,7 @@ def test_a_suite_is_told_by_its_records_and_not_by_what_is_flown_of_it():
     assert quick.flown.name == "quick"
     assert suite_of(suites.ids("quick")[:3], []).flown.sha256 != quick.flown.sha256
     assert suite_of([], ["quick", "one-drone"]).flown.name == "quick+one-drone"
-    with pytest.raises(UsageError, match="say what is flown"):
+    with pytest.raises(UsageError, match="--suite"):
         suite_of([], [])
 
 
@@ -203,14 +203,14 @@ def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_pa
     joined.close()
     told = json.loads((tmp_path / "b" / "bench.json").read_text())
     assert [run["name"] for run in told["runs"]] == ["blind-fan-flat-fixed-0.5-f1", "oracle-flat-fixed-0.5-f1"]
-    with pytest.raises(UsageError, match="benchmark of other episodes"):
+    with pytest.raises(UsageError, match="episodes"):
         bench(tmp_path / "b", FOUR[:2])
     lenient = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False), parser="lenient")
-    with pytest.raises(UsageError, match="another parser"):
+    with pytest.raises(UsageError, match=r"\bparser\b"):
         Bench(tmp_path / "b", suite, entries([("oracle", lenient)], suite, latencies=POLICY), retry=True)
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.txt").write_text("three years")
-    with pytest.raises(UsageError, match=r"not empty and has no bench\.json"):
+    with pytest.raises(UsageError, match=r"bench\.json"):
         bench(tmp_path / "thesis")
 
 
@@ -220,7 +220,7 @@ def test_a_run_says_of_which_suite_it_is(tmp_path):
     assert told["suite"]["sha256"] == suite_of(FOUR, []).flown.sha256
     assert told["suite"]["name"] is None
     assert len(told["code_sha256"]) == 64
-    with pytest.raises(UsageError, match="another process is flying"):
+    with pytest.raises(UsageError, match=str(opened.runs[0].batch.run)):
         Batch(opened.runs[0].batch.run, {})
     opened.close()
 

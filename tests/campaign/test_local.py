@@ -1,9 +1,9 @@
 """Workers are real processes: they fly, they are killed or hang, and what was left is flown by the next run."""
 
 import dataclasses
-import json
 import os
 import queue
+import re
 import signal
 import socket
 import subprocess
@@ -19,17 +19,19 @@ from dronecats.campaign.campaign import Came, Campaign, OpenRun
 from dronecats.campaign.engine import Sortie
 from dronecats.campaign.local import LocalEngine
 from dronecats.campaign.matrix import BenchEntry
+from dronecats.cli.main import main
 from dronecats.flight.file import as_kept
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.rundir import layout
 from episodes import catalogue
 from foundation.errors import InfrastructureError
 from tests.support.children import children
+from tests.support.command_line import last_object
 
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
-SHORT = dataclasses.replace(ORACLE, seconds=6.0, full=True)
+SHORT = dataclasses.replace(ORACLE, seconds=3.0, full=True)
 EASY = "residential-approaching-01"
-THREE = (EASY, "residential-searching-01", "residential-tracking-01")
+TWO = (EASY, "residential-searching-01")
 
 
 def audit(out, *arguments):
@@ -65,23 +67,23 @@ def flown_bytes(folder):
     return {name: (folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")}
 
 
-def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path):
-    first = audit(tmp_path / "run", EASY)
-    out, errors = first.communicate(timeout=600)
-    assert first.returncode == 0, errors
-    report = json.loads(out.splitlines()[-1])
+def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path, capsys):
+    def report_of(*episodes):
+        assert main(["episodes", "audit", "--json", "--out", str(tmp_path / "run"), *episodes]) == 0
+        return last_object(capsys.readouterr().out)
+
+    report = report_of(EASY)
     assert report["unsolved"] == {}
     assert report["rows"][-1]["solved"] == report["rows"][-1]["flown"] == 1
     log = tmp_path / "run" / EASY / "decisions.jsonl"
     flown = log.stat().st_mtime_ns
     file = tmp_path / "mine.json"
     file.write_text(catalogue.load(EASY).to_json())
-    again = audit(tmp_path / "run", str(file))
-    assert json.loads(again.communicate(timeout=600)[0].splitlines()[-1])["rows"] == report["rows"]
+    assert report_of(str(file))["rows"] == report["rows"]
     assert log.stat().st_mtime_ns == flown
 
 
-@pytest.mark.slow
+@pytest.mark.slow("flights with pictures, together and alone")
 def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
     """Whatever a process keeps for all of its flights must not move one of them."""
     seen = FlightSpec(pilot="vision", simulated=Simulated(speed=None), latency="fixed:0.1", seconds=6.0, full=True)
@@ -103,21 +105,19 @@ def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
         assert flown_bytes(together.folder(episode)) == flown_bytes(alone.folder(episode))
 
 
-def test_a_pinned_rate_is_a_charge_to_the_byte(tmp_path):
+def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
     pinned, charged = (dataclasses.replace(SHORT, latency=policy) for policy in ("rate:2", "fixed:0.5"))
-    two = [batch_of(tmp_path / name, flight) for name, flight in (("pinned", pinned), ("charged", charged))]
-    for batch, flight in zip(two, (pinned, charged), strict=True):
-        assert fly(batch, flight, [EASY])[EASY].outcome == "failure"
-    assert flown_bytes(two[0].folder(EASY)) == flown_bytes(two[1].folder(EASY))
-    assert b'"latency_s": 0.5' in flown_bytes(two[0].folder(EASY))["decisions.jsonl"]
+    two = [flown_bytes(fly_once(dataclasses.replace(spec, episode=EASY)).run / EASY) for spec in (pinned, charged)]
+    assert two[0] == two[1]
+    assert b'"latency_s": 0.5' in two[0]["decisions.jsonl"]
 
 
 def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
     """The others of its worker fly on, since nothing has died."""
     batch = batch_of(tmp_path / "run", SHORT)
-    lost = THREE[1]
+    lost = TWO[1]
     batch._records[lost] = dataclasses.replace(batch._record(lost), map="nowhere")
-    results = fly(batch, SHORT, THREE[:2], jobs=2, workers=1)
+    results = fly(batch, SHORT, TWO, jobs=2, workers=1)
     assert results[EASY].outcome == "failure"
     assert results[lost].outcome == "error"
     assert "nowhere" in str(results[lost].error)
@@ -130,18 +130,16 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
         """Its second episode's worker dies when it has just been told to fly."""
 
         def _turn(self, worker, fresh, flying):
-            if [each for each in fresh if each.folder.name == THREE[1]]:
+            if [each for each in fresh if each.folder.name == TWO[1]]:
                 killed.append(worker.pid)
                 os.kill(worker.pid, signal.SIGKILL)
             super()._turn(worker, fresh, flying)
 
-    results = fly(batch, SHORT, THREE, engine=Fragile)
+    results = fly(batch, SHORT, TWO, engine=Fragile)
     assert len(killed) == 1
-    assert {name: each.outcome for name, each in results.items()} == dict(
-        zip(THREE, ("failure", "error", "failure"), strict=True)
-    )
-    assert batch.left(THREE) == [THREE[1]]
-    assert fly(batch, SHORT, THREE, jobs=2)[THREE[1]].outcome == "failure"
+    assert {name: each.outcome for name, each in results.items()} == dict(zip(TWO, ("failure", "error"), strict=True))
+    assert batch.left(TWO) == [TWO[1]]
+    assert fly(batch, SHORT, TWO, jobs=2)[TWO[1]].outcome == "failure"
     assert not workers()
 
 
@@ -157,10 +155,10 @@ def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
                 os.kill(worker.pid, signal.SIGSTOP)
             super()._turn(worker, fresh, flying)
 
-    results = fly(batch, SHORT, THREE[:2], engine=Frozen, answer_s=3.0)
+    results = fly(batch, SHORT, TWO, engine=Frozen, answer_s=3.0)
     assert results[EASY].outcome == "error"
     assert "hangs" in str(results[EASY].error)
-    assert results[THREE[1]].outcome == "failure"
+    assert results[TWO[1]].outcome == "failure"
     assert not psutil.pid_exists(stopped[0])
     assert not workers()
 
@@ -196,7 +194,7 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
     results = fly(batch, flight, [EASY], engine=Impatient)
     server.close()
     assert results[EASY].outcome == "error"
-    assert "hangs: no log grew for 1 s" in str(results[EASY].error)
+    assert re.search(r"\bhangs\b.*\b1 s", str(results[EASY].error))
     assert batch.left([EASY]) == [EASY]
     assert not workers()
 
@@ -223,7 +221,7 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
     batch = batch_of(tmp_path / "run", ORACLE)
     batch.fresh(EASY)
     (tmp_path / "run" / layout.UNFINISHED).write_text("a file where what was broken off has to be moved to")
-    with pytest.raises(InfrastructureError, match="cannot be written: File exists"):
+    with pytest.raises(InfrastructureError, match=f"{tmp_path}/run"):
         fly(batch, ORACLE, [EASY])
     assert not workers()
 
@@ -231,14 +229,14 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
 def test_a_worker_that_cannot_be_started_ends_the_run(tmp_path, monkeypatch):
     batch = batch_of(tmp_path / "run", ORACLE)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))
-    with pytest.raises(InfrastructureError, match="no worker can be started"):
+    with pytest.raises(InfrastructureError, match=r"\bworker\b"):
         fly(batch, ORACLE, [EASY])
 
 
 def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
     engine = LocalEngine(tmp_path / "log", jobs=1)
     engine.close()
-    with pytest.raises(InfrastructureError, match="killed by SIGKILL"):
+    with pytest.raises(InfrastructureError, match="SIGKILL"):
         engine._start()
     assert not workers()
 
@@ -246,7 +244,7 @@ def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
 def test_an_engine_that_is_closed_in_the_middle_of_a_start_leaves_nothing(tmp_path):
     engine = LocalEngine(tmp_path / "log", jobs=2)
     batch = batch_of(tmp_path / "run", SHORT)
-    for episode in THREE[:2]:
+    for episode in TWO:
         record = batch.record(episode)
         engine.begin(Sortie(flight=dataclasses.replace(SHORT, record=record), folder=batch.fresh(episode)))
     engine.close()
@@ -256,7 +254,7 @@ def test_an_engine_that_is_closed_in_the_middle_of_a_start_leaves_nothing(tmp_pa
     assert not workers()
 
 
-def test_what_cannot_be_flown_is_refused_at_once(tmp_path):
+def test_what_cannot_be_flown_is_refused_at_once(tmp_path, capsys):
     like = tmp_path / "like.json"
     like.write_text(dataclasses.replace(catalogue.load(EASY), instruction="go home").to_json())
     for arguments, sentence in (
@@ -268,8 +266,7 @@ def test_what_cannot_be_flown_is_refused_at_once(tmp_path):
         (["--jobs", "0"], "--jobs"),
         (["--pilot", "vision", "--write-par"], "--write-par"),
     ):
-        refused = audit(tmp_path / "run", *arguments)
-        _, errors = refused.communicate(timeout=60)
-        assert refused.returncode == 2
+        assert main(["episodes", "audit", "--json", "--out", str(tmp_path / "run"), *arguments]) == 2
+        errors = capsys.readouterr().err
         assert sentence in errors
         assert len(errors.strip().splitlines()) == 1

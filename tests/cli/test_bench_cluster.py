@@ -1,5 +1,6 @@
 """What a cluster cannot be asked for is refused before anything is flown."""
 
+import re
 import socket
 
 import pytest
@@ -8,16 +9,16 @@ from dronecats.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "parts"),
     [
-        (["--address", "10.0.0.1:6379"], "--address goes with --engine ray"),
-        (["--engine", "ray", "--address", "somewhere"], "wants HOST:PORT of the cluster's head, got 'somewhere'"),
-        (["--engine", "ray", "--address", "127.0.0.1:{free}"], "no Ray cluster answers there"),
+        (["--address", "10.0.0.1:6379"], "--address .*--engine ray"),
+        (["--engine", "ray", "--address", "somewhere"], "HOST:PORT .*'somewhere'"),
+        (["--engine", "ray", "--address", "127.0.0.1:{free}"], "--address .*127.0.0.1"),
     ],
 )
-def test_a_cluster_that_cannot_be_had_is_told_in_a_sentence(words, said, tmp_path, capsys):
+def test_a_cluster_that_cannot_be_had_is_told_in_a_sentence(words, parts, tmp_path, capsys):
     with socket.create_server(("127.0.0.1", 0)) as held:
         free = held.getsockname()[1]
     words = [word.format(free=free) for word in words]
     assert main(["bench", "residential-approaching-01", "--pilot", "oracle", "--out", str(tmp_path), *words]) == 2
-    assert said in capsys.readouterr().err
+    assert re.search(parts, capsys.readouterr().err)

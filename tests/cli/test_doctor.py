@@ -3,30 +3,84 @@
 import json
 import re
 import socket
+import tomllib
+from pathlib import Path
 
 import pytest
 
 from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import doctor
 from dronecats.cli.main import main
+from foundation.extras import EXTRAS, is_installed
+
+ROOT = Path(__file__).parents[2]
+
+
+def hide(monkeypatch, *modules):
+    """Make modules look as if they were not installed."""
+    monkeypatch.setattr(doctor, "is_installed", lambda module: module not in modules and is_installed(module))
+
+
+def examined(capsys):
+    """Return the exit status, and the object that `doctor --json` prints."""
+    status = main(["doctor", "--json"])
+    return status, json.loads(capsys.readouterr().out)
 
 
 def test_exit_status_and_verdict_agree_with_the_findings(capsys):
-    status = main(["doctor", "--json"])
-    said = json.loads(capsys.readouterr().out)
-    missing = [f for f in said["findings"] if f["state"] == doctor.MISSING]
-    assert said["can_simulate"] == (not missing)
+    status, found = examined(capsys)
+    missing = [f for f in found["findings"] if f["state"] == doctor.MISSING]
+    assert found["can_simulate"] == (not missing)
     assert status == (1 if missing else 0)
     assert all(f["remedy"] for f in missing)
-    assert {*doctor.BASE, *doctor.SIM} <= {f["name"] for f in said["findings"]}
 
 
-def test_a_missing_package_is_named_with_the_way_to_get_it(monkeypatch, capsys):
-    monkeypatch.setitem(doctor.SIM, "no-such-distribution", "no_such_module_anywhere")
-    assert main(["doctor"]) == 1
-    printed = capsys.readouterr().out
-    assert "✗ no-such-distribution" in printed
-    assert doctor.INSTALL["sim"] in printed
+def test_every_base_package_and_every_extra_is_listed(capsys):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    base = {re.split(r"[^\w.-]", requirement)[0] for requirement in project["dependencies"]}
+    _, found = examined(capsys)
+    names = {kind: {f["name"] for f in found["findings"] if f["kind"] == kind} for kind in ("package", "extra")}
+    assert names["package"] == {"dronecats", "python", *base}
+    assert names["extra"] == {extra.name for extra in EXTRAS}
+
+
+@pytest.mark.parametrize("extra", EXTRAS, ids=lambda extra: extra.name)
+def test_an_extra_without_one_of_its_packages_is_missing_and_only_sim_is_an_obstacle(extra, monkeypatch):
+    for module in extra.modules:
+        hide(monkeypatch, module)
+        finding = doctor._extra(extra)
+        assert finding.state == (doctor.MISSING if extra.name == "sim" else doctor.NOTE)
+        assert finding.remedy == extra.command
+
+
+def test_a_machine_without_the_extra_sim_gets_one_remedy(monkeypatch, capsys):
+    hide(monkeypatch, "numba", "embreex")
+    status, found = examined(capsys)
+    assert status == 1
+    assert [f["name"] for f in found["findings"] if f["state"] == doctor.MISSING] == ["sim"]
+
+
+def test_a_package_that_does_not_import_is_an_obstacle(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "_import_fault", lambda module: "broken" if module == "numba" else "")
+    status, found = examined(capsys)
+    assert status == 1
+    assert [f["name"] for f in found["findings"] if f["state"] == doctor.MISSING] == ["sim"]
+
+
+def test_a_missing_base_package_is_an_obstacle(monkeypatch, capsys):
+    monkeypatch.setitem(doctor.BASE, "no-such-distribution", "no_such_module_anywhere")
+    status, found = examined(capsys)
+    assert status == 1
+    assert [f["name"] for f in found["findings"] if f["state"] == doctor.MISSING] == ["no-such-distribution"]
+
+
+def test_the_page_names_each_missing_extra_with_its_command(monkeypatch, capsys):
+    hide(monkeypatch, "viser", "duckdb")
+    assert main(["doctor"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    for name in ("view", "query"):
+        assert [line for line in printed if f'pip install "dronecats[{name}]"' in line and name in line.split()[:2]]
+    assert not [line for line in printed if "dronecats[sim]" in line]
 
 
 @pytest.mark.parametrize("flag", [[], ["--json"]])

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -79,16 +80,15 @@ def test_check_accepts_and_rejects(capsys: pytest.CaptureFixture[str], tmp_path:
     walled.write_text(replace(SHIPPED, id="walled", target=replace(SHIPPED.target, position_ned=house)).to_json())
     torn = tmp_path / "torn.json"
     torn.write_text(SHIPPED.to_json()[:100])
-    answer = json.loads(said(capsys, "check", catalogue.DEFAULT, "--json"))
+    answer = json.loads(said(capsys, "check", catalogue.DEFAULT, "--json", "--jobs", "1"))
     assert answer == {"checked": 1, "rejected": {}, "suite": []}
-    answer = json.loads(said(capsys, "check", catalogue.DEFAULT, str(walled), str(torn), "--json", status=1))
-    assert answer["checked"] == 3
+    answer = json.loads(said(capsys, "check", str(walled), str(torn), "--json", "--jobs", "1", status=1))
+    assert answer["checked"] == 2
     assert set(answer["rejected"]) == {"walled", str(torn)}
-    assert "walled.json: field 'target.position_ned'" not in answer["rejected"][str(torn)]
-    assert "field 'target.position_ned': what the target stands in is house-" in answer["rejected"]["walled"]
+    assert "walled.json" not in answer["rejected"][str(torn)]
+    assert re.search(r"'target\.position_ned'.* house-", answer["rejected"]["walled"])
     text = said(capsys, "check", str(walled), "--jobs", "1", "--rules", status=1)
-    assert "REJECTED" in text
-    assert "1 checked, 1 rejected" in text
+    assert re.search(r"\b1 checked.*\b1 rejected", text)
 
 
 def test_no_reason_is_lost_where_files_hold_the_same_id(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
     assert par.load(file) == {"a": 9}
     for wrong in ("[]", '{"a": 0}', '{"a": true}', '{"a": 1.5}'):
         file.write_text(wrong)
-        with pytest.raises(ValueError, match="table"):
+        with pytest.raises(ValueError, match=r"par\.json"):
             par.load(file)
 
 
@@ -136,5 +136,5 @@ def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["episodes", "sheet", "suw", "--out", str(file)]) == 2
     assert "suv" in capsys.readouterr().err
     assert main(["episodes", "sheet", "suv", "--out", str(tmp_path / "sheet.gif")]) == 2
-    assert "call it" in capsys.readouterr().err
+    assert "sheet.gif" in capsys.readouterr().err
     assert not (tmp_path / "sheet.gif").exists()

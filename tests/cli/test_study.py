@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shlex
 import signal
@@ -56,127 +57,121 @@ def study(name, *words):
     return study_spec.of_options(args, name, {"latency": levels(args.values)})
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["latency", "--pilot", "oracle"], "say what is flown: --suite NAME, or episodes by id or file"),
-        (["latency", "--cells", "tracking"], "nothing is to be flown: name a pilot with --model or --pilot"),
-        (["latency", "--cells", "traking", "--pilot", "oracle"], "--cells wants some of approaching, searching"),
-        (["latency", "--maps", "moon", "--pilot", "oracle"], "--maps wants some of blocks, campus, residential"),
+def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch):
+    for words, parts in (
+        (["latency", "--pilot", "oracle"], "--suite"),
+        (["latency", "--cells", "tracking"], "--model .*--pilot"),
+        (["latency", "--cells", "traking", "--pilot", "oracle"], "--cells .*approaching, searching"),
+        (["latency", "--maps", "moon", "--pilot", "oracle"], "--maps .*blocks, campus, residential"),
         (
             ["latency", "--cells", "tracking", "--maps", "blocks", "--pilot", "oracle"],
-            "no episode of all is tracking on",
+            "tracking .*blocks",
         ),
-        (["latency", "--cells", "tracking", "--episodes", TWO, "--pilot", "oracle"], "choose from a suite; leave them"),
-        (["latency", "--episodes", TWO, "--pilot", "orakel"], "did you mean oracle"),
+        (["latency", "--cells", "tracking", "--episodes", TWO, "--pilot", "oracle"], "--cells"),
+        (["latency", "--episodes", TWO, "--pilot", "orakel"], "orakel.*oracle"),
         (
             ["latency", "--episodes", TWO, "--pilot", "oracle", "--values", "0,-1"],
-            "latency wants a number from 0 to 300 s",
+            "latency .*0 .*300 s.*-1",
         ),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--values", "0,soon"], "latency wants a number from"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--values", "0,soon"], "latency .*'soon'"),
         (
             ["latency", "--episodes", TWO, "--pilot", "oracle", "--values", "1,1.0"],
-            "latency has one of its levels twice",
+            "latency .*twice",
         ),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--values", ""], "latency wants a list of levels"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "wind"], "--hold wants FACTOR=LEVEL"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "wnd=3"], "did you mean wind"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "rate=3"], "rate and latency both say"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "pilot=oracle"], "leave --pilot out"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--seconds", "0"], "--seconds wants more than 0"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--flights", "0"], "--flights wants 1 to"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--shard", "3/2"], "--shard wants i/n"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--address", "h:1"], "--address goes with --engine ray"),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--cost-limit", "1"], "--cost-limit goes with --model"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--values", ""], "latency "),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "wind"], "--hold .*FACTOR=LEVEL"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "wnd=3"], "wnd.*wind"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "rate=3"], "rate .*latency "),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--hold", "pilot=oracle"], "--pilot"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--seconds", "0"], "--seconds .*0"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--flights", "0"], "--flights .*1 .*0"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--shard", "3/2"], "--shard .*3/2"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--address", "h:1"], "--address .*--engine ray"),
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--cost-limit", "1"], "--cost-limit .*--model"),
         (["latency", "--episodes", TWO, "--pilot", "oracle", "--commander", "scripted:divide"], "--hold command=hier"),
         (
             ["latency", "--episodes", TWO, "--pilot", "oracle", "--frame-drop", "0.1", "--hold", "frame_drop=0"],
-            "or held",
+            "--frame-drop",
         ),
-        (["jitter", "--episodes", TWO, "--pilot", "oracle", "--rate", "30"], "rate wants a number from 0.01 to 20 Hz"),
+        (["jitter", "--episodes", TWO, "--pilot", "oracle", "--rate", "30"], "rate .*0.01 .*20 Hz"),
         (
             ["jitter", "--episodes", TWO, "--pilot", "oracle", "--rho", "2"],
-            "jitter_rho wants a number from -0.99 to 0.99",
+            "jitter_rho .*-0.99 .*0.99",
         ),
         (
             ["jitter", "--episodes", TWO, "--pilot", "oracle", "--cv", "0", "--rho", "0.5"],
-            "jitter_rho at 0.5 says nothing in every flight: jitter_cv is 0 there; give that a level above it",
+            "jitter_rho .*0.5 .*jitter_cv .*0 ",
         ),
         (
             ["latency", "--episodes", TWO, "--hold", "model=local/x", "--temperature", "0.5"],
-            "--temperature is of one --model, and model is one of the factors, or held; leave it out",
+            "--temperature .*--model",
         ),
         (
             ["latency", "--episodes", TWO, "--hold", "model=local/x", "--base-url", "http://h:1/v1"],
-            "--base-url is of one --model",
+            "--base-url .*--model",
         ),
         (
             ["latency", "--cells", "commanding", "--pilot", "oracle", "--hold", "agent=steady", "--hold", HIERARCHICAL],
-            "command at hierarchical: agent steady goes with command flat or solo",
+            "command .*hierarchical: agent steady .*flat .*solo",
         ),
-        (["latency", "--episodes", TWO, "--pilot", "oracle", "--seed", "-1"], "study: --seed wants a whole number"),
-        (["run", "no-such.toml"], "no-such.toml cannot be read"),
-    ],
-)
-def test_what_cannot_be_flown_is_refused_in_one_sentence(words, sentence, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["study", *words, "--out", "out"]) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len(said.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
+        (["latency", "--episodes", TWO, "--pilot", "oracle", "--seed", "-1"], "study: --seed .*-1"),
+        (["run", "no-such.toml"], "no-such.toml"),
+    ):
+        monkeypatch.chdir(tmp_path)
+        assert main(["study", *words, "--out", "out"]) == 2, words
+        said = capsys.readouterr().err
+        assert re.search(parts, said), said
+        assert len(said.strip().splitlines()) == 1, words
+        assert not (tmp_path / "out").exists(), words
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("flihgts = 2", "'flihgts' is not known; did you mean flights?"),
-        ("desing = 'full'", "'desing' is not known; did you mean design?"),
-        ("no_retry = true", "'no_retry' is not known"),
-        ("latency = ['fixed:1']", "latency is a factor: say it under [factors], or under [held]"),
-        ("cells = 'tracking'", "cells wants a list of words"),
-        ("points = -1", "points wants a whole number"),
-        ("name = 3", "name wants a word"),
-        ("seconds = 'long'", "seconds wants a number"),
-        ("design = 'random'", "design wants one of full, fractional, latin, one-at-a-time"),
-        ("factors = 3", "factors wants a table"),
-        ("", "a study wants factors: say what is varied under [factors]"),
-        ("[factors]\nwint = [1, 2]", "did you mean wind"),
+def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsys):
+    for text, parts in (
+        ("flihgts = 2", "'flihgts' .*flights"),
+        ("desing = 'full'", "'desing' .*design"),
+        ("no_retry = true", "'no_retry'"),
+        ("latency = ['fixed:1']", r"latency .*\[factors\].*\[held\]"),
+        ("cells = 'tracking'", "cells "),
+        ("points = -1", "points .*-1"),
+        ("name = 3", "name "),
+        ("seconds = 'long'", "seconds "),
+        ("design = 'random'", "design .*full, fractional, latin, one-at-a-time"),
+        ("factors = 3", "factors "),
+        ("", r"\[factors\]"),
+        ("[factors]\nwint = [1, 2]", "wint.*wind"),
         (
             "[factors]\nwind = 3",
-            "wind wants a list of levels, or { low = …, high = … }, got 3; one level goes under held",
+            "wind .*{ low = …, high = … }.*3; .*held",
         ),
-        ("[factors]\nwind = { low = 5 }", "wind wants a list of levels, or"),
-        ("[factors]\nwind = { low = 5, high = 2 }", "wind wants a low that is below its high"),
-        ("[factors]\nagent = { low = 5, high = 2 }", "agent wants a list of levels, got"),
-        ("[factors]\nwind = [1, 99]", "wind wants a number from 0 to 30 m/s, got 99"),
-        ("design = 'latin'\n[factors]\nwind = [1, 2]", "wants points = N"),
-        ("points = 3\n[factors]\nwind = [1, 2]", 'points goes with design = "latin"'),
-        ("generators = ['D=AB']\n[factors]\nwind = [1, 2]", 'generators goes with design = "fractional"'),
-        ("design = 'fractional'\n[factors]\nwind = [1, 2, 3]", "two levels of each factor; wind has 3"),
-        ("[factors]\nwind = [1, 2]\n[held]\nwind = 1", "wind is varied and held at one level"),
-        ("[factors]\nstall_share = [0, 0.1]", "stall_share goes with --speed N"),
+        ("[factors]\nwind = { low = 5 }", "wind .*high"),
+        ("[factors]\nwind = { low = 5, high = 2 }", "wind .*low .*high"),
+        ("[factors]\nagent = { low = 5, high = 2 }", "agent "),
+        ("[factors]\nwind = [1, 99]", "wind .*0 .*30 m/s.*99"),
+        ("design = 'latin'\n[factors]\nwind = [1, 2]", "points = N"),
+        ("points = 3\n[factors]\nwind = [1, 2]", 'points .*design = "latin"'),
+        ("generators = ['D=AB']\n[factors]\nwind = [1, 2]", 'generators .*design = "fractional"'),
+        ("design = 'fractional'\n[factors]\nwind = [1, 2, 3]", "wind .*3"),
+        ("[factors]\nwind = [1, 2]\n[held]\nwind = 1", "wind .*held"),
+        ("[factors]\nstall_share = [0, 0.1]", "stall_share .*--speed"),
         (
             "[factors]\nwind_towards = [0, 90]\n[held]\nwind = 0",
-            "my.toml: wind_towards says nothing in every flight: wind is 0 there; give that a level above it",
+            "my.toml: wind_towards .*wind .*0 ",
         ),
-        ("temperature = 0.5\n[factors]\nwind = [0, 9]", "--temperature goes with --model PROVIDER/NAME"),
-        ("[factors]\nlatency_policy = ['fixed:1', 'real']", "my.toml: at latency_policy real: --latency real has no"),
-        ("[factors]\npayload = [0, 20]", "my.toml: at payload 20: airframe 'x500' cannot carry 20 kg"),
-        ("[factors]\nagent = ['paper', 'no:one']", "my.toml: at agent no:one: --agent no:one cannot be loaded"),
-        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: at rate_cap 0.1: --latency real is what really"),
-        ("suite = ", "is not TOML"),
-    ],
-)
-def test_a_file_that_says_something_else_is_refused(text, sentence, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    who = "" if text.startswith("cells") else "cells = ['tracking']\n"
-    Path("my.toml").write_text(f"pilot = 'oracle'\n{who}{text}")
-    assert main(["study", "run", "my.toml"]) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len(said.strip().splitlines()) == 1
-    assert not Path("runs").exists()
+        ("temperature = 0.5\n[factors]\nwind = [0, 9]", "--temperature .*--model"),
+        ("[factors]\nlatency_policy = ['fixed:1', 'real']", "my.toml: .*latency_policy real: --latency real "),
+        ("[factors]\npayload = [0, 20]", "my.toml: .*payload 20: .*'x500' .*20 kg"),
+        ("[factors]\nagent = ['paper', 'no:one']", "my.toml: .*agent no:one: --agent no:one "),
+        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: .*rate_cap 0.1: --latency real "),
+        ("suite = ", "my.toml"),
+    ):
+        monkeypatch.chdir(tmp_path)
+        who = "" if text.startswith("cells") else "cells = ['tracking']\n"
+        Path("my.toml").write_text(f"pilot = 'oracle'\n{who}{text}")
+        assert main(["study", "run", "my.toml"]) == 2, text
+        said = capsys.readouterr().err
+        assert re.search(parts, said), said
+        assert len(said.strip().splitlines()) == 1, text
+        assert not Path("runs").exists(), text
 
 
 def test_a_file_says_what_is_flown(tmp_path, monkeypatch):
@@ -185,7 +180,7 @@ def test_a_file_says_what_is_flown(tmp_path, monkeypatch):
     asked = study("run", "my.toml")
     made = asked.plan.study
     assert (made.name, asked.out, asked.args.jobs, asked.args.limit) == ("wind and latency", Path("runs/my"), 2, 3)
-    assert made.design == "fractional factorial 2^(3-1) of resolution III, C = AB"
+    assert re.search(r"fractional .*2\^\(3-1\).* III, C = AB", made.design)
     assert [(each.name, each.unit, each.levels) for each in made.factors] == [
         ("latency", "s", (0.0, 2.0)), ("wind", "m/s", (0.0, 6.0)), ("gusts", "m/s", (0.0, 3.0)),
     ]  # fmt: skip
@@ -282,8 +277,8 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     assert f"  {shlex.join(command)}" in said.splitlines()
     assert main([*words, "--values", "0,1"]) == 2
     errors = capsys.readouterr().err
-    differs = "factors, latency 0, 2 there and latency 0, 1 now"
-    assert errors == f"dronecats study: s is of another study (not the same: {differs}); choose another --out\n"
+    assert re.search("factors, latency 0, 2 .*latency 0, 1 .*--out", errors)
+    assert errors.count("\n") == 1
 
 
 def test_a_process_may_hold_a_lock_for_each_run():
@@ -295,7 +290,7 @@ def test_a_process_may_hold_a_lock_for_each_run():
         sitting.allow_locks(1)
         assert resource.getrlimit(resource.RLIMIT_NOFILE) == (sitting.FILES + 3, hard)
         if hard != resource.RLIM_INFINITY:
-            with pytest.raises(UsageError, match="open files, and the system allows"):
+            with pytest.raises(UsageError, match=f"{hard:,} .*{hard:,}"):
                 sitting.allow_locks(hard)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (before, hard))
@@ -325,7 +320,7 @@ def test_a_study_that_is_killed_ends_with_the_same_bytes(tmp_path):
     assert all((out / name).read_bytes() == data for name, data in before.items())
 
 
-@pytest.mark.slow
+@pytest.mark.slow("starts a Ray cluster")
 @pytest.mark.xdist_group("ray")  # two clusters at once are two too many for two cores
 def test_a_study_on_a_cluster_has_the_same_bytes(tmp_path):
     for out, more in (("here", []), ("there", ["--engine", "ray"])):
@@ -338,15 +333,12 @@ def test_a_study_on_a_cluster_has_the_same_bytes(tmp_path):
     assert (tmp_path / "here" / "study.json").read_bytes() == (tmp_path / "there" / "study.json").read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("[factors]\nlatency = [0, 1]\n[held]\nlink_loss = 0.1\n'link-loss' = 0.2\n", r"\[held\] says link_loss twice"),
-        ("[factors]\nlink_loss = [0.1]\n'link-loss' = [0.2]\n", r"\[factors\] says link_loss twice"),
-        ("[factors]\nwind_towards = [0, 90]\n", "wind_towards at 0: it goes with wind"),
-    ],
-)
-def test_a_factor_is_said_once_and_beside_what_it_refines(tmp_path, text, sentence):
-    (tmp_path / "s.toml").write_text(f'pilot = ["noisy"]\ncells = ["tracking"]\n{text}')
-    with pytest.raises(UsageError, match=sentence):
-        study("run", str(tmp_path / "s.toml"))
+def test_a_factor_is_said_once_and_beside_what_it_refines(tmp_path):
+    for text, parts in (
+        ("[factors]\nlatency = [0, 1]\n[held]\nlink_loss = 0.1\n'link-loss' = 0.2\n", r"\[held\] .*link_loss .*twice"),
+        ("[factors]\nlink_loss = [0.1]\n'link-loss' = [0.2]\n", r"\[factors\] .*link_loss .*twice"),
+        ("[factors]\nwind_towards = [0, 90]\n", "wind_towards .*0.* wind"),
+    ):
+        (tmp_path / "s.toml").write_text(f'pilot = ["noisy"]\ncells = ["tracking"]\n{text}')
+        with pytest.raises(UsageError, match=parts):
+            study("run", str(tmp_path / "s.toml"))

@@ -1,6 +1,7 @@
 """`dronecats study loop`, as it is typed."""
 
 import json
+import re
 
 import pytest
 
@@ -16,8 +17,8 @@ def test_one_loop_on_a_page(tmp_path, capsys):
     assert row["airframe"] == "nano"
     assert abs(row["off_percent"]) <= 20.0
     page = (tmp_path / "loop-margins.md").read_text()
-    assert 'dronecats study loop --airframe nano --loops "yaw attitude" --part margins --out DIR' in page
-    assert f"| nano | yaw attitude | {row['rise_s']:g} s |" in page
+    assert 'dronecats study loop --airframe nano --loops "yaw attitude" --part margins' in page
+    assert re.search(rf"nano\b.*\byaw attitude\b.*\b{row['rise_s']:g} s", page)
     for name in ("margins", "steps", "onset"):
         assert f"({name}.png)" in page
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000 < (tmp_path / f"{name}.svg").stat().st_size
@@ -44,17 +45,16 @@ def test_what_is_not_there_is_wrong_usage(words, capsys):
 def test_a_px4_that_is_no_program_ends_it_before_anything_of_ours_is_flown(capsys):
     assert main(["study", "loop", "--airframe", "nano", "--px4", "./no-such-px4"]) == 2
     trying, *complaint = capsys.readouterr().err.strip().splitlines()
-    assert trying == "nano: the trace under PX4 …"
-    assert complaint == [
-        "dronecats study: --px4 './no-such-px4' names no program that can be run; give the path of PX4 or a script"
-    ]
+    assert "nano" in trying
+    assert len(complaint) == 1
+    assert "--px4 './no-such-px4'" in complaint[0]
 
 
 def test_a_px4_that_ends_at_once_leaves_what_it_said(tmp_path, capsys):
     command = "sh -c 'echo no board; exit 4' {instance}"  # on ports that nobody has
     assert main(["study", "loop", "--airframe", "nano", "--px4", command, "--out", str(tmp_path / "loop")]) == 3
     said = capsys.readouterr().err
-    assert "PX4 ended with exit status 4" in said.splitlines()[-1]
+    assert "exit status 4" in said.splitlines()[-1]
     assert "loops …" not in said  # of the margins, which take minutes
     (log,) = (tmp_path / "loop").glob("px4-*.log")
     assert str(log) in said

@@ -51,7 +51,7 @@ def test_the_words_of_a_server_that_gives_no_answer(answered):
 
 
 def test_the_words_of_the_command_line_itself():
-    status, told = run("fly", "--sitl", "--pilot", f"x{HOSTILE}".replace("\x00", ""))
+    status, told = run("judge", f"x{HOSTILE}".replace("\x00", ""))
     assert status == 2
     assert r"\u001b[2J" in told
     assert not STEERS.search(told)

@@ -1,6 +1,7 @@
 """What is done to wire and vehicle, in the words of `fly` and of a bench.toml."""
 
 import argparse
+import re
 from dataclasses import fields
 from typing import Any
 
@@ -45,58 +46,46 @@ def test_every_option_reaches_its_field() -> None:
     assert parsed() == Disturbances()
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--link los=0.1", "--link takes NAME=VALUE,… with the names delay,"),
-        ("--link delay", "got 'delay'"),
-        ("--link .delay=1", "got '.delay=1'"),
-        ("--link via.delay=1", "got 'via.delay=1'"),
-        ("--link delay=fast", "takes a number where it says 'delay=fast'"),
-        ("--link baud=1e5", "takes a whole number where it says 'baud=1e5'"),
-        ("--link loss=2", "loss is a share from 0 to 1"),
-        ("--link delay=nan", "delay is 0 to 60 seconds"),
-        ("--link loss=1", "to.loss=1"),
-        ("--wind 4", "--wind wants N,E"),
-        ("--wind nan,0", "the wind is 0 to 30 m/s"),
-        ("--wind 30,30", "the wind is 0 to 30 m/s"),
-        ("--gusts 31", "the wind of the gusts is 0 to 30 m/s"),
-        ("--payload -1", "the payload is 0 to 20 kg"),
-        ("--gps-delay 2", "the GPS delay is 0 to 1.4 s"),
-        ("--setpoint-rate 1", "the setpoints' rate is 2 to 50 Hz"),
-        ("--host-stalls 0.1", "--host-stalls wants a share"),
-        ("--host-stalls 2,1", "the share of stalled seconds is 0 to 1"),
-    ],
-)
-def test_what_cannot_be_is_told_in_one_sentence(words: str, said: str) -> None:
-    with pytest.raises(UsageError) as told:
-        parsed(*words.split(" ", 1))
-    assert said in str(told.value)
-    assert "\n" not in str(told.value)
+def test_what_cannot_be_is_told_in_one_sentence() -> None:
+    for words, parts in (
+        ("--link los=0.1", "--link .*NAME=VALUE.* delay,"),
+        ("--link delay", "'delay'"),
+        ("--link .delay=1", r"'\.delay=1'"),
+        ("--link via.delay=1", r"'via\.delay=1'"),
+        ("--link delay=fast", "'delay=fast'"),
+        ("--link baud=1e5", "'baud=1e5'"),
+        ("--link loss=2", "loss .*0 .*1"),
+        ("--link delay=nan", "delay .*0 .*60 "),
+        ("--link loss=1", r"to\.loss=1"),
+        ("--wind 4", "--wind .*N,E"),
+        ("--wind nan,0", "wind .*0 .*30 m/s"),
+        ("--wind 30,30", "wind .*0 .*30 m/s"),
+        ("--gusts 31", "gusts .*0 .*30 m/s"),
+        ("--payload -1", "payload .*0 .*20 kg"),
+        ("--gps-delay 2", r"GPS delay .*0 .*1\.4 s"),
+        ("--setpoint-rate 1", "rate .*2 .*50 Hz"),
+        ("--host-stalls 0.1", "--host-stalls .*0.1"),
+        ("--host-stalls 2,1", "share .*0 .*1"),
+    ):
+        with pytest.raises(UsageError) as told:
+            parsed(*words.split(" ", 1))
+        assert re.search(parts, str(told.value)), told.value
+        assert "\n" not in str(told.value), words
 
 
 def test_a_host_cannot_stall_in_lockstep() -> None:
-    with pytest.raises(UsageError, match="--host-stalls goes with --speed N"):
+    with pytest.raises(UsageError, match=r"--host-stalls .*--speed"):
         parsed("--host-stalls", "0.1,0.5", lockstep=True)
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (
-            ("--link", "delay=0.1,loss=0.05,baud=57600"),
-            "the wire both ways has a delay of 0.1 s and 5 % of frames lost and 57600 baud and a queue of 2048 bytes",
-        ),
-        (
-            ("--link", "to.jitter=0.1,from.reorder=0.2"),
-            "the wire to the vehicle has jitter of 0.1 s, the wire from the vehicle has 20 % of frames out of order",
-        ),
-        (("--gps-delay", "0.2", "--gps-noise", "3"), "fixes are 0.2 s older than they say, GPS noise × 3"),
-        (("--host-stalls", "0.1,0.5"), "the simulator stands still for 0.5 s in 10 % of seconds"),
-    ],
-)
-def test_what_is_done_is_said_in_words(words: tuple[str, ...], told: str) -> None:
-    assert disturbed(parsed(*words)) == told
+def test_what_is_done_is_said_with_its_values() -> None:
+    for words, values in (
+        (("--link", "delay=0.1,loss=0.05,baud=57600"), ["0.1", "5", "57600", "2048"]),
+        (("--link", "to.jitter=0.1,from.reorder=0.2"), ["0.1", "20"]),
+        (("--gps-delay", "0.2", "--gps-noise", "3"), ["0.2", "3"]),
+        (("--host-stalls", "0.1,0.5"), ["0.5", "10"]),
+    ):
+        assert re.findall(r"\d[\d.]*", disturbed(parsed(*words)) or "") == values, words
 
 
 def test_nothing_that_is_done_is_left_unsaid() -> None:

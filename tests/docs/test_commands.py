@@ -1,4 +1,4 @@
-"""Every command of README.md and docs/ is taken from its page and run, or `tables.py` says why not."""
+"""Runs the blocks of code of README.md and docs/ that are marked `run`, and parses the commands of all others."""
 
 import os
 import re
@@ -6,133 +6,110 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from dronecats.cli.main import VERBS, parse
-from tests.docs import tables
-from tests.docs.pages import PAGES, ROOT, commands
+from dronecats.cli.main import parse
+from tests.docs.pages import BLOCK, KINDS, MARKER, PAGES, ROOT, Block, blocks
 
-ALL = [command for page in PAGES for command in commands(page)]
-OURS = [command for command in ALL if re.match(r"(echo .* \| )?dronecats ", command.text)]
-# `dronecats` and `python` are those of this test, wherever it is run from
-PRELUDE = 'dronecats() { "$PYTHON" -m dronecats.cli.main "$@"; }; python() { "$PYTHON" "$@"; }; set -o pipefail; '
-EPISODE = "residential-approaching-01"
-
-
-def test_the_pages_are_read():
-    """One command of each way in which a page can set it, so that a reader that reads nothing is found out."""
-    read = {(command.page, command.text) for command in ALL}
-    assert ("README.md", "dronecats tune x500") in read  # within a sentence
-    assert ("docs/maps.md", "dronecats maps list [--json]") in read  # in a fence, and explained there
-    assert ("docs/flying-px4.md", "dronecats fly --sitl") in read  # indented, with a comment
-    assert any("--arm --seconds" in text for page, text in read if page == "docs/after-flight.md")  # over two lines
-    assert any(text.startswith("dronecats fly --connect serial") for _, text in read)  # of a service
-    assert not [text for _, text in read if text.startswith("dronecats fly:")]  # what one printed
+BLOCKS = [block for page in PAGES for block in blocks(page)]
+RUNNING = sorted({block.page for block in BLOCKS if block.kind == "run"} - {"docs/README.md"})  # `demo` runs that one
+SHELL = ("sh", "console")
+COMMAND = re.compile(r"(    )?(\$ )?(dronecats|python3?|make|pip|pytest) (?!\S*: )")  # `dronecats fly: …` is an output
+# `dronecats study report` and `dronecats report` write these pages, and indent the command that made them.
+WRITTEN = ("docs/studies/", "docs/reports/")
+# `dronecats` and `python` are those of this test, also where nothing is installed.
+PRELUDE = 'set -eo pipefail; dronecats() { python -m dronecats.cli.main "$@"; }; python() { "$PYTHON" "$@"; }\n'
 
 
-@pytest.mark.parametrize("command", ALL, ids=str)
-def test_every_command_is_run_or_said_why_not(command):
-    try:
-        tables.row(command.text)
-    except LookupError as missing:
-        raise AssertionError(f"{command} is in {missing} of tests/docs/tables.py") from None
+def calls(text: str, program: str) -> Iterator[list[str]]:
+    """Yield the arguments of each call of a program in shell commands."""
+    for line in text.replace("\\\n", " ").splitlines():
+        words = [word.lstrip("$(") for word in shlex.split(line, comments=True)]
+        for start, word in enumerate(words, 1):
+            if word == program or word.endswith(f"bin/{program}"):
+                end = next((i for i, word in enumerate(words) if i >= start and word in ("|", "&&", ";")), None)
+                yield words[start:end]
 
 
-@pytest.mark.parametrize("table", [tables.RUNS, tables.ELSEWHERE])
-def test_no_row_stands_for_nothing(table):
-    begins = [row.begins if isinstance(row, tables.Run) else row[0] for row in table]
-    assert [begin for begin in begins if not any(re.match(begin, command.text) for command in ALL)] == []
+def prose(page: Path) -> str:
+    """Return the text of a page without its fenced blocks and their markers."""
+    return BLOCK.sub("", page.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("command", OURS, ids=str)
-def test_every_command_can_be_parsed(command, capsys):
-    words = shlex.split(tables.filled(command.text).split("| ")[-1])[1:]
-    if not words:
+def spans(page: Path) -> list[str]:
+    """Return the commands with options that a page sets as code within its sentences."""
+    return [" ".join(span.split()) for span in re.findall(r"`(dronecats\s[^`]*\s\[?-[^`]*)`", prose(page))]
+
+
+def shell(script: str, folder: Path) -> None:
+    """Run a script in a folder. Raises AssertionError when a command of it fails."""
+    environment = {**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "DRONECATS_MAPS": f"{folder}/maps"}
+    command = ["bash", "-c", PRELUDE + script]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=900
+    )
+    assert done.returncode == 0, f"{script}ended with {done.returncode}\n{done.stdout[-1500:]}{done.stderr[-1500:]}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_shell_block_has_a_marker(page):
+    marked = [block for block in blocks(page) if block.kind]
+    unmarked = [block for block in blocks(page) if not block.kind]
+    assert [str(block) for block in unmarked if block.language in SHELL or COMMAND.match(block.code)] == []
+    assert [str(block) for block in marked if block.kind not in KINDS] == []
+    assert [str(block) for block in marked if (block.kind == "file") != bool(block.file)] == []
+    assert prose(page).count(MARKER) == 0, "a marker is not directly above its fence"
+    if not str(page.relative_to(ROOT)).startswith(WRITTEN):
+        assert [line for line in prose(page).splitlines() if COMMAND.match(line)] == [], "commands belong in a fence"
+
+
+@pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind not in (None, "file")], ids=str)
+def test_every_command_can_be_parsed(block):
+    if block.language == "python":
+        compile(block.code, str(block), "exec")
         return
-    assert words[0] in VERBS
-    try:
+    for words in calls(block.script, "dronecats"):
         parse(words)
-    except SystemExit:
-        options = [word for word in words if word.startswith("-")]
-        assert command.inline, capsys.readouterr().err
-        assert not options, capsys.readouterr().err
-        with pytest.raises(SystemExit) as named:  # a verb is named that wants more than its name
-            parse([*words, "--help"])
-        assert named.value.code == 0, capsys.readouterr().err
+    for path, *_ in calls(block.script, "pytest"):
+        assert (ROOT / path).exists()
+    for target, *_ in calls(block.script, "make"):
+        assert re.search(rf"^{re.escape(target)}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", [c for c in ALL if c.text.startswith(("pytest ", "make "))], ids=str)
-def test_what_make_and_pytest_are_asked_for_is_there(command):
-    what = command.text.split()[1]
-    if command.text.startswith("pytest "):
-        assert (ROOT / what).exists()
-    elif tables.row(command.text) != "in PX4's sources":
-        assert re.search(rf"^{re.escape(what)}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+@pytest.mark.parametrize("page", [page for page in PAGES if spans(page)], ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_within_sentences_can_be_parsed(page):
+    for span in spans(page):
+        parse(shlex.split(span)[1:])
 
 
 @pytest.fixture(scope="session")
-def flown(tmp_path_factory) -> Path:
-    """A run folder with a flight in it."""
-    folder = tmp_path_factory.mktemp("docs") / "flown"
-    shell(f"dronecats episodes audit {EPISODE} --jobs 1 --out {folder}", folder.parent)
+def demo(tmp_path_factory) -> Path:
+    """A folder with the run that the pages call `runs/demo`, made as docs/README.md says."""
+    folder = tmp_path_factory.mktemp("docs")
+    for block in blocks(ROOT / "docs" / "README.md"):
+        run_block(block, folder)
+    assert (folder / "runs" / "demo" / "run.json").exists()
     return Path(folder)
 
 
-@pytest.fixture
-def workplace(tmp_path, flown) -> Path:
-    """A folder in which a page's relative paths lead to copies."""
-    shutil.copytree(flown, tmp_path / "flown")
-    (tmp_path / "docs" / "assets").mkdir(parents=True)
-    (tmp_path / "benchmarks").mkdir()
-    for copied in ("docs/airframes.md", "benchmarks/square.jsonl"):
-        shutil.copy(ROOT / copied, tmp_path / copied)
-    own = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8"), re.DOTALL)
-    assert own
-    (tmp_path / "own.py").write_text(own[1], encoding="utf-8")
-    return Path(tmp_path)
+@pytest.mark.process
+@pytest.mark.slow("whole commands, with their flights")
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("page", [pytest.param(page, marks=pytest.mark.xdist_group(page)) for page in RUNNING])
+def test_the_blocks_of_a_page_run(page, demo, tmp_path):
+    shutil.copytree(demo, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(ROOT / "docs", tmp_path / "docs", ignore=shutil.ignore_patterns("*.jpg", "*.png", "*.svg", "*.pdf"))
+    (tmp_path / "benchmarks").symlink_to(ROOT / "benchmarks")
+    for block in blocks(ROOT / page):
+        run_block(block, tmp_path)
 
 
-def shell(line: str, folder: Path) -> None:
-    """Run a line in a folder. Raises AssertionError when it does not end with 0."""
-    environment = {**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "DRONECATS_MAPS": f"{folder}/maps"}
-    done = subprocess.run(
-        ["bash", "-c", PRELUDE + line],
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    assert done.returncode == 0, f"{line}\nends with {done.returncode}\n{done.stdout[-1500:]}{done.stderr[-1500:]}"
-
-
-def lines(slow: bool) -> dict[str, list[str]]:
-    """Return by page what is run, in the page's order; what several pages have is run for the first of them."""
-    found: dict[str, str] = {}
-    for command in ALL:
-        try:
-            row = tables.row(command.text)
-        except LookupError:  # which has a test of its own
-            continue
-        if isinstance(row, tables.Run) and row.slow == slow:
-            text = re.sub(row.drop, "", tables.filled(command.text)) if row.drop else tables.filled(command.text)
-            found.setdefault(" ".join(f"{text} {row.add}".split()), command.page)
-    return {page: [line for line, of in found.items() if of == page] for page in dict.fromkeys(found.values())}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", lines(slow=False))
-def test_the_commands_of_a_page_run(page, workplace):
-    for line in lines(slow=False)[page]:
-        shell(line, workplace)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", lines(slow=True))
-def test_the_flights_of_a_page_run(page, workplace):
-    for line in lines(slow=True)[page]:
-        shell(line, workplace)
+def run_block(block: Block, folder: Path) -> None:
+    """Write a block that is a file, run one that is marked `run`, and pass over all others."""
+    if block.file:
+        (folder / block.file).write_text(block.code, encoding="utf-8")
+    elif block.kind == "run":
+        shell(f"python -c {shlex.quote(block.code)}\n" if block.language == "python" else block.script, folder)

@@ -1,4 +1,4 @@
-"""A real browser without a window, and a small map that its software renderer draws at once."""
+"""A small map that the software renderer of a browser draws at once, and a free port."""
 
 import socket
 
@@ -6,18 +6,7 @@ import numpy as np
 import pytest
 
 from episodes.maps import user
-from tests.support.browser import chromium
 from tests.support.ports import free_port
-
-# what draws without a graphics card
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
-
-
-@pytest.fixture(scope="module")  # a page that stays open draws on, and takes a core from the tests that follow
-def browser(tmp_path_factory):
-    """Return a headless Chromium with a profile of its own; without one the test is skipped."""
-    with chromium(tmp_path_factory.mktemp("profile"), *SOFTWARE) as made:
-        yield made
 
 
 @pytest.fixture

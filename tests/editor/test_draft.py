@@ -80,17 +80,19 @@ def test_another_asset_and_paint_are_in_the_words_until_a_person_writes_them(dra
     assert drafting.instruct(draft, "").record.instruction == "go to the blue sedan"
 
 
-@pytest.mark.parametrize(("a", "b"), list(itertools.product(CELLS, CELLS)))
-def test_from_any_cell_to_any_other(drafting, draft, a, b):
-    draft = drafting.cell(drafting.cell(draft, a), b)
-    sound(drafting, draft)
-    one = draft.record
-    assert (one.target.path is not None) == (b in MOVING)
-    assert len(one.starts) == (4 if b == "commanding" else 1)
-    assert len(one.candidates) == (3 if b == "commanding" else 0)
-    if b in HIDDEN:
-        ahead = math.degrees(math.atan2(*(drafting.centre(one)[k] - one.starts[0].position_ned[k] for k in (1, 0))))
-        assert abs(math.remainder(one.starts[0].yaw_deg - ahead, 360.0)) == pytest.approx(90.0, abs=0.1)
+@pytest.mark.parametrize("a", CELLS)
+def test_from_any_cell_to_any_other(drafting, draft, a):
+    before = drafting.cell(draft, a)
+    for b in CELLS:
+        after = drafting.cell(before, b)
+        sound(drafting, after)
+        one = after.record
+        assert (one.target.path is not None) == (b in MOVING), b
+        assert len(one.starts) == (4 if b == "commanding" else 1), b
+        assert len(one.candidates) == (3 if b == "commanding" else 0), b
+        if b in HIDDEN:
+            ahead = math.degrees(math.atan2(*(drafting.centre(one)[k] - one.starts[0].position_ned[k] for k in (1, 0))))
+            assert abs(math.remainder(one.starts[0].yaw_deg - ahead, 360.0)) == pytest.approx(90.0, abs=0.1), b
 
 
 def test_a_path_is_long_enough_and_lies_on_the_ground_between_its_waypoints(drafting, draft):
@@ -156,14 +158,14 @@ def test_a_thing_of_the_map_can_be_the_target(drafting, draft):
     assert World(draft.record).target.name == name  # it stands where the record says
     ahead = draft.record.starts[0].yaw_deg - draft.record.bearing_deg
     assert math.remainder(ahead, 360.0) == pytest.approx(0.0, abs=0.1)  # the drone faces it
-    with pytest.raises(UsageError, match="belongs to the map"):
+    with pytest.raises(UsageError, match=name):
         drafting.move_target(draft, 0.0, 0.0)
     back = drafting.choose(draft, "suv", "cyan")
     assert back.record.target.native is None
     sound(drafting, back)
-    with pytest.raises(UsageError, match="nothing called"):
+    with pytest.raises(UsageError, match="'road'"):
         drafting.adopt(draft, "road")
-    with pytest.raises(UsageError, match="cannot be"):
+    with pytest.raises(UsageError, match="tracking"):
         drafting.adopt(drafting.cell(draft, "tracking"), name)
 
 
@@ -183,7 +185,7 @@ OPERATIONS = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(OPERATIONS, max_size=8))
 def test_whatever_is_done_the_record_stays_sound_and_can_be_undone(drafting, tmp_path, work):
     def done(name, arguments, draft):
@@ -238,7 +240,7 @@ def test_a_record_is_written_and_read_back(session, drafting):
     path = session.save()
     assert path.name == "my-first.json"
     assert catalogue.load(path) == session.record
-    with pytest.raises(UsageError, match="exists already"):
+    with pytest.raises(UsageError, match=r"my-first\.json"):
         session.save()
     session.do(lambda d: drafting.move_target(d, 3.0, 3.0))
     assert catalogue.load(session.save(replace=True)) == session.record
@@ -248,29 +250,29 @@ def test_a_record_is_written_and_read_back(session, drafting):
 @pytest.mark.parametrize("replacing", [False, True])
 def test_the_id_of_a_shipped_episode_is_not_taken(session, drafting, replacing):
     session.do(lambda d: drafting.rename(d, catalogue.DEFAULT))
-    with pytest.raises(UsageError, match="ships"):
+    with pytest.raises(UsageError, match=f"'{catalogue.DEFAULT}'"):
         session.save(replace=replacing)
 
 
 def test_a_shipped_file_is_never_overwritten_silently(drafting, draft):
     kept = (catalogue.FOLDER / f"{catalogue.DEFAULT}.json").read_bytes()
     session = Session(drafting, replace(draft, record=replace(draft.record, id=catalogue.DEFAULT)), catalogue.FOLDER)
-    with pytest.raises(UsageError, match="exists already"):
+    with pytest.raises(UsageError, match=rf"{catalogue.DEFAULT}\.json"):
         session.save()
     assert (catalogue.FOLDER / f"{catalogue.DEFAULT}.json").read_bytes() == kept
 
 
-@pytest.mark.parametrize("name", ["", "../evil", "/etc/passwd", "a/b", "A", "a\0b", "x" * 65, "..", "a.json"])
-def test_an_id_never_leads_out_of_the_folder(session, drafting, name, tmp_path):
-    session.do(lambda d: drafting.rename(d, name))
-    with pytest.raises(UsageError, match="field 'id'"):
-        session.save(replace=True)
-    assert list(tmp_path.rglob("*.json")) == []
+def test_an_id_never_leads_out_of_the_folder(session, drafting, tmp_path):
+    for name in ("", "../evil", "/etc/passwd", "a/b", "A", "a\0b", "x" * 65, "..", "a.json"):
+        session.do(lambda d, name=name: drafting.rename(d, name))
+        with pytest.raises(UsageError, match="'id'"):
+            session.save(replace=True)
+        assert list(tmp_path.rglob("*.json")) == [], name
 
 
 def test_what_stands_on_a_stand_is_no_moving_target(drafting):
     draft = drafting.cell(drafting.new("residential"), "tracking")
-    with pytest.raises(UsageError, match="moves, which a quadrotor cannot"):
+    with pytest.raises(UsageError, match=r"tracking .*quadrotor"):
         drafting.choose(draft, "quadrotor", "cyan")
     stood = drafting.choose(drafting.new("residential"), "quadrotor", "cyan")
     assert drafting.cell(stood, "tracking").record.target.asset == "suv"

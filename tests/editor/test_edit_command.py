@@ -1,13 +1,11 @@
 """`dronecats edit` on the command line: it says where it is, serves the page, and ends when it is told to."""
 
 import os
+import re
 import signal
 import subprocess
-import sys
 import threading
 import urllib.request
-
-import pytest
 
 from dronecats.cli.main import main
 from tests.support.command_line import DRONECATS
@@ -36,23 +34,14 @@ def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
     assert not out.exists()  # nothing was written, so nothing is there
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["campsu"], "no map, no episode and no record file: did you mean campus?"),
-        (["xyz"], "did you mean blocks, campus, residential"),
-        (["absent.json"], "does not exist"),
-        (["residential", "--port", "70000"], "no port"),
-    ],
-)
-def test_wrong_usage_is_one_sentence(arguments, sentence, capsys):
-    assert main(["edit", *arguments, "--no-browser"]) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert said.count("\n") == 1
-
-
-def test_without_viser_it_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "viser", None)
-    assert main(["edit", "--no-browser"]) == 2
-    assert "pip install 'dronecats[edit]'" in capsys.readouterr().err
+def test_wrong_usage_is_one_sentence(capsys):
+    for arguments, parts in (
+        (["campsu"], "'campsu' .*campus"),
+        (["xyz"], "'xyz' .*blocks, campus, residential"),
+        (["absent.json"], "absent.json"),
+        (["residential", "--port", "70000"], "--port 70000 "),
+    ):
+        assert main(["edit", *arguments, "--no-browser"]) == 2, arguments
+        said = capsys.readouterr().err
+        assert re.search(parts, said), said
+        assert said.count("\n") == 1, arguments

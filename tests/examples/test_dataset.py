@@ -74,38 +74,35 @@ def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):
     table = pq.read_table(file)
     place = table.column_names.index("judge.success")
     pq.write_table(table.set_column(place, table.schema.field(place), [[False] * len(table)]), file)
-    with pytest.raises(UsageError, match="no flight that succeeded"):
+    with pytest.raises(UsageError, match="succeeded"):
         dataset.read(folder)
 
 
 def test_what_is_no_dataset_is_told(dataset_folder, tmp_path):
-    with pytest.raises(UsageError, match="is no dataset"):
+    with pytest.raises(UsageError, match="dronecats export"):
         dataset.read(tmp_path)
     folder = tmp_path / "broken"
     shutil.copytree(dataset_folder, folder)
     (file,) = (folder / "data").rglob("*.parquet")
     file.write_bytes(file.read_bytes()[:1000])
-    with pytest.raises(UsageError, match="is damaged"):
+    with pytest.raises(UsageError, match="damaged"):
         dataset.read(folder)
 
 
-@pytest.mark.parametrize(
-    ("numbers", "action"),
-    [
+def test_eight_numbers_are_an_action():
+    for numbers, action in (
         ((1, 0, 0, 0, 250, 400, 6.5, 0), Go(250.0, 400.0, 6.5)),
         ((0, 1, 0, 0, 0, 0, 0, -30), Rotate(-30.0)),
         ((0, 0, 1, 0, 0, 0, 0, 0), Think()),
         ((0, 0, 0, 1, 0, 0, 0, 0), Finished()),
-    ],
-)
-def test_eight_numbers_are_an_action(numbers, action):
-    assert action_of(np.array(numbers, np.float32)) == action
+    ):
+        assert action_of(np.array(numbers, np.float32)) == action, numbers
 
 
-@pytest.mark.parametrize("numbers", [(0,) * 8, (1, 1, 0, 0, 0, 0, 0, 0)])
-def test_eight_numbers_that_are_none_are_refused(numbers):
-    with pytest.raises(UsageError, match="is none"):
-        action_of(np.array(numbers, np.float32))
+def test_eight_numbers_that_are_none_are_refused():
+    for numbers in ((0,) * 8, (1, 1, 0, 0, 0, 0, 0, 0)):
+        with pytest.raises(UsageError):
+            action_of(np.array(numbers, np.float32))
 
 
 def test_a_flight_is_held_out_by_its_name_alone():

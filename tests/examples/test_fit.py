@@ -9,8 +9,9 @@ from examples.action_head import features
 from examples.action_head.dataset import Decisions
 from examples.action_head.settings import Shape, Training
 from foundation.errors import UsageError
+from tests.needs import reason
 
-torch = pytest.importorskip("torch", reason="the extra `train` is not installed")
+torch = pytest.importorskip("torch", reason=reason("torch"))
 
 from examples.action_head import fit, network, train  # noqa: E402
 
@@ -113,19 +114,19 @@ def test_a_head_is_kept_and_read_again(tmp_path):
 
 
 def test_a_file_that_is_no_head_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="does not exist"):
+    with pytest.raises(UsageError, match=r"none\.pt"):
         network.load(tmp_path / "none.pt")
     (tmp_path / "text.pt").write_text("no head")
-    with pytest.raises(UsageError, match="is no trained head"):
+    with pytest.raises(UsageError, match=r"text\.pt"):
         network.load(tmp_path / "text.pt")
     head = network.ActionHead(SMALL)
     told = {"format": network.FORMAT + 1, "shape": asdict(SMALL), "declares_at": 0.5, "weights": head.state_dict()}
     torch.save(told, tmp_path / "later.pt")
-    with pytest.raises(UsageError, match="of another version"):
+    with pytest.raises(UsageError, match=r"later\.pt.*version"):
         network.load(tmp_path / "later.pt")
 
 
 def test_one_flight_is_too_little_to_learn_when_to_declare(dataset_folder, tmp_path):
-    with pytest.raises(UsageError, match="held-out flight"):
+    with pytest.raises(UsageError, match="held-out"):
         train.main([str(dataset_folder), "--out", str(tmp_path / "head.pt"), "--epochs", "1"])
     assert not (tmp_path / "head.pt").exists()

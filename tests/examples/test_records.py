@@ -32,22 +32,19 @@ def test_what_is_drafted_is_new():
     assert made[0].map_seed == records.FIRST_MAP_SEED
 
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({}, "on a map of the benchmark"),
-        ({"map_seed": 2}, "has the seed of a shipped record"),
-        ({"map_seed": 2, "seed": 5}, "has the start and the words of a shipped record"),
-    ],
-)
-def test_an_episode_of_the_benchmark_is_refused(changed, said):
+def test_an_episode_of_the_benchmark_is_refused():
     shipped = catalogue.load("residential-approaching-01")
-    with pytest.raises(UsageError, match=said):
-        records.must_be_new([replace(shipped, **changed)])
+    for changed, part in (
+        (shipped, "map"),
+        (replace(shipped, map_seed=2), r"^(?!.*\b(map|start)\b).*seed"),
+        (replace(shipped, map_seed=2, seed=5), "start"),
+    ):
+        with pytest.raises(UsageError, match=part):
+            records.must_be_new([changed])
 
 
-@pytest.mark.parametrize("words", [["--share", "0"], ["--share", "1.5"], ["--share", "nan"], ["--jobs", "0"]])
-def test_a_count_that_is_none_is_refused(words, tmp_path):
-    with pytest.raises(UsageError, match=words[0]):
-        records.main(["--out", str(tmp_path / "out"), *words])
-    assert not (tmp_path / "out").exists()
+def test_a_count_that_is_none_is_refused(tmp_path):
+    for words in (["--share", "0"], ["--share", "1.5"], ["--share", "nan"], ["--jobs", "0"]):
+        with pytest.raises(UsageError, match=words[0]):
+            records.main(["--out", str(tmp_path / "out"), *words])
+        assert not (tmp_path / "out").exists(), words

@@ -19,6 +19,7 @@ from examples.action_head.pilot import pilot
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.picture import encode
+from tests.needs import needs
 
 
 class Reddest:
@@ -93,9 +94,9 @@ def test_the_models_own_check_finds_that_it_points(served, capsys):
     assert json.loads(capsys.readouterr().out)
 
 
+@needs("torch")
 def test_a_trained_head_is_served(tmp_path):
     """Untrained in truth: what its weights are changes nothing of the way."""
-    pytest.importorskip("torch")
     from examples.action_head.network import ActionHead, save
     from examples.action_head.settings import Shape
 
@@ -106,7 +107,7 @@ def test_a_trained_head_is_served(tmp_path):
     assert parse(text) == Finished()  # from a probability of 0 on
 
 
-@pytest.mark.parametrize("words", [["--port", "65536"], ["--threads", "0"]])
-def test_a_number_that_is_none_is_refused(words):
-    with pytest.raises(UsageError, match=words[0]):
-        serve.main(["head.pt", *words])
+def test_a_number_that_is_none_is_refused():
+    for words in (["--port", "65536"], ["--threads", "0"]):
+        with pytest.raises(UsageError, match=words[0]):
+            serve.main(["head.pt", *words])

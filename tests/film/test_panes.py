@@ -73,13 +73,13 @@ def test_the_map_has_target_ring_and_drone_where_they_are(flight):
 
 
 def test_what_is_said_follows_the_flight(flight, going):
-    assert "the pilot is asked" in captions.action(flight, 0, going.t_frame + 0.01)[0]
     said = captions.action(flight, 0, going.t_decided)[0]
-    assert said.startswith(f"step {going.step}   go (")
-    assert "no model" in flight.who
-    assert captions.verdict(flight)[0] == str(flight.episode.verdict.outcome).upper() + (
-        f" · {flight.episode.verdict.ne_m:.2f} m from the target" if flight.episode.verdict.ne_m is not None else ""
-    )
+    assert said.startswith(f"step {going.step} ")
+    assert "go (" in said
+    assert "go (" not in captions.action(flight, 0, going.t_frame + 0.01)[0]
+    outcome, ne_m = flight.episode.verdict.outcome, flight.episode.verdict.ne_m
+    assert str(outcome) in captions.verdict(flight)[0].lower()
+    assert ne_m is None or f"{ne_m:.2f} m" in captions.verdict(flight)[0]
 
 
 @pytest.mark.parametrize("size", [(480, 270), (1280, 720)])
@@ -106,17 +106,17 @@ def test_words_stay_in_their_room():
     assert fitted("short", 20, 300) == ["short"]
 
 
-@pytest.mark.parametrize("drones", [1, 2, 3, 4, 8])
-@pytest.mark.parametrize("size", [(1280, 720), (320, 180), (854, 480)])
-def test_no_pane_covers_another_and_all_are_in_the_picture(drones, size):
-    width, height = size
-    covered = np.zeros((height, width), int)
-    found = panes(width, height, drones)
-    for pane in (*found.chase, *found.onboard, found.map, found.bar):
-        assert pane.width > 0
-        assert pane.height > 0
-        assert pane.left + pane.width <= width
-        assert pane.top + pane.height <= height
-        covered[pane.top : pane.top + pane.height, pane.left : pane.left + pane.width] += 1
-    assert covered.max() == 1
-    assert covered.mean() > 0.8  # of three, a quarter of their area stays empty
+def test_no_pane_covers_another_and_all_are_in_the_picture():
+    for size in ((1280, 720), (320, 180), (854, 480)):
+        for drones in (1, 2, 3, 4, 8):
+            width, height = size
+            covered = np.zeros((height, width), int)
+            found = panes(width, height, drones)
+            for pane in (*found.chase, *found.onboard, found.map, found.bar):
+                assert pane.width > 0, (drones, size)
+                assert pane.height > 0, (drones, size)
+                assert pane.left + pane.width <= width, (drones, size)
+                assert pane.top + pane.height <= height, (drones, size)
+                covered[pane.top : pane.top + pane.height, pane.left : pane.left + pane.width] += 1
+            assert covered.max() == 1, (drones, size)
+            assert covered.mean() > 0.8, (drones, size)  # of three, a quarter of their area stays empty

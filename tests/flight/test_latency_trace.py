@@ -12,6 +12,7 @@ from dronecats.flight.file import as_json, from_json
 from dronecats.flight.flight import look_up
 from dronecats.flight.latency_trace import latency_fields, read_trace
 from foundation.errors import UsageError
+from tests.support.refusal import refusal
 from tests.support.run_folders import run_folder
 
 ROW = {"drone": 0, "frame_id": 1, "t_frame": 0.0, "t_decided": 1.0, "action": None, "error": "none", "reply": "x"}
@@ -41,35 +42,31 @@ def test_a_csv_is_read_by_its_column_or_its_only_one(tmp_path, text):
     assert read_trace(tmp_path / "x.csv") == (0.5, 1.0, 0.25)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "holds no latency"),
-        ("latency_s\n", "holds no latency"),
-        ("a,b\n1,2\n", "none of them is latency_s"),
-        ("0.5\nfast\n", "no number of seconds as its latency 2"),
-        ("latency_s,b\n0.5,1\n,3\n", "no number of seconds as its latency 2"),
-        ("1\n" * 10_001, "10,000 are the most"),
-        ("-1\n", "of 0 to 300 s"),
-        ("nan\n", "of 0 to 300 s"),
-    ],
-)
-def test_what_holds_no_latencies_is_refused(tmp_path, text, said):
-    (tmp_path / "x.csv").write_text(text)
-    with pytest.raises(UsageError, match=said):
-        latency_fields(f"trace:{tmp_path / 'x.csv'}")
+def test_what_holds_no_latencies_is_refused(tmp_path):
+    for text, word in [
+        ("", "x.csv"),
+        ("latency_s\n", "x.csv"),
+        ("a,b\n1,2\n", "latency_s"),
+        ("0.5\nfast\n", "latency 2"),
+        ("latency_s,b\n0.5,1\n,3\n", "latency 2"),
+        ("1\n" * 10_001, "10,000"),
+        ("-1\n", "300"),
+        ("nan\n", "300"),
+    ]:
+        (tmp_path / "x.csv").write_text(text)
+        assert word in refusal(latency_fields, f"trace:{tmp_path / 'x.csv'}"), text[:20]
 
 
 def test_a_file_that_is_not_there_or_is_no_text_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match=r"none\.csv"):
         latency_fields(f"trace:{tmp_path / 'none.csv'}")
     (tmp_path / "x.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UsageError, match="is not CSV"):
+    with pytest.raises(UsageError, match="CSV"):
         latency_fields(f"trace:{tmp_path / 'x.csv'}")
 
 
 def test_what_is_no_file_is_not_read():
-    with pytest.raises(UsageError, match="trace:/dev/zero is no file"):
+    with pytest.raises(UsageError, match="/dev/zero"):
         latency_fields("trace:/dev/zero")
 
 

@@ -91,16 +91,18 @@ def assert_same(ours: Any, theirs: Any) -> None:
     assert ours.to_json() == theirs.to_json()
 
 
-@pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.msgname)
-@settings(max_examples=12, deadline=None)
-@given(data=st.data())
-def test_every_message_is_packed_and_parsed_as_pymavlink_does(kind: Any, data: Any) -> None:
-    message = data.draw(message_of(kind))
+def assert_packed_and_parsed_as_pymavlink_does(message: Any) -> None:
     frame = Packer(7, 191).pack(message)
-    assert frame == Reference(7, 191).pack(message)
+    assert frame == Reference(7, 191).pack(message), message.msgname
     (ours,), (theirs,) = Parser().feed(frame), Reference().feed(frame)
     assert_same(ours, theirs)
     assert Packer(7, 191).pack(ours) == Reference(7, 191).pack(theirs), "what was parsed can be sent on"
+
+
+def test_every_message_is_packed_and_parsed_as_pymavlink_does() -> None:
+    for kind in CLASSES:
+        drawn = given(message_of(kind))(assert_packed_and_parsed_as_pymavlink_does)
+        settings(max_examples=5, deadline=None)(drawn)()
 
 
 def test_a_parsed_message_equals_pymavlinks() -> None:
@@ -149,7 +151,7 @@ piece = st.one_of(
 )
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(piece, max_size=8).map(b"".join), st.lists(st.integers(0, 600), max_size=6))
 def test_any_stream_in_any_chunks_gives_what_pymavlink_gives(stream: bytes, cuts: list[int]) -> None:
     ours, theirs = Parser(), Reference()
@@ -222,7 +224,7 @@ def test_a_message_with_a_packing_of_its_own_keeps_it() -> None:
 
 
 def test_what_is_no_message_cannot_be_packed() -> None:
-    with pytest.raises(TypeError, match="no message"):
+    with pytest.raises(TypeError, match="message"):
         Packer(1, 1).pack(dialect.MAVLink_bad_data(b"x", "why"))
 
 

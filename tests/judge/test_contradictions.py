@@ -19,33 +19,36 @@ def said(decisions, truth, **more):
 
 def test_ended_as_decided_by_nothing():
     for decisions in ([], GO, [decision(0, 0, 5.0)]):  # empty, cut, and one that does not qualify
-        assert said(decisions, SEEN, end=DECIDED) == (
-            "error",
-            "the flight was ended as decided, and no declaration in decisions.jsonl decides it",
-        )
+        named, error = said(decisions, SEEN, end=DECIDED)
+        assert named == "error", decisions
+        assert "decisions.jsonl" in error, decisions
     assert said([decision(0, 0, 5.0)], [frame(0, 4.5, 4.0)], end=DECIDED)[0] == "success"
 
 
-@pytest.mark.parametrize(
-    ("cap_s", "end_s", "good"),
-    [(None, 300.0, True), (None, 295.0, True), (None, 294.9, False), (45.0, 45.1, True), (45.0, 39.9, False)],
-)
-def test_ended_at_the_cap_long_before_it(cap_s, end_s, good):
-    named, error = said(GO, SEEN, begin={**BEGIN, "cap_s": cap_s}, end={**END, "t": end_s})
-    assert named == ("failure" if good else "error")
-    assert good or f"and ends at {end_s:g} s" in error
+def test_ended_at_the_cap_long_before_it():
+    for cap_s, end_s, good in (
+        (None, 300.0, True), (None, 295.0, True), (None, 294.9, False), (45.0, 45.1, True), (45.0, 39.9, False),
+    ):  # fmt: skip
+        named, error = said(GO, SEEN, begin={**BEGIN, "cap_s": cap_s}, end={**END, "t": end_s})
+        assert named == ("failure" if good else "error"), (cap_s, end_s)
+        assert good or f"{end_s:g} s" in error, (cap_s, end_s)
 
 
 def test_flown_to_the_cap_without_one_decision_or_one_measurement():
-    assert said([], SEEN)[1] == "the flight was flown to its cap, and decisions.jsonl is empty"
-    assert said(GO, [pose(0.0, None, None)])[1] == "the logger measured nothing"
+    assert "decisions.jsonl" in said([], SEEN)[1]
+    assert "logger" in said(GO, [pose(0.0, None, None)])[1]
 
 
 def test_a_step_that_is_missing_or_there_twice():
     truth = [*SEEN, frame(1, 8.5, 9.0), frame(2, 11.5, 9.0)]
-    assert said([*GO, decision(2, 2, 12.0, "go")], truth) == ("error", "decisions.jsonl lacks step 1")
-    assert said([decision(1, 1, 9.0, "go")], truth) == ("error", "decisions.jsonl lacks step 0")
-    assert said([*GO, *GO], truth) == ("error", "decisions.jsonl holds step 0 of drone 0 more than once")
+    for decisions, place in (
+        ([*GO, decision(2, 2, 12.0, "go")], "step 1"),
+        ([decision(1, 1, 9.0, "go")], "step 0"),
+        ([*GO, *GO], "step 0 of drone 0"),
+    ):
+        named, error = said(decisions, truth)
+        assert named == "error", place
+        assert place in error
 
 
 def test_a_contradiction_cannot_undo_a_success():
@@ -76,7 +79,7 @@ def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(dou
 def test_a_pose_is_held_to_its_positions_too():
     here = pose(1.0, 5.0, place=[0.0, 0.0, -2.0], target_ned=[3.0, 0.0, 2.0])
     assert of_logs(logs(GO, [*SEEN, here])) == []
-    assert "not as far from the target" in of_logs(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))[0]
+    assert len(of_logs(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))) == 1
 
 
 def replied(reply, action, drone=0):
@@ -134,8 +137,9 @@ def test_a_step_of_which_a_kill_left_one_row_is_still_a_fleets():
 def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_and_no_more(tmp_path):
     confirmed = {k: v for k, v in decision(0, 7, 5.0, drone=1, confirmed_by=2).items() if k != "reply"}
     folder = write(tmp_path / "a-01", [confirmed], [BEGIN, frame(7, 4.5, 4.0, drone=1), END])
-    missing = "step 0 was not confirmed in commander.jsonl"
-    assert judge_folder(folder)["contradictions"] == [missing]
+    (missing,) = judge_folder(folder)["contradictions"]
+    assert "step 0" in missing
+    assert "commander.jsonl" in missing
     exchange = {"number": 2, "t_asked": 4.5, "t_answered": 5.0, "causes": [{"why": "report", "drone": 1}], "roster": "",
                 "frames": [6, 7], "reply": "{}", "orders": [], "confirms": [1], "model": "m"}  # fmt: skip
     for change, told in (({}, []), ({"confirms": [0]}, [missing]), ({"frames": [7, 6]}, [missing])):
@@ -144,7 +148,7 @@ def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_an
     (folder / "commander.jsonl").write_text('{"number": -1}\n{}\n')
     judged = judge_folder(folder)
     assert judged["outcome"] == "success"
-    assert "commander.jsonl line 1 is damaged" in judged["contradictions"][0]
+    assert "commander.jsonl line 1" in judged["contradictions"][0]
 
 
 def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):

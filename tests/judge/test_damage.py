@@ -1,6 +1,7 @@
 """Whatever a log has become, it is judged or its damage is named in a sentence."""
 
 import json
+import re
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -53,7 +54,7 @@ def judged(folder, place, value):
         said = None
     except UsageError as damage:
         said = str(damage)
-    assert said is None or ("is damaged: " in said and "\n" not in said)
+    assert said is None or (f"{name}.jsonl" in said and "\n" not in said)
     verdicts = judge_run(folder)
     assert verdicts["whole"]["outcome"] == "failure"
     return verdicts["damaged"]
@@ -65,32 +66,31 @@ def test_any_value_at_any_place_is_judged_or_named(tmp_path, place, value):
     judged(tmp_path, place, value)
 
 
-@pytest.mark.parametrize("place", PLACES, ids=lambda p: f"{p[0]}-{p[1]}-{p[2]}")
-def test_any_missing_key_is_judged_or_named(tmp_path, place):
-    verdict = judged(tmp_path, place, GONE)
-    needed = place[2] not in ("reply", "error", "target_ned", "cap_s", "source") and not (
-        (place[2] == "position_ned" and TRUTH[place[1]]["kind"] == "frame") or place == ("truth", 0, "t")
-    )
-    assert ("is damaged" in (verdict["error"] or "")) == needed
+def test_any_missing_key_is_judged_or_named(tmp_path):
+    for place in PLACES:
+        verdict = judged(tmp_path, place, GONE)
+        needed = place[2] not in ("reply", "error", "target_ned", "cap_s", "source") and not (
+            (place[2] == "position_ned" and TRUTH[place[1]]["kind"] == "frame") or place == ("truth", 0, "t")
+        )
+        assert ("damaged" in (verdict["error"] or "")) == needed, place
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "reason"),
-    [
-        (("truth", 1, "visible"), 1, "its visible is neither true nor false"),
-        (("truth", 3, "visible"), 0, "its visible is neither true nor false"),
-        (("truth", 2, "distance_m"), -0.1, "its distance_m is not a distance"),
-        (("truth", 3, "distance_m"), True, "its distance_m is not a distance"),
-        (("truth", 6, "t"), "300", "its t is not a number"),
-        (("truth", 0, "t0_us"), 1.5, "its t0_us is not a whole number"),
-        (("truth", 0, "cap_s"), -1, "its cap_s is not a time"),
-        (("decisions", 1, "t_decided"), 8.4, "its t_decided is before its t_frame"),
-        (("decisions", 1, "drone"), 255, "its drone is not a whole number below 255"),
-        (("decisions", 1, "step"), -1, "its step is not a whole number"),
-    ],
-)
-def test_what_cannot_be_is_damage(tmp_path, place, value, reason):
-    assert judged(tmp_path, place, value)["error"].endswith(reason)
+def test_what_cannot_be_is_damage(tmp_path):
+    for place, value in [
+        (("truth", 1, "visible"), 1),
+        (("truth", 3, "visible"), 0),
+        (("truth", 2, "distance_m"), -0.1),
+        (("truth", 3, "distance_m"), True),
+        (("truth", 6, "t"), "300"),
+        (("truth", 0, "t0_us"), 1.5),
+        (("truth", 0, "cap_s"), -1),
+        (("decisions", 1, "t_decided"), 8.4),
+        (("decisions", 1, "drone"), 255),
+        (("decisions", 1, "step"), -1),
+    ]:
+        name, number, key = place
+        error = judged(tmp_path, place, value)["error"]
+        assert re.search(rf"{name}\.jsonl line {number + 1} .*\b{key}\b", error), place
 
 
 def test_a_fleets_frame_may_be_a_tick_younger_than_its_decision(tmp_path):
@@ -100,7 +100,7 @@ def test_a_fleets_frame_may_be_a_tick_younger_than_its_decision(tmp_path):
 def test_a_damaged_last_line_is_not_a_torn_one(tmp_path):
     folder = write(tmp_path / "e", DECISIONS, TRUTH)
     (folder / "truth.jsonl").write_text((folder / "truth.jsonl").read_text() + json.dumps({**END, "t": None}))
-    with pytest.raises(UsageError, match="its t is not a number"):
+    with pytest.raises(UsageError, match=r"truth\.jsonl.*\bt\b"):
         read(folder)
     (folder / "truth.jsonl").write_text((folder / "truth.jsonl").read_text()[:-1])
     assert outcome(read(folder))["outcome"] == "failure"
@@ -110,7 +110,7 @@ def test_two_truths_of_one_frame_are_damage(tmp_path):
     folder = write(tmp_path / "e", DECISIONS, [*TRUTH, frame(2, 11.5, 6.0)])
     assert outcome(read(folder))["outcome"] == "failure"
     write(folder, DECISIONS, [*TRUTH, frame(2, 11.5, 5.0)])
-    with pytest.raises(UsageError, match="two truths of frame 2"):
+    with pytest.raises(UsageError, match="frame 2"):
         read(folder)
 
 
@@ -118,6 +118,6 @@ def test_damage_is_stored_as_an_error(tmp_path):
     folder = write(tmp_path / "e", DECISIONS, [*TRUTH[:2], {"kind": "frame"}, *TRUTH[2:]])
     assert write_verdict(folder)["outcome"] == "error"
     stored = json.loads((folder / "verdict.json").read_text())
-    assert "line 3 is damaged" in stored["error"]
+    assert "line 3" in stored["error"]
     assert stored["success_at_first"] is None
     assert judge_run(folder)["e"]["stored_agrees"] is True

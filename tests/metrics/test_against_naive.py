@@ -17,7 +17,7 @@ def test_each_has_a_second_implementation():
     assert set(naive.METRICS) == set(METRICS)
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights())
 def test_every_metric_is_as_its_definition_has_it(rows):
     episode = flown(rows, END)
@@ -35,7 +35,7 @@ def test_every_metric_is_as_its_definition_has_it(rows):
             assert value is None or type(value) is bool or metric.unit != "share", name
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights(), st.sampled_from([END, {**END, "t": 9.0, "reason": "decided"}, None]))
 def test_the_modes_partition_what_is_scored(rows, end):
     episode = flown(rows, end)

@@ -51,13 +51,13 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_a_case_has_its_verdict_and_that_of_every_rule(name):
-    flight, success, otherwise = CASES[name]
-    told = audit_of(flight)
-    assert told.success is success
-    dwell = success if flight.cell == "tracking" else None
-    assert told.rules == {**dict.fromkeys(RULES, success), "dwell": dwell, **otherwise}
+def test_a_case_has_its_verdict_and_that_of_every_rule():
+    for name in CASES:
+        flight, success, otherwise = CASES[name]
+        told = audit_of(flight)
+        assert told.success is success, name
+        dwell = success if flight.cell == "tracking" else None
+        assert told.rules == {**dict.fromkeys(RULES, success), "dwell": dwell, **otherwise}, name
 
 
 def test_the_cases_together():
@@ -140,6 +140,4 @@ def test_the_verb_tells_it_of_runs(tmp_path, capsys):
     assert main(["audit", str(tmp_path), "--json"]) == 0
     assert '"successes": 1' in capsys.readouterr().out
     assert main(["audit", str(tmp_path / "run")]) == 0
-    shown = capsys.readouterr().out
-    assert all(said in shown for said, _ in RULES.values())
     assert main(["audit", str(tmp_path), "--cap", "0"]) == 2

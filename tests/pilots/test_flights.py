@@ -6,11 +6,9 @@ from dataclasses import replace
 import pytest
 
 from dronecats.pilots import blind, oracle, vision
+from episodes import catalogue, suites
+from episodes import world as worlds
 from foundation.camera import CameraModel
-
-catalogue = pytest.importorskip("episodes.catalogue")
-suites = pytest.importorskip("episodes.suites")
-worlds = pytest.importorskip("episodes.world")
 
 SINGLE = [i for i in suites.QUICK if i in catalogue.ids() and "commanding" not in i]  # `episodes audit` flies them all
 SEEN = ["residential-approaching-01", "residential-searching-01", "residential-tracking-01"]

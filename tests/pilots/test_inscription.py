@@ -1,44 +1,39 @@
 """What a command says is written, and when what was read is that."""
 
-import pytest
 
 from dronecats.pilots.inscription import SURE, Inscription, ReadText, agrees, named, place
 from episodes import catalogue
 
 
-@pytest.mark.parametrize("name", [one for one in catalogue.ids() if "commanding" in one])
-def test_every_commanding_instruction_names_its_inscription(name):
-    record = catalogue.load(name)
-    found = named(record.instruction)
-    assert found is not None
-    assert record.target.inscription is not None
-    assert found.text == record.target.inscription.replace(" ", "")
-    assert found.on_plate == (record.map == "residential")
+def test_every_commanding_instruction_names_its_inscription():
+    for name in [one for one in catalogue.ids() if "commanding" in one]:
+        record = catalogue.load(name)
+        found = named(record.instruction)
+        assert found is not None, name
+        assert record.target.inscription is not None, name
+        assert found.text == record.target.inscription.replace(" ", ""), name
+        assert found.on_plate == (record.map == "residential"), name
 
 
-@pytest.mark.parametrize("name", [one for one in catalogue.ids() if "commanding" not in one])
-def test_no_other_instruction_does(name):
-    assert named(catalogue.load(name).instruction) is None
+def test_no_other_instruction_does():
+    for name in [one for one in catalogue.ids() if "commanding" not in one]:
+        assert named(catalogue.load(name).instruction) is None, name
 
 
-@pytest.mark.parametrize(
-    ("command", "which"),
-    [
+def test_a_place_in_words():
+    for command, which in (
         ("look at the second one from the left", 1),
         ("fly to the sign that reads WEST: the third sign from the right", -3),
         ("the leftmost", 0),
         ("go to the rightmost van", -1),
         ("fly to the van on the left of the house", None),
         ("find the sign marked GATE 8 and go to it", None),
-    ],
-)
-def test_a_place_in_words(command, which):
-    assert place(command) == which
+    ):
+        assert place(command) == which, command
 
 
-@pytest.mark.parametrize(
-    ("wanted", "read", "confidence", "known"),
-    [
+def test_a_text_is_believed_when_it_is_sure_and_whole():
+    for wanted, read, confidence, known in (
         (Inscription("GATE8", False), "GATE 8", SURE, True),
         (Inscription("GATE8", False), "GATE8", SURE - 0.01, None),
         (Inscription("GATE8", False), "GATE 9", SURE, False),
@@ -48,7 +43,5 @@ def test_a_place_in_words(command, which):
         (Inscription("4329", True), "432", SURE, None),  # cut off: not another one
         (Inscription("4329", True), "B329", SURE, None),  # no plate has letters
         (Inscription("WEST", False), "", SURE, None),
-    ],
-)
-def test_a_text_is_believed_when_it_is_sure_and_whole(wanted, read, confidence, known):
-    assert agrees(wanted, [ReadText(read, confidence)]) is known
+    ):
+        assert agrees(wanted, [ReadText(read, confidence)]) is known, (wanted, read)

@@ -1,4 +1,4 @@
-"""Two short flights of one episode after a target that moves, unrendered, in lockstep, and a browser to see them."""
+"""Two short flights of one episode after a target that moves, unrendered, in lockstep."""
 
 import json
 import shutil
@@ -10,24 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.playback.recorded import PlayableFlight, playable_flight
-from dronecats.run.fly import fly
 from dronecats.rundir import layout
-from tests.editor.conftest import browser as browser
-
-EPISODE = "residential-tracking-01"
-SECONDS = 6.0
+from tests.support.flown_runs import MOVING as EPISODE
 
 
 @pytest.fixture(scope="session")
-def runs(tmp_path_factory) -> Path:
-    """A folder with the runs `paper` and `other`, of the oracle and of its flight with another seed."""
+def runs(unrendered_runs, tmp_path_factory) -> Path:
+    """A folder with copies of the runs `paper` and `other`, of the oracle and of its flight with another seed."""
     folder = tmp_path_factory.mktemp("replay")
-    for name, seed in (("paper", 0), ("other", 3)):
-        unseen = Simulated(speed=None, rendered=False)
-        spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=unseen, seconds=SECONDS, seed=seed, full=True)
-        fly(spec, folder / name, lambda words: None)
+    for name, flown in zip(("paper", "other"), unrendered_runs, strict=True):
+        shutil.copytree(flown.run, folder / name)
     return Path(folder)
 
 

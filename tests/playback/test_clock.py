@@ -26,11 +26,11 @@ def test_it_stands_until_it_plays_and_stops_at_the_end():
     assert over.toggled(2000.0).at(2001.0) == pytest.approx(1.0)  # played once more, from the beginning
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
-def test_speed_is_flight_over_wall_and_a_change_of_it_is_no_jump(speed):
-    playing = PlaybackClock(1e4).toggled(10.0).at_speed(speed, 12.0)
-    assert playing.at(12.0) == pytest.approx(2.0)
-    assert playing.at(15.0) == pytest.approx(2.0 + 3.0 * speed)
+def test_speed_is_flight_over_wall_and_a_change_of_it_is_no_jump():
+    for speed in SPEEDS:
+        playing = PlaybackClock(1e4).toggled(10.0).at_speed(speed, 12.0)
+        assert playing.at(12.0) == pytest.approx(2.0), speed
+        assert playing.at(15.0) == pytest.approx(2.0 + 3.0 * speed), speed
 
 
 def test_plus_and_minus_go_through_all_speeds_and_stay_at_the_last():
@@ -47,10 +47,10 @@ def test_plus_and_minus_go_through_all_speeds_and_stay_at_the_last():
     assert PlaybackClock(20.0, speed=0.7).slower(0.0).speed == 0.5
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, 0.05, 21.0, math.nan, math.inf])
-def test_other_speeds_are_refused(speed):
-    with pytest.raises(UsageError, match=r"--speed wants a factor from 0\.1 to 20"):
-        PlaybackClock(20.0).at_speed(speed, 0.0)
+def test_other_speeds_are_refused():
+    for speed in (0.0, -1.0, 0.05, 21.0, math.nan, math.inf):
+        with pytest.raises(UsageError, match=r"--speed .*0\.1 .*20"):
+            PlaybackClock(20.0).at_speed(speed, 0.0)
 
 
 def test_a_step_and_a_scrub_stand_still():

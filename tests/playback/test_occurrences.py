@@ -37,15 +37,17 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
     rewrite(copied / layout.DECISIONS, another)
     flight = playable_flight(copied)
     (declared,), (fault,) = flight.of(DECLARATION), flight.of(FAULT)
-    assert (declared.words, declared.drone) == (f"step {last}: declared", 0)
-    assert "no action: there is no JSON in it" in fault.words
+    assert str(last) in declared.words
+    assert declared.drone == 0
+    assert "there is no JSON in it" in fault.words
     assert fault.t_s == flight.of(DECISION)[0].t_s
     said = flight.moment(declared.t_s).judge.said[0]
-    assert "drone 0 declared at" in said
     assert flight.moment(declared.t_s - 0.01).judge.said == ()
     frame = rows(folder / layout.TRUTH, "frame")[-1]
     assert f"{frame['distance_m']:.2f} m" in said
-    assert flight.moment(fault.t_s).drones[0].said == (f"{fault.t_s:.1f} s  {fault.words}",)
+    (line,) = flight.moment(fault.t_s).drones[0].said
+    assert line.startswith(f"{fault.t_s:.1f} s")
+    assert line.endswith(fault.words)
     assert flight.moment(fault.t_s - 0.01).drones[0].said == ()
 
 
@@ -55,7 +57,8 @@ def test_the_envelope(copied):
              {"time_us": t0_us + 3_000_000, "drone": 0, "limits": []}]  # fmt: skip
     (copied / layout.SAFETY).write_text("".join(json.dumps(line) + "\n" for line in lines))
     (fault,) = playable_flight(copied).of(FAULT)
-    assert (fault.t_s, fault.drone, fault.words) == (2.0, 0, "envelope: limited by ceiling, speed")
+    assert (fault.t_s, fault.drone) == (2.0, 0)
+    assert "ceiling, speed" in fault.words
 
 
 @pytest.mark.parametrize("component", [1, TRUTH_COMPONENT])
@@ -76,9 +79,11 @@ def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
     rewrite(copied / layout.TRUTH, lambda row: {**row, "reason": "takeover"} if row["kind"] == "end" else row)
     flight = playable_flight(copied)
     mode_left, end = flight.of(FAULT)[0], flight.of(FAULT)[-1]
-    assert (mode_left.words, mode_left.drone) == ("mode RETURN", 0)
+    assert "RETURN" in mode_left.words
+    assert mode_left.drone == 0
     assert 1.0 < mode_left.t_s < 5.0
-    assert (end.words, end.drone, end.t_s) == ("the flight ended: takeover", None, flight.end_s)
+    assert "takeover" in end.words
+    assert (end.drone, end.t_s) == (None, flight.end_s)
 
 
 def added(folder, component, severity, text):

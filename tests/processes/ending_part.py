@@ -1,5 +1,6 @@
-"""A part that ends by itself, a little after it has begun, as one whose wire has been pulled."""
+"""A part that ends by itself, a little after it has begun, as one whose wire has been pulled; or that waits."""
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from foundation.errors import LinkError
 class EndingConfig:
     """How long it lasts."""
 
-    turns: int
+    turns: int | None = None  # None: until it is closed
 
 
 class EndingPart:
@@ -26,6 +27,9 @@ class EndingPart:
         return None
 
     def turn(self) -> None:
+        if self._left is None:
+            time.sleep(0.01)
+            return
         self._left -= 1
         if self._left < 0:
             raise LinkError("the wire is out")

@@ -44,16 +44,16 @@ def test_a_child_that_ends_is_told_of_in_its_own_words(supervisor, asks):
     child = supervisor.start(ENDING, EndingConfig(turns=3))
     child.ready()
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
-    with pytest.raises(InfrastructureError, match=r"^ending: the wire is out$"):
+    with pytest.raises(InfrastructureError, match="the wire is out"):
         child.do("begin") if asks else supervisor.check()
 
 
 def test_a_killed_child_is_named_with_the_signal(supervisor):
-    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     os.kill(child.pid, signal.SIGKILL)
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
-    with pytest.raises(InfrastructureError, match=r"the pilot process ended in flight \(killed by SIGKILL"):
+    with pytest.raises(InfrastructureError, match=r"ending.*SIGKILL"):
         supervisor.check()
 
 
@@ -68,20 +68,20 @@ def looks(supervisor, until, limit_s=60):
 
 def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_path):
     supervisor = Supervisor(tmp_path, answer_s=1.0)
-    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     os.kill(child.pid, signal.SIGSTOP)
-    sentence = r"the pilot process hangs: no answer for 1 s; see .*pilot\.log"
-    with pytest.raises(InfrastructureError, match=sentence):
+    words = r"1 s.*ending\.log"
+    with pytest.raises(InfrastructureError, match=words):
         looks(supervisor, lambda: False)
-    with pytest.raises(InfrastructureError, match=sentence):
+    with pytest.raises(InfrastructureError, match=words):
         child.do("begin", 1e6)  # rather than for another eleven days
     supervisor.close()
     assert gone(child.pid)
 
 
 def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
-    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     os.kill(child.pid, signal.SIGSTOP)
     supervisor.check()
@@ -91,7 +91,7 @@ def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
 
 
 def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
-    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     for _ in range(3):
         child._heartbeat._answered_s = None  # due at once
@@ -102,7 +102,7 @@ def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
 
 def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
     supervisor = Supervisor(tmp_path, answer_s=0.0)
-    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    child = supervisor.start(ENDING, EndingConfig())
     for _ in range(3):
         supervisor.check()
         time.sleep(0.01)
@@ -119,9 +119,10 @@ def test_wrong_usage_in_a_child_is_wrong_usage_here(supervisor):
 
 def test_children_of_a_killed_parent_end_by_themselves(tmp_path):
     script = (
-        "import sys, time\nfrom pathlib import Path\nfrom dronecats.processes.supervisor import Supervisor\n"
-        "from dronecats.pilots.config import PilotConfig\nfrom dronecats.stages.parts import PILOT\n"
-        "s = Supervisor(Path(sys.argv[1]))\nc = s.start(PILOT, PilotConfig(pilot='blind'))\nc.ready()\n"
+        "import sys, time\nfrom pathlib import Path\nfrom dronecats.processes.supervisor import ChildKind, Supervisor\n"
+        "from tests.processes.ending_part import EndingConfig\n"
+        "ending = ChildKind('ending', 'tests.processes.ending_part', EndingConfig)\n"
+        "s = Supervisor(Path(sys.argv[1]))\nc = s.start(ending, EndingConfig())\nc.ready()\n"
         "print(c.pid, flush=True)\ntime.sleep(60)\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)

@@ -116,7 +116,7 @@ def test_the_command_agrees_differs_and_draws(tmp_path: Path, capsys: pytest.Cap
     b = flight(tmp_path / "b" / "episode", lambda t: (t, 0.02 * t, 0.0), replies=("go", "rotate", "think"))
     picture = tmp_path / "paths.png"
     assert main(["compare", str(a.parent), str(b), "--plot", str(picture)]) == 1
-    assert "DIFFER: 1.20 m apart" in capsys.readouterr().out
+    assert "1.20 m" in capsys.readouterr().out
     assert picture.stat().st_size > 20_000
     assert main(["compare", str(a), str(b), "--within", "1.3", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -127,14 +127,14 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.Captu
     a = flight(tmp_path / "a" / "one", straight)
     flight(tmp_path / "a" / "two", straight)
     empty = flight(tmp_path / "c", straight, seconds=0.0)
-    with pytest.raises(UsageError, match="holds 2 episodes"):
+    with pytest.raises(UsageError, match=f"{tmp_path}/a"):
         episode_folder(tmp_path / "a")
-    with pytest.raises(UsageError, match="1 poses"):
+    with pytest.raises(UsageError, match=r"drone 0 .*1 "):
         compared(a, empty)
     assert main(["compare", str(a), str(tmp_path)]) == 2
     assert main(["compare", str(a), str(a), "--within", "nan"]) == 2
     assert main(["compare", str(a), str(a), "--plot", str(tmp_path / "no" / "folder.png")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "no/folder.png" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ def test_another_agent_is_always_told_and_its_runs_are_no_line_with_the_papers()
 
 def test_runs_of_different_kinds_are_refused_unless_told():
     some = [flights(a_run(f"runs/{k}", seed=k, prompt_sha256=str(k) * 64), ONE) for k in range(2)]
-    with pytest.raises(UsageError, match=r"differ in the prompt \(0{8} and 1{8}\).*--pool-anyway"):
+    with pytest.raises(UsageError, match=r"prompt.*0{8}.*1{8}.*--pool-anyway"):
         entrants(collected(*some))
     (entrant,) = entrants(collected(*some), pool_anyway=True)
     assert len(entrant.scored) == 4
@@ -70,7 +70,7 @@ def test_runs_of_different_kinds_are_refused_unless_told():
 
 def test_one_flight_twice_is_refused_unless_told():
     some = [flights(a_run(f"runs/{k}"), ONE) for k in range(2)]
-    with pytest.raises(UsageError, match="campus-approaching-01 are of one episode and of the same seed 0"):
+    with pytest.raises(UsageError, match=r"campus-approaching-01.*seed 0.*--pool-anyway"):
         entrants(collected(*some))
     assert len(entrants(collected(*some), pool_anyway=True)[0].scored) == 4
 
@@ -79,5 +79,5 @@ def test_two_records_of_one_id_are_refused_whoever_flew_them():
     a = an_episode(a_run("runs/a"), "campus-approaching-01", record_sha256="1" * 64)
     b = an_episode(a_run("runs/b", pilot="oracle"), "campus-approaching-01", record_sha256="2" * 64)
     for anyway in (False, True):
-        with pytest.raises(UsageError, match="different records of the id 'campus-approaching-01'"):
+        with pytest.raises(UsageError, match="campus-approaching-01"):
             entrants(collected([a], [b]), pool_anyway=anyway)

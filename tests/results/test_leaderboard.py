@@ -41,31 +41,29 @@ def test_the_page_is_made_from_the_entries_that_are_kept():
     assert (ROOT / "docs" / "leaderboard.md").read_text(encoding="utf-8") == page(map(entry, ENTRIES))
 
 
-def section(told: str, head: str) -> str:
-    return told.split(f"\n## {head}", 1)[1].split("\n## ", 1)[0]
+def tables(told: str) -> list[list[str]]:
+    """Return the names of the entries in each table of a page, one table a heading."""
+    rows = (re.findall(r"^\| \[(\w+)\]", part, re.MULTILINE) for part in re.split(r"^#+ ", told, flags=re.MULTILINE))
+    return [names for names in rows if names]
 
 
 def test_a_built_in_pilot_is_never_among_models():
     told = page([OURS, ONE])
-    assert "[One]" in section(told, "Models")
-    assert "[Ours]" not in section(told, "Models")
-    assert "[Ours]" in section(told, "Built-in pilots, which are no models")
-    assert "The built-in pilot `oracle`, no model: it is told where the target is." in told
-    assert "The model `openai/one`." in told
+    assert tables(told) == [["One"], ["Ours"]]
+    assert "`oracle`" in told
+    assert "`openai/one`" in told
 
 
 def test_rates_are_percent_with_the_entrys_interval():
     row = next(line for line in page([ONE]).splitlines() if line.startswith("| [One]"))
-    assert row.split(" | ")[2:] == ["65.0", "40.0", "**52.5**", "40", "37.5 – 67.1 |"]
+    assert re.findall(r"[\d.]+", row.partition(") | ")[2]) == ["1", "65.0", "40.0", "52.5", "40", "37.5", "67.1"]
 
 
 def test_the_better_stands_above_and_what_is_partial_apart():
     better = replace(ONE, name="Two", cells={"approaching": cell(19, 20)}, archive_sha256="c" * 64)
     partial = replace(better, name="Three", partial="some are missing", archive_sha256="d" * 64)
-    told = section(page([ONE, partial, better]), "Models")
-    assert re.findall(r"^\| \[(\w+)\]", told, re.MULTILINE) == ["Two", "One", "Three"]
-    assert told.index("### Partial") < told.index("[Three]")
-    assert "**Partial**: some are missing." in page([partial])
+    assert tables(page([ONE, partial, better])) == [["Two", "One"], ["Three"]]
+    assert "some are missing" in page([partial])
 
 
 def test_no_table_holds_two_agents():
@@ -75,32 +73,27 @@ def test_no_table_holds_two_agents():
     papers = replace(
         ONE, name="Papers", archive_sha256="d" * 64, settings={"agent": "dronecats.run.pilot.papers_agent"}
     )
-    told = section(page([steady, papers, ONE]), "Models")
-    ours, others = told.split("### One drone, eighty episodes, by the agent ")
-    assert re.findall(r"^\| \[(\w+)\]", ours, re.MULTILINE) == ["One", "Papers"]
-    assert re.findall(r"^\| \[(\w+)\]", others, re.MULTILINE) == ["Steady"]
+    assert tables(page([steady, papers, ONE])) == [["One", "Papers"], ["Steady"]]
 
 
 def test_what_was_not_verified_is_refused():
-    with pytest.raises(UsageError, match=r"One was not verified: a\.json"):
+    with pytest.raises(UsageError, match=r"One.*a\.json"):
         page([replace(ONE, verified=False, differences=("a.json differs",))])
-    with pytest.raises(UsageError, match="One is there twice"):
+    with pytest.raises(UsageError, match="One"):
         page([ONE, ONE])
 
 
-@pytest.mark.parametrize(
-    "pilot", ["oracle", "vision", "blind", "blind:fan", "recorded:x", *(f"failing:{f}" for f in FAILURES)]
-)
-def test_every_pilot_is_named_as_what_it_is(pilot):
-    assert what(pilot) != "is built in"
+def test_every_pilot_is_named_as_what_it_is():
+    for pilot in ("oracle", "vision", "blind", "blind:fan", "recorded:x", *(f"failing:{f}" for f in FAILURES)):
+        assert what(pilot) != what("unknown"), pilot
 
 
-@pytest.mark.parametrize("data", [b"", b"[]", b"{}", b'{"name": 1}', b"\xff"])
-def test_a_file_that_is_no_entry_is_refused(data, tmp_path):
-    (tmp_path / "x.json").write_bytes(data)
-    with pytest.raises(UsageError, match="is no entry"):
-        entry(tmp_path / "x.json")
-    with pytest.raises(UsageError, match="cannot be read"):
+def test_a_file_that_is_no_entry_is_refused(tmp_path):
+    for data in (b"", b"[]", b"{}", b'{"name": 1}', b"\xff"):
+        (tmp_path / "x.json").write_bytes(data)
+        with pytest.raises(UsageError, match=r"x\.json"):
+            entry(tmp_path / "x.json")
+    with pytest.raises(UsageError, match=r"nowhere\.json"):
         entry(tmp_path / "nowhere.json")
 
 

@@ -1,6 +1,7 @@
 """What goes into an archive of runs, without keys or paths of a machine, and what is refused before."""
 
 import json
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -24,9 +25,7 @@ def test_a_whole_suite_is_verified_and_says_what_it_cannot_tell(whole):
     scores = {cell: (of.successes, of.scored) for cell, of in told.cells.items()}
     assert scores == {**dict.fromkeys(("approaching", "searching", "tracking", "search-and-track"), (2, 2)),
                       "commanding": (4, 4)}  # fmt: skip
-    said = " ".join(told.unchecked)
-    for what in ("written by the logger", "until they were good", "code which flew", "no frame is in"):
-        assert what in said
+    assert any("truth.jsonl" in said for said in told.unchecked)
 
 
 def test_the_same_runs_are_the_same_bytes(run, whole, tmp_path):
@@ -62,7 +61,7 @@ def test_left_out_are_telemetry_and_frames_but_for_their_digests(tmp_path):
     assert contents(out)[f"{home}/frames/000001_d3.jpg"] == b"000001_d3.jpg"
     told = verify(out, reread)
     assert told.verified
-    assert "its 2 frames" in " ".join(told.unchecked)
+    assert "2 frames" in " ".join(told.unchecked)
 
 
 def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
@@ -99,43 +98,41 @@ def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
     assert set(manifest.scrubbed) == {"runs/01/run.json", f"runs/01/{TWO[0]}/decisions.jsonl"}
     told = verify(out, reread)
     assert told.differences == ()
-    assert any("2 files as they were flown" in said for said in told.unchecked)
+    assert any("2 files" in said for said in told.unchecked)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "part"),
     [
-        (lambda run: write_run(run, TWO), "10 of the 12 episodes of suite quick are missing"),
-        (lambda run: write_run(run, ("campus-approaching-03",)), "are missing"),
-        (lambda run: (write_run(run, QUICK), (run / QUICK[3] / "truth.jsonl").write_text("[]\n")), "nobody's score"),
-        (lambda run: (write_run(run, QUICK), (run / QUICK[3]).rename(run / "mine")), "mine is no episode that ships"),
+        (lambda run: write_run(run, TWO), "10 .* 12 .*quick"),
+        (lambda run: write_run(run, ("campus-approaching-03",)), "79 .* 80 .*one-drone"),
+        (lambda run: (write_run(run, QUICK), (run / QUICK[3] / "truth.jsonl").write_text("[]\n")), QUICK[3]),
+        (lambda run: (write_run(run, QUICK), (run / QUICK[3]).rename(run / "mine")), "mine"),
     ],
 )
-def test_what_is_not_whole_is_refused_or_marked(change, said, tmp_path):
+def test_what_is_not_whole_is_refused_or_marked(change, part, tmp_path):
     change(tmp_path / "run")
-    with pytest.raises(UsageError, match=said) as refused:
+    with pytest.raises(UsageError, match=f"{part}.*--partial") as refused:
         submit(flown_runs([tmp_path / "run"]), tmp_path / "a.tar.xz")
     assert len(str(refused.value).splitlines()) == 1
     assert not list(tmp_path.glob("*.xz*"))
     manifest = submit(flown_runs([tmp_path / "run"]), tmp_path / "a.tar.xz", partial=True)
     assert manifest.partial is not None
-    assert said.split()[-1] in manifest.partial
+    assert re.search(part, manifest.partial)
     assert verify(tmp_path / "a.tar.xz", reread).partial == manifest.partial
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"pilot": "blind"}, r"differs from a in pilot \(oracle and blind\)"),
-        ({"latency": "fixed:9"}, r"differs from a in latency \(fixed:0.5 and fixed:9\)"),
-        ({}, "several runs have the seed 0"),
-    ],
-)
-def test_an_entry_is_one_pilot_under_one_configuration(settings, said, tmp_path):
-    write_run(tmp_path / "a", TWO)
-    write_run(tmp_path / "b", TWO, **settings)
-    with pytest.raises(UsageError, match=said):
-        submit(flown_runs([tmp_path]), tmp_path / "x.tar.xz", partial=True)
+def test_an_entry_is_one_pilot_under_one_configuration(tmp_path):
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"pilot": "blind"}, "pilot.*oracle.*blind"),
+        ({"latency": "fixed:9"}, r"latency.*fixed:0\.5.*fixed:9"),
+        ({}, "seed 0"),
+    ]
+    for k, (settings, parts) in enumerate(cases):
+        write_run(tmp_path / f"{k}" / "a", TWO)
+        write_run(tmp_path / f"{k}" / "b", TWO, **settings)
+        with pytest.raises(UsageError, match=parts):
+            submit(flown_runs([tmp_path / f"{k}"]), tmp_path / "x.tar.xz", partial=True)
 
 
 FLOWN: dict[str, Any] = {
@@ -148,18 +145,18 @@ FLOWN: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("told", "parts"),
     [
-        ({"code_sha256": "b" * 64}, "in the code"),
-        ({"served": ["openai/gpt-5-2026"]}, "in the model as served"),
+        ({"code_sha256": "b" * 64}, "code.*a{8}.*b{8}"),
+        ({"served": ["openai/gpt-5-2026"]}, "model.*openai/gpt-5-2026"),
     ],
 )
-def test_flights_by_other_code_or_another_model_are_no_one_entry(told, said, tmp_path):
+def test_flights_by_other_code_or_another_model_are_no_one_entry(told, parts, tmp_path):
     for k, more in enumerate(({}, told)):
         run = write_run(tmp_path / f"run{k}", TWO, seed=k)
         for episode in TWO:
             (run / episode / "identity.json").write_text(json.dumps({**FLOWN, **more}))
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=parts):
         submit(flown_runs([tmp_path]), tmp_path / "x.tar.xz", partial=True)
 
 
@@ -173,4 +170,4 @@ def test_what_was_flown_is_in_the_archive_and_held_to_its_manifest(tmp_path):
     assert json.loads(contents(out)[name])["served"] == ["qwen"]
     assert verify(out, reread).verified
     forged = changed(out, tmp_path / "b.tar.xz", lambda f: f.update({name: f[name].replace(b"qwen", b"gpt-5")}))
-    assert "runs/01 was flown under other settings than the entry names" in verify(forged, reread).differences
+    assert re.search("runs/01 .*settings", " ".join(verify(forged, reread).differences))

@@ -1,5 +1,8 @@
 """An archive that was changed is found out."""
 
+import re
+from collections.abc import Callable
+
 import pytest
 
 from dronecats.metrics.judging import reread
@@ -14,26 +17,27 @@ def line_of(files: dict[str, bytes], name: str, old: str, new: str) -> None:
     files[home] = files[home].replace(old.encode(), new.encode(), 1)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda f: line_of(f, "verdict.json", '"success": true', '"success": false'), "verdict.json in success"),
-        (lambda f: line_of(f, "truth.jsonl", '"distance_m": 1.5', '"distance_m": 9.5'), "verdict differs from"),
-        (lambda f: line_of(f, "decisions.jsonl", '\\"go\\"', '\\"fly\\"'), "does not say the action"),
-        (lambda f: line_of(f, "episode.json", '"yaw_deg": 1', '"yaw_deg": '), "not the one that ships"),
-        (lambda f: line_of(f, "episode.json", "{", "[{"), "not valid JSON"),
-        (lambda f: f.pop(f"runs/01/{TWO[0]}/verdict.json"), "there is no verdict.json"),
-        (lambda f: line_of(f, "run.json", '"fixed:0.5"', '"fixed:0.1"'), "under other settings"),
-        (lambda f: line_of(f, "run.json", '"seed": 0', '"seed": 3'), "another seed"),
-        (lambda f: line_of(f, "run.json", '"replay": null', '"replay": {}'), "flown again"),
-        (lambda f: in_manifest(f, partial=None), "not marked as partial"),
-        (lambda f: in_manifest(f, pilot="openai/gpt-5", is_model=True), "is said to be flown by openai/gpt-5"),
-    ],
-)  # fmt: skip
-def test_what_was_changed_is_found(change, said, small, tmp_path):
-    told = verify(changed(small, tmp_path / "x.tar.xz", change), reread)
-    assert not told.verified
-    assert said in " ".join(told.differences)
+# (what is changed in an archive, what a difference names)
+FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
+    (lambda f: line_of(f, "verdict.json", '"success": true', '"success": false'), "verdict.json .*success"),
+    (lambda f: line_of(f, "truth.jsonl", '"distance_m": 1.5', '"distance_m": 9.5'), "verdict.json"),
+    (lambda f: line_of(f, "decisions.jsonl", '\\"go\\"', '\\"fly\\"'), "action"),
+    (lambda f: line_of(f, "episode.json", '"yaw_deg": 1', '"yaw_deg": '), f"{TWO[0]}.*record"),
+    (lambda f: line_of(f, "episode.json", "{", "[{"), "episode.json"),
+    (lambda f: f.pop(f"runs/01/{TWO[0]}/verdict.json"), f"{TWO[0]}.*verdict.json"),
+    (lambda f: line_of(f, "run.json", '"fixed:0.5"', '"fixed:0.1"'), "runs/01 .*settings"),
+    (lambda f: line_of(f, "run.json", '"seed": 0', '"seed": 3'), "runs/01 .*seed"),
+    (lambda f: line_of(f, "run.json", '"replay": null', '"replay": {}'), "runs/01 .*recording"),
+    (lambda f: in_manifest(f, partial=None), "partial"),
+    (lambda f: in_manifest(f, pilot="openai/gpt-5", is_model=True), "openai/gpt-5.*oracle"),
+]  # fmt: skip
+
+
+def test_what_was_changed_is_found(small, tmp_path):
+    for k, (change, part) in enumerate(FORGED):
+        told = verify(changed(small, tmp_path / f"{k}.tar.xz", change), reread)
+        assert not told.verified, part
+        assert re.search(part, " ".join(told.differences)), (part, told.differences)
 
 
 def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
@@ -41,13 +45,13 @@ def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
     forged = changed(
         small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name].replace(b"true", b"True")}), digests=False
     )
-    assert f"{name} is not the file whose digest manifest.json holds" in verify(forged, reread).differences
+    assert any(said.startswith(f"{name} ") and "digest" in said for said in verify(forged, reread).differences)
 
 
 def test_a_file_of_another_size_is_refused_before_it_is_read(small, tmp_path):
     name = f"runs/01/{TWO[0]}/truth.jsonl"
     forged = changed(small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name] + b"\n"}), digests=False)
-    with pytest.raises(UsageError, match=r"truth\.jsonl' is not as its manifest"):
+    with pytest.raises(UsageError, match=rf"{name}.*manifest\.json"):
         verify(forged, reread)
 
 

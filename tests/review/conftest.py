@@ -10,11 +10,8 @@ import pytest
 from dronecats.results.collection import collect
 from dronecats.review.page import write_page
 from tests.review.paged_runs import EPISODES, MODEL, TABLE
-from tests.support.browser import chromium
 from tests.support.run_folders import run_folder
 
-# every name leads nowhere, and what is left goes to a proxy that nobody runs
-NO_NETWORK = ("--host-resolver-rules=MAP * ~NOTFOUND", "--proxy-server=127.0.0.1:9")
 PATIENCE_S = 60.0  # a busy machine
 
 
@@ -83,13 +80,6 @@ class Reader:
         return [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
 
 
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory):
-    """Return a headless Chromium; without one the test is skipped."""
-    with chromium(tmp_path_factory.mktemp("profile"), *NO_NETWORK, "--disable-gpu", "--window-size=1300,900") as made:
-        yield made
-
-
 @pytest.fixture
 def reader(driver):
     """Return a reader at a desk, who has chosen no theme."""
@@ -98,7 +88,8 @@ def reader(driver):
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     made.errors()
     made.requested()
-    return made
+    yield made
+    driver.get("about:blank")
 
 
 @pytest.fixture(scope="module")

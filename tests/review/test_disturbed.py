@@ -23,12 +23,11 @@ def test_a_disturbed_run_is_no_flight_of_the_undisturbed_line():
 
 def test_it_is_said_above_the_tables_and_in_the_one_that_tells_how_it_was_flown():
     who = small(disturbed())
-    assert [said for said in opening(who, RADIUS_M) if "on purpose" in said] == [
-        f"vision, {LATE} was disturbed on purpose: {LATE}."
-    ]
+    (said,) = (said for said in opening(who, RADIUS_M) if LATE in said)
+    assert said.startswith(f"vision, {LATE} ")
     table = setup(who)
     assert line(table, f"vision, {LATE}")["disturbed"].value == LATE
     assert line(table, "vision")["disturbed"].value is None
     plain = small()
-    assert not [said for said in opening(plain, RADIUS_M) if "on purpose" in said]
+    assert not [said for said in opening(plain, RADIUS_M) if LATE in said]
     assert "disturbed" not in [column.name for column in setup(plain).columns]

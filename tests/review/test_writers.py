@@ -3,18 +3,19 @@
 import csv
 import io
 import re
-import shutil
 import subprocess
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dronecats.review import lineup as lineups
 from dronecats.review.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, rounded
 from dronecats.review.tables.all import tables
 from dronecats.review.tables.comparison import comparison
 from dronecats.review.writers import latex, markdown
 from dronecats.review.writers.csv_table import BESIDE, as_csv
+from tests.needs import needs
 from tests.review.small import made, small
 from tests.support.scores import a_run, collected, flights, named
 
@@ -46,6 +47,7 @@ def any_table(draw):
                        command=draw(texts))  # fmt: skip
 
 
+@settings(max_examples=40)
 @given(any_table())
 def test_csv_holds_all_of_every_cell(table):
     head, *lines = csv.reader(io.StringIO(as_csv(table), newline=""))
@@ -60,14 +62,15 @@ def test_csv_holds_all_of_every_cell(table):
                 assert told.get(f"{column.name}_{field}", "") == ("" if value is None else str(value))
 
 
-@pytest.mark.parametrize("table", MADE, ids=NAMES)
-def test_the_reports_csv_reads_back_as_numbers(table):
-    for line, row in zip(csv.DictReader(io.StringIO(as_csv(table))), table.rows, strict=True):
-        for column, cell in zip(table.columns, row.cells, strict=True):
-            if isinstance(cell.value, int | float):
-                assert float(line[column.name]) == cell.value
+def test_the_reports_csv_reads_back_as_numbers():
+    for table in MADE:
+        for line, row in zip(csv.DictReader(io.StringIO(as_csv(table))), table.rows, strict=True):
+            for column, cell in zip(table.columns, row.cells, strict=True):
+                if isinstance(cell.value, int | float):
+                    assert float(line[column.name]) == cell.value, table.name
 
 
+@settings(max_examples=40)
 @given(any_table())
 def test_markdown_keeps_its_columns(table):
     lines = [line for line in markdown.as_markdown(table).splitlines() if line.startswith("| ")]
@@ -94,6 +97,7 @@ def stray(text: str) -> list[str]:
     return [*found, "$"] if formula else found
 
 
+@settings(max_examples=40)
 @given(any_table())
 def test_latex_closes_what_it_opens_and_fills_its_columns(table):
     text = latex.as_latex(table)
@@ -130,7 +134,7 @@ def test_numbers_are_rounded_as_people_do():
 def test_a_line_has_a_cell_for_each_column():
     column = TableColumn(name="a", title="A")
     row = TableRow(cells=(TableCell(value=1), TableCell(value=2)))
-    with pytest.raises(ValueError, match="2 cells in a line of 1 columns"):
+    with pytest.raises(ValueError, match=r"2 .*1 "):
         ReportTable(name="x", title="", caption="", columns=(column,), blocks=(TableBlock(title="", rows=(row,)),))
 
 
@@ -151,11 +155,10 @@ def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
         body = part.split(r"\toprule")[1].split(r"\bottomrule")[0].split(r"\midrule", 1)[1]
         lines = [line for line in body.splitlines() if line.endswith(r" \\")]
         assert len(lines) <= latex.LINES_MAX
-        assert lines[0].endswith(r"\emph{Models}} \\" if part is first else r"\emph{Models, continued}} \\")
+        assert lineups.MODELS in lines[0]
         told += [tuple(line.removesuffix(r" \\").split(" & ")[:3]) for line in lines[1:]]
         assert (r"\label{tab:comparison}" in part) == (part is first)
         assert (r"\addtocounter{table}{-1}" in part) == (part is not first)
-        assert (r"\caption{Pair by pair, continued.}" in part) == (part is not first)
     assert told == [tuple(str(cell.value) for cell in row.cells[:3]) for row in table.rows]
 
 
@@ -169,13 +172,13 @@ def typeset(preamble, body, folder):
     return done.stdout
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no TeX here")
+@needs("latex")
 def test_the_tables_compile(tmp_path):
     said = typeset(r"\documentclass{article}", "\n".join(latex.as_latex(table) for table in MADE), tmp_path)
     assert "Overfull" not in said, said[-2000:]
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no TeX here")
+@needs("latex")
 @pytest.mark.parametrize("preamble", PAPERS.values(), ids=PAPERS)
 def test_the_table_of_nine_models_fits_on_its_pages(preamble, tmp_path):
     said = typeset(preamble, latex.as_latex(made(comparison, nine())), tmp_path)

@@ -59,7 +59,7 @@ def flown(folder, model, latency):
             drones=1,
             simulated=Simulated(speed=None),
             latency=latency,
-            seconds=5.0,
+            seconds=4.0,
             full=True,
         )
         result = fly_simulated(spec, folder, lambda line: None)

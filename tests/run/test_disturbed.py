@@ -20,6 +20,9 @@ LOSSY = Impairment(loss=0.3, delay_s=0.2, jitter_s=0.1, duplicate=0.1, reorder=0
 BAD = LinkFaults(to_vehicle=LOSSY, from_vehicle=LOSSY)
 ROUGH = VehicleFaults(wind_ned=(4.0, 2.0, 0.0), gusts_w20=7.7, gps_noise=2.0, gps_delay_s=0.1, estimator_noise=2.0)
 
+# the result, the rows of the truth, and the hash of all that is logged
+Flight = tuple[dict[str, Any], list[dict[str, Any]], str]
+
 
 def spec(disturbances: Disturbances, **changes: Any) -> FlightSpec:
     return FlightSpec(
@@ -32,19 +35,29 @@ def spec(disturbances: Disturbances, **changes: Any) -> FlightSpec:
     )
 
 
-def flown(folder: Path, disturbances: Disturbances, **changes: Any) -> tuple[dict[str, Any], list[dict[str, Any]], str]:
-    """Return the result, the rows of the truth, and the hash of all that is logged."""
+def flown(folder: Path, disturbances: Disturbances, **changes: Any) -> Flight:
     result = fly(spec(disturbances, **changes), folder, lambda line: None)
     logs = [Path(result["run_dir"]) / name for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")]
     return result, list(rows(logs[0])), hashlib.sha256(b"".join(log.read_bytes() for log in logs)).hexdigest()
 
 
-def test_a_disturbed_flight_begins_like_any_other_and_is_the_same_twice(tmp_path: Path) -> None:
-    calm, true, told = flown(tmp_path / "calm", Disturbances())
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    return flown(tmp_path_factory.mktemp("calm"), Disturbances())
+
+
+def test_a_disturbed_flight_is_the_same_twice(tmp_path: Path) -> None:
     rough = Disturbances(link=BAD, vehicle=ROUGH)
-    first, disturbed, hashed = flown(tmp_path / "first", rough)
-    _, _, again = flown(tmp_path / "again", rough)
-    assert hashed == again != told
+    first, again, calm = (
+        flown(tmp_path / name, how, seconds=6.0, full=True)[2]
+        for name, how in (("first", rough), ("again", rough), ("calm", Disturbances()))
+    )
+    assert first == again != calm
+
+
+def test_a_disturbed_flight_begins_like_any_other(undisturbed: Flight, tmp_path: Path) -> None:
+    calm, true, _ = undisturbed
+    first, disturbed, _ = flown(tmp_path / "first", Disturbances(link=BAD, vehicle=ROUGH))
     assert calm["success"]
     assert first["success"]
     begins = [next(row for row in each if row["kind"] == "begin")["t0_us"] for each in (true, disturbed)]
@@ -54,10 +67,10 @@ def test_a_disturbed_flight_begins_like_any_other_and_is_the_same_twice(tmp_path
     assert places[0] == pytest.approx(places[1], abs=0.1)
 
 
-def test_late_telemetry_charges_no_latency_twice(tmp_path: Path) -> None:
+def test_late_telemetry_charges_no_latency_twice(undisturbed: Flight, tmp_path: Path) -> None:
     """An agent that took its newest telemetry for the present would ask each question a delay after its picture."""
     late = Disturbances(link=LinkFaults(from_vehicle=Impairment(delay_s=1.0)))
-    calm, _, _ = flown(tmp_path / "calm", Disturbances())
+    calm, _, _ = undisturbed
     result, _, _ = flown(tmp_path / "late", late)
     assert result["steps"] == calm["steps"] == 6
     assert 1.0 <= result["sim_seconds"] - calm["sim_seconds"] < 3.0  # once, until the first word comes
@@ -74,7 +87,7 @@ def test_whom_no_setpoint_reaches_fails_where_its_failsafe_brings_it_down(tmp_pa
 def test_who_hears_little_is_neither_gone_nor_taken_over(tmp_path: Path) -> None:
     worst = Impairment(loss=0.95, delay_s=1.0)
     result, _, _ = flown(
-        tmp_path / "worst", Disturbances(link=LinkFaults(to_vehicle=worst, from_vehicle=worst)), seconds=30.0
+        tmp_path / "worst", Disturbances(link=LinkFaults(to_vehicle=worst, from_vehicle=worst)), seconds=20.0
     )
     assert (result["outcome"], result["reason"], result["status"]) == ("failure", "cap", 0)
 
@@ -85,10 +98,10 @@ def test_a_disturbed_flight_is_a_value() -> None:
 
 
 def test_what_cannot_be_flown_is_refused_before_anything_is_started() -> None:
-    with pytest.raises(UsageError, match=r"cannot carry 0\.8 kg"):
+    with pytest.raises(UsageError, match=r"0\.8 kg"):
         look_up(spec(Disturbances(vehicle=VehicleFaults(payload_kg=0.8))))
-    with pytest.raises(ValueError, match="only in real time"):
+    with pytest.raises(ValueError, match="real time"):
         spec(Disturbances(vehicle=VehicleFaults(stalled=0.1)))
     six = replace(spec(Disturbances()), simulated=Simulated(airframe="hexa", autopilot="px4"))
-    with pytest.raises(UsageError, match="PX4 flies quadrotors here, and hexa has 6 rotors"):
+    with pytest.raises(UsageError, match=r"hexa.* 6 "):
         look_up(six)

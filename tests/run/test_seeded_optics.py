@@ -44,7 +44,7 @@ def test_in_lockstep_noise_is_the_seeds_and_comes_back_to_the_byte(tmp_path):
     assert abs(np.corrcoef(grain(one), grain(other))[0, 1]) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.slow("flies in real time, twice")
 def test_in_real_time_noise_is_the_seeds_too(tmp_path):
     one, again, other = (first_picture(tmp_path / name, seed, 4.0) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
     assert np.corrcoef(grain(one), grain(again))[0, 1] > 0.5

@@ -1,7 +1,5 @@
 """A folder that was flown, line by line as the published schemas say; with truth, and as if nobody had known it."""
 
-import contextlib
-import io
 import json
 import shutil
 
@@ -10,22 +8,18 @@ import pytest
 
 from dronecats.afterflight.surveyed_target import SurveyedTarget
 from dronecats.afterflight.trace import derive
-from dronecats.cli.main import main
 from dronecats.judge.episode import write_verdict
 from dronecats.rundir import layout
 from tests.rundir.published import check, validator
-
-EPISODE = "residential-approaching-01"
+from tests.support.flown_runs import ALONE
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    """Fly once, and return the episode folder and the object that was printed."""
-    out, said = tmp_path_factory.mktemp("run"), io.StringIO()
-    arguments = ["--pilot", "oracle", "--episode", EPISODE, "--out", str(out), "--json"]
-    with contextlib.redirect_stdout(said):
-        assert main(["fly", "--sitl", "--speed", "max", *arguments]) == 0
-    return out / EPISODE, json.loads(said.getvalue().splitlines()[-1])
+def flown(rendered_run, tmp_path_factory):
+    """Return a copy of the folder of a flown episode, and the flight's result."""
+    run = tmp_path_factory.mktemp("copy") / "run"
+    shutil.copytree(rendered_run.run, run)
+    return run / ALONE, rendered_run.results[0]
 
 
 def test_every_line_is_as_the_schemas_say(flown):
@@ -40,7 +34,7 @@ def test_every_line_is_as_the_schemas_say(flown):
 
 
 def test_so_is_a_flight_whose_truth_nobody_knew(flown, tmp_path):
-    folder = tmp_path / EPISODE
+    folder = tmp_path / ALONE
     shutil.copytree(flown[0], folder)
     told = [json.loads(line) for line in (folder / layout.TRUTH).read_text().splitlines()]
     begin, *_, end = told

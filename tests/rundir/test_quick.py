@@ -63,7 +63,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("quick")
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.lists(lines(), min_size=1, max_size=3), st.booleans())
 def test_both_readers_tell_the_same(folder, made, whole):
     for file in ("truth.jsonl", "decisions.jsonl"):

@@ -15,6 +15,7 @@ from dronecats.rundir.results import Result
 from dronecats.rundir.rows import Begin, Decision
 from dronecats.rundir.writing import LineLog, as_json
 from foundation.errors import UsageError
+from tests.support.refusal import refusal
 
 ROW = {"step": 0, "drone": 0, "frame_id": 0, "t_frame": 1.0, "t_decided": 1.5, "action": {"action": "finished"}}
 
@@ -41,9 +42,9 @@ def test_a_run_says_its_version_and_is_read_again(episode):
 
 
 @pytest.mark.parametrize(
-    ("schema", "said"), [(2, "of a newer dronecats"), ("1", "not a version"), (True, "not a version")]
+    ("schema", "word"), [(2, "newer"), ("1", "version"), (True, "version")]
 )
-def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with_it(episode, schema, said):
+def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with_it(episode, schema, word):
     of_version(episode, {"schema": schema})
     run = episode.parent
     before = (run / layout.RUN).read_bytes()
@@ -54,9 +55,9 @@ def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with
         lambda: create(run, "oracle", "e-02", {"seed": 1}),
         lambda: write_run(run, {"seed": 1}),
     ):
-        with pytest.raises(UsageError, match=said) as refused:
-            at_it()
-        assert "\n" not in str(refused.value)
+        message = refusal(at_it)
+        assert word in message
+        assert "\n" not in message
     assert (run / layout.RUN).read_bytes() == before
 
 
@@ -70,27 +71,21 @@ def test_kinds_and_fields_of_a_later_version_are_passed_over(episode):
 
 def test_a_line_says_file_number_and_what_is_wrong(episode):
     path = episode / layout.DECISIONS
-    for change, said in (
-        ({"t_frame": "1"}, "its t_frame is not a number"),
-        ({"reply": None}, "its reply is not text"),
-        ({"action": {}}, "its action is not an action"),
-        ({"thinking": 1}, "its thinking is neither true nor false"),
-        ({"tokens_in": 2.5}, "its tokens_in is not a whole number"),
-        ({"latency_s": 1e12}, "its latency_s is not a number"),
-    ):
-        path.write_text(json.dumps(ROW) + "\n" + json.dumps({**ROW, **change}) + "\n")
-        with pytest.raises(UsageError) as damage:
-            reading.read(episode)
-        assert str(damage.value) == f"{path} line 2 is damaged: {said}"
+    for field, value in (
+        ("t_frame", "1"), ("reply", None), ("action", {}), ("thinking", 1), ("tokens_in", 2.5), ("latency_s", 1e12),
+    ):  # fmt: skip
+        path.write_text(json.dumps(ROW) + "\n" + json.dumps({**ROW, field: value}) + "\n")
+        message = refusal(reading.read, episode)
+        assert [word for word in (f"{path} line 2", field) if word not in message] == [], message
     path.write_text('{"step": 0}\n')
-    with pytest.raises(UsageError, match="line 1 is damaged: it has no drone"):
+    with pytest.raises(UsageError, match=r"line 1 .*\bdrone\b"):
         reading.read(episode)
 
 
 def test_what_is_no_json_is_damage_wherever_it_stands(episode):
     row = json.dumps({**ROW, "action": {"action": "go", "depth_m": float("nan")}, "added": float("inf")})
     (episode / layout.DECISIONS).write_text(row + "\n")
-    with pytest.raises(UsageError, match="line 1 is damaged: it is not JSON"):
+    with pytest.raises(UsageError, match=r"line 1 .*JSON"):
         reading.read(episode)
 
 
@@ -111,7 +106,7 @@ def test_half_a_surrogate_pair_where_a_word_belongs_is_damage(word):
 
 def test_numbers_too_large_for_anything_are_damage():
     for value in (10**400, 1e12, -1e12, 1e308):
-        assert taken({**ROW, "t_frame": value}, Decision)[1] == "its t_frame is not a number"
+        assert "t_frame" in (taken({**ROW, "t_frame": value}, Decision)[1] or "")
     assert taken({"kind": "begin", "t0_us": 10**18}, Begin)[0] == Begin(t0_us=10**18)  # a clock may count from anywhere
 
 
@@ -120,7 +115,7 @@ def test_a_stored_verdict_is_a_result_and_half_a_one_is_damage(episode):
     found = reading.stored_result("e-01", episode)
     assert (found.episode, found.outcome, found.declarations) == ("e-01", verdict.outcome, 1)
     (episode / layout.VERDICT).write_text('{"outcome": "solved"}')
-    with pytest.raises(UsageError, match=r"verdict\.json is damaged: its outcome is not an outcome"):
+    with pytest.raises(UsageError, match=r"verdict\.json.*outcome"):
         reading.stored_result("e-01", episode)
 
 

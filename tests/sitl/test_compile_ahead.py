@@ -1,6 +1,7 @@
 """What a second process compiles must be what the first one calls, or the first run compiles it twice."""
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -40,10 +41,35 @@ def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: p
     assert not compile_ahead.cold()
 
 
+KERNELS = """
+import sys
+from dronecats.sitl import camera, compile_ahead, scenario
+from foundation.camera import CameraModel
+
+def compiled():
+    modules = [module for name, module in sys.modules.items() if name.startswith("episodes.render.")]
+    kernels = {id(k): k for module in modules for k in vars(module).values() if hasattr(k, "signatures")}
+    return {kernel.__name__: kernel.signatures for kernel in kernels.values()}
+
+compile_ahead.compile_camera()
+before = compiled()
+assert any(before.values())
+world = scenario.load_world("residential-approaching-01", "x500", 1)
+camera._warm.clear()
+camera.WorldCamera(world, CameraModel(), lambda data: None).warm_up()
+assert compiled() == before
+"""
+
+
+@pytest.mark.slow
+def test_the_camera_of_another_map_and_size_has_the_same_types() -> None:
+    subprocess.run([sys.executable, "-c", KERNELS], check=True)
+
+
 def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     double = numba.njit(lambda x: 2.0 * x)
-    compile_ahead.compile_both(double, (1.5,))
+    compile_ahead.compile_all(double, (1.5,))
     assert double.signatures == [(numba.float64,)]

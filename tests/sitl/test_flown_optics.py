@@ -57,13 +57,13 @@ def bus(world, time_us, yaw, drone=0):
     return Packer(drone + 1, 51).pack(message)
 
 
-def frames(world, optics, turn, seed=0):
-    """Return two pictures and what was announced, the vehicle turning by `turn` (rad) in 20 ms."""
+def frames(world, optics, turn, seed=0, count=2):
+    """Return the first pictures and what was announced, the vehicle turning by `turn` (rad) in 20 ms."""
     said: list[bytes] = []
     camera = WorldCamera(world, SMALL, said.append, optics=optics, seed=seed)
     camera.feed(bus(world, 1_000_000, 0.3))
     camera.feed(bus(world, 1_020_000, 0.3 + turn))
-    return [camera.newest().image_rgb for _ in range(2)], said
+    return [camera.newest().image_rgb for _ in range(count)], said
 
 
 def test_a_turn_on_the_truth_bus_blurs_the_frame_and_the_announcement_stays(world):
@@ -85,11 +85,10 @@ def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
 
 @pytest.mark.parametrize("optics", [Optics(sensor=Sensor(2000.0, 5.0)), Optics(rain=Rain(100.0))])
 def test_another_flight_has_other_noise_and_other_drops(world, optics):
-    (one, _), _ = frames(world, optics, 0.0, seed=1)
-    (other, _), _ = frames(world, optics, 0.0, seed=2)
+    (one,), (other,), (again,) = (frames(world, optics, 0.0, seed, count=1)[0] for seed in (1, 2, 2))
     assert (one != other).any()
-    np.testing.assert_array_equal(frames(world, optics, 0.0, seed=2)[0][0], other)
-    plain = [frames(world, None, 0.0, seed=seed)[0][0] for seed in (1, 2)]
+    np.testing.assert_array_equal(again, other)
+    plain = [frames(world, None, 0.0, seed, count=1)[0][0] for seed in (1, 2)]
     np.testing.assert_array_equal(*plain)
 
 
@@ -116,6 +115,4 @@ def test_a_broken_file_is_refused_before_anything_starts(verb, tmp_path, capsys)
     file = tmp_path / "broken.toml"
     file.write_text("[haze]\ndensity_per_m = -1\n")
     assert main([*verb, "--optics", str(file)]) == 2
-    said = capsys.readouterr().err.strip()
-    assert "density_per_m must be a number from 0 to 0.5" in said
-    assert len(said.splitlines()) == 1
+    assert "density_per_m" in capsys.readouterr().err

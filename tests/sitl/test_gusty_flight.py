@@ -139,7 +139,8 @@ def rms(values: list[float]) -> float:
     return math.sqrt(np.mean(np.square(values)))
 
 
-@pytest.fixture(scope="module", params=[8, 23])  # these two magnetometers' hard iron turns the compass by 1 to 2°
+# these two magnetometers' hard iron turns the compass by 1 to 2°
+@pytest.fixture(scope="module", params=[8, pytest.param(23, marks=pytest.mark.slow)])
 def flown(request: pytest.FixtureRequest) -> Flight:
     return fly(request.param)
 

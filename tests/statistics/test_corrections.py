@@ -3,13 +3,14 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from statsmodels.stats.multitest import multipletests
 
 from dronecats.statistics.corrections import holm
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40))
 def test_holm_is_statsmodels_own(ps):
+    from statsmodels.stats.multitest import multipletests
+
     assert holm(ps) == pytest.approx(list(multipletests(ps, method="holm")[1]))
 
 

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from statsmodels.stats.weightstats import DescrStatsW
 
 from dronecats.statistics.differences import known_mean, share_difference, signed_rank
 from dronecats.statistics.paired import mcnemar
@@ -18,6 +17,8 @@ numbers = st.floats(-100, 100)
 
 @given(st.lists(numbers, min_size=2, max_size=40))
 def test_a_mean_is_statsmodels_own(values):
+    from statsmodels.stats.weightstats import DescrStatsW
+
     told = known_mean(values)
     if np.ptp(values) > 1e-6:
         assert (told.low, told.high) == pytest.approx(DescrStatsW(values).tconfint_mean(0.05), rel=1e-6, abs=1e-9)
@@ -99,5 +100,5 @@ def test_where_all_episodes_differ_alike_their_flights_are_no_more_evidence():
 
 
 def test_what_is_no_difference_of_shares_is_refused():
-    with pytest.raises(ValueError, match="between -1 and 1"):
+    with pytest.raises(ValueError, match="-1"):
         share_difference([1.5])

@@ -18,12 +18,12 @@ def of(*columns, flights=10.0, groups=20):
 
 
 def test_the_interval_holds_the_truth_as_often_as_it_says():
-    """Thirty-six studies of twenty episodes, twice flown: the share that is covered is 95 % but for chance."""
-    found = [half_success(LEVELS, simulated(seed, groups=20)) for seed in range(36)]
+    """Twenty-four studies of twenty episodes, twice flown: the share that is covered is 95 % but for chance."""
+    found = [half_success(LEVELS, simulated(seed, groups=20)) for seed in range(24)]
     told = [each for each in found if each is not None]
     covered = sum(each.low <= 1.2 <= each.high for each in told)
-    assert len(told) == 36
-    assert covered >= 31
+    assert len(told) == 24
+    assert covered >= 21
     values = [each.value for each in told if each.value is not None]
     assert np.mean(values) == pytest.approx(1.2, abs=0.1)
     assert np.median([each.high - each.low for each in told]) < 1.6
@@ -134,7 +134,7 @@ def test_of_one_level_nothing_is_fitted():
 
 def test_levels_that_are_none_are_refused():
     for levels in ([0.0, 0.0], [0.0], [0.0, math.nan]):
-        with pytest.raises(ValueError, match="number of its own"):
+        with pytest.raises(ValueError, match="level"):
             half_success(levels, of(0.5, 0.5))
 
 

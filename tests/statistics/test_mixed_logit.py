@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from scipy import integrate, special, stats
-from statsmodels.discrete.conditional_models import ConditionalLogit
-from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
 
 from dronecats.statistics.mixed_logit import (
     WIDEST,
@@ -49,6 +46,8 @@ def test_the_likelihood_is_that_of_brute_quadrature():
 
 
 def test_without_scatter_it_is_statsmodels_logit():
+    import statsmodels.api as sm
+
     told = simulated(2, scatter=0.0, groups=30, flights=4)
     made = fit(DESIGN, told)
     outcomes, levels, _ = rows(told)
@@ -61,6 +60,8 @@ def test_without_scatter_it_is_statsmodels_logit():
 
 def test_the_slope_is_near_that_of_a_conditional_logit():
     """Which does without any assumption about the groups, and so has the same slope of enough of them."""
+    from statsmodels.discrete.conditional_models import ConditionalLogit
+
     told = simulated(3, groups=400)
     outcomes, levels, groups = rows(told)
     theirs = ConditionalLogit(outcomes, levels[:, None], groups=groups).fit(disp=0)
@@ -68,6 +69,9 @@ def test_the_slope_is_near_that_of_a_conditional_logit():
 
 
 def test_it_is_near_statsmodels_bayesian_fit_with_wide_priors():
+    import statsmodels.api as sm
+    from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
+
     told = simulated(4, groups=150, flights=4)
     outcomes, levels, groups = rows(told)
     design = sm.add_constant(levels)
@@ -89,6 +93,8 @@ def test_what_was_put_in_comes_out_and_the_covariance_tells_how_well():
 
 def test_a_scatter_at_its_least_is_no_parameter_and_the_rest_have_statsmodels_covariance():
     """Groups that are all alike: the scatter is 0, and nothing is told of how far it may be from there."""
+    import statsmodels.api as sm
+
     told = Trials(np.tile([9.0, 7, 6, 5, 3, 1], (12, 1)), np.full((12, 6), 10.0))
     made = fit(DESIGN, told)
     assert made.scatter == pytest.approx(0.0, abs=1e-3)
@@ -167,9 +173,9 @@ def test_a_share_over_all_groups_is_a_half_where_the_middle_one_is():
 
 
 def test_counts_that_are_none_are_refused():
-    with pytest.raises(ValueError, match="more successes"):
+    with pytest.raises(ValueError, match="successes"):
         Trials(np.ones((1, 1)), np.zeros((1, 1)))
-    with pytest.raises(ValueError, match="both alike"):
+    with pytest.raises(ValueError, match="column"):
         Trials(np.ones((1, 2)), np.ones((1, 1)))
-    with pytest.raises(ValueError, match="a line for each"):
+    with pytest.raises(ValueError, match="design"):
         fit(np.ones((2, 1)), simulated(0))

@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, stats
-from statsmodels.stats.contingency_tables import mcnemar as statsmodels_mcnemar
 
 from dronecats.statistics.paired import detected, mcnemar, paired, smallest_difference
 
 
 @given(st.integers(0, 60), st.integers(0, 60))
 def test_mcnemar_is_statsmodels_own(b, c):
+    from statsmodels.stats.contingency_tables import mcnemar as statsmodels_mcnemar
+
     assert mcnemar(b, c) == pytest.approx(statsmodels_mcnemar([[7, b], [c, 3]], exact=True).pvalue)
 
 
@@ -38,7 +39,7 @@ def test_flights_of_one_episode_are_no_evidence_of_their_own():
 def test_different_or_unflown_episodes_are_refused():
     unequal: list[list[list[bool]]] = [[], [[]]]
     for second in unequal:
-        with pytest.raises(ValueError, match="same episodes"):
+        with pytest.raises(ValueError, match="episodes"):
             paired([[True]], second)
 
 

@@ -1,5 +1,6 @@
 """A study is gone on with as what it was begun as: no flight of it is taken for done that is another one now."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -24,22 +25,19 @@ def begun(tmp_path_factory):
 GUSTY = replace(ORACLE, disturbances=Disturbances(vehicle=VehicleFaults(gusts_w20=5.0)))
 
 
-@pytest.mark.parametrize("pilot", ["oracle", "blind"])
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"seed": 6}, "was begun with another seed, 5 there and 6 now: say the same again, or choose another --out"),
-        ({"seconds": 20.0}, "another seconds, 300.0 there and 20.0 now"),
-        ({"full": True, "parser": "lenient"}, 'another parser, "strict" there and "lenient" now; full, false there'),
-        ({"disturbances": GUSTY.disturbances}, "another disturbances.vehicle.gusts_w20, 0.0 there and 5.0 now"),
-    ],
-)
-def test_other_flights_are_told_by_what_differs_of_another_pilot_too(begun, pilot, changes, sentence):
-    flown = replace(ORACLE if pilot == "oracle" else BLIND, **changes)
-    with pytest.raises(UsageError) as no:
-        continued.joined(begun, planned(pilots=[(pilot, flown)], flights=1))
-    assert sentence in str(no.value)
-    assert str(no.value).startswith(f"{begun / 'oracle-latency-0-f1'} was begun")
+def test_other_flights_are_told_by_what_differs_of_another_pilot_too(begun):
+    for changes, parts in (
+        ({"seed": 6}, "seed, 5 .* 6 .*--out"),
+        ({"seconds": 20.0}, "seconds, 300.0 .* 20.0 "),
+        ({"full": True, "parser": "lenient"}, 'parser, "strict" .* "lenient" .*full, false '),
+        ({"disturbances": GUSTY.disturbances}, "disturbances.vehicle.gusts_w20, 0.0 .* 5.0 "),
+    ):
+        for pilot in ("oracle", "blind"):
+            flown = replace(ORACLE if pilot == "oracle" else BLIND, **changes)
+            with pytest.raises(UsageError) as no:
+                continued.joined(begun, planned(pilots=[(pilot, flown)], flights=1))
+            assert re.search(parts, str(no.value)), (pilot, changes)
+            assert str(no.value).startswith(f"{begun / 'oracle-latency-0-f1'} "), (pilot, changes)
 
 
 def test_it_goes_on_as_it_was_and_with_other_pilots_and_more_flights(begun):
@@ -54,14 +52,14 @@ def test_a_run_of_the_same_name_at_other_levels_is_another_one(begun, tmp_path):
     one, *others = study.runs
     folder.write(tmp_path, replace(study, runs=(replace(one, levels={"latency": 2.0}), *others)))
     (tmp_path / "bench.json").write_bytes((begun / "bench.json").read_bytes())
-    with pytest.raises(UsageError, match="oracle-latency-0-f1 is at other levels than oracle-latency-0-f1 is now"):
+    with pytest.raises(UsageError, match=r"oracle-latency-0-f1 .* levels .*oracle-latency-0-f1 .*--out"):
         continued.joined(tmp_path, planned(flights=1))
 
 
 def test_nothing_is_flown_or_written_of_a_study_that_is_refused(begun):
     before = {path: path.read_bytes() for path in begun.rglob("*.json")}
     made = planned((LATENCY,), [("blind", replace(BLIND, seed=6))], flights=1)
-    with pytest.raises(UsageError, match="another seed"):
+    with pytest.raises(UsageError, match=r"seed, 5 .* 6 "):
         Bench(
             begun, suite_of(TWO, ()), made.entries, retry=False,
             first=lambda: folder.write(begun, continued.joined(begun, made)),

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from collections import Counter
 
 import numpy as np
@@ -56,7 +57,7 @@ def test_of_one_factor_at_a_time_what_is_crossed_is_at_every_point(axes):
     for point in made.points:
         by_agent[point["agent"]].append(tuple((name, level) for name, level in point.items() if name != "agent"))
     assert list(by_agent.values()) == [alone] * 3
-    assert made.said.endswith(", each with every agent")
+    assert "agent" in made.said
     assert len(one_at_a_time([agents], ("agent",)).points) == 3
 
 
@@ -89,23 +90,20 @@ def test_a_fraction_is_balanced_and_orthogonal_up_to_its_resolution(drawn):
         if abs(signs[:, columns].prod(axis=1).sum()) == len(signs)
     )
     roman = {3: "III", 4: "IV", 5: "V", 6: "VI"}[shortest]
-    assert f"2^({count}-{len(generators)}) of resolution {roman}, " in design.said
+    assert re.search(rf"2\^\({count}-{len(generators)}\) .*\b{roman}, ", design.said)
     for place, generator in enumerate(generators):
         made, _, product = generator.partition(" = ")
         column = signs[:, [LETTERS.index(letter) for letter in product.lstrip("-")]].prod(axis=1)
         assert np.array_equal(signs[:, LETTERS.index(made)], -column if "-" in product else column), place
 
 
-@pytest.mark.parametrize(
-    ("count", "generators", "resolution"),
-    [  # NIST/SEMATECH e-Handbook of Statistical Methods, 5.3.3.4.7, table 3.17
+def test_the_published_fractions_have_their_resolutions():
+    for count, generators, resolution in (  # NIST/SEMATECH e-Handbook of Statistical Methods, 5.3.3.4.7, table 3.17
         (3, ["C=AB"], "III"), (4, ["D=ABC"], "IV"), (5, ["E=ABCD"], "V"), (5, ["D=AB", "E=AC"], "III"),
         (6, ["F=ABCDE"], "VI"), (6, ["E=ABC", "F=BCD"], "IV"), (7, ["D=AB", "E=AC", "F=BC", "G=ABC"], "III"),
         (7, ["E=ABC", "F=BCD", "G=ACD"], "IV"), (8, ["G=ABCD", "H=ABEF"], "V"),
-    ],
-)  # fmt: skip
-def test_the_published_fractions_have_their_resolutions(count, generators, resolution):
-    assert f"of resolution {resolution}," in fractional(two_levels(count), generators).said
+    ):  # fmt: skip
+        assert f" {resolution}," in fractional(two_levels(count), generators).said, (count, generators)
 
 
 def test_generators_may_name_the_factors():
@@ -115,30 +113,27 @@ def test_generators_may_name_the_factors():
     assert by_name.points[0] == {"latency": "off", "wind": "off", "frame_delay": "off", "gusts": "off"}
 
 
-@pytest.mark.parametrize(
-    ("count", "generators", "sentence"),
-    [
-        (4, [], "wants generators"),
-        (4, ["D"], "a generator is one factor = a product of others"),
-        (4, ["D ="], "a generator is one factor = a product of others"),
-        (4, ["CD = AB"], "a generator is one factor = a product of others"),
-        (4, ["D = ABZ"], "'ABZ' is none of the factors f0, f1, f2, f3, nor of the letters ABCD"),
-        (4, ["D = AD"], "each factor is made once"),
-        (4, ["D = AAB"], "each factor is made once"),
-        (4, ["D = AB", "D = AC"], "each factor is made once"),
-        (4, ["A = BC", "D = AB"], "f0 is made by a generator itself"),
-        (4, ["D = A"], "of resolution II, in which one factor passes for another"),
-        (5, ["D = AB", "E = AB"], "of resolution II, in which one factor passes for another"),
-        (2, ["B = A"], "a fraction wants 3 to 15 factors, got 2"),
-    ],
-)
-def test_a_fraction_that_is_none_is_refused(count, generators, sentence):
-    with pytest.raises(UsageError, match=sentence.replace("^", r"\^")):
-        fractional(two_levels(count), generators)
+def test_a_fraction_that_is_none_is_refused():
+    for count, generators, parts in (
+        (4, [], "generators"),
+        (4, ["D"], "D = ABC.*'D'"),
+        (4, ["D ="], "D = ABC.*'D ='"),
+        (4, ["CD = AB"], "D = ABC.*'CD = AB'"),
+        (4, ["D = ABZ"], "'ABZ'.* f0, f1, f2, f3, .* ABCD"),
+        (4, ["D = AD"], "'D = AD'"),
+        (4, ["D = AAB"], "'D = AAB'"),
+        (4, ["D = AB", "D = AC"], "'D = AC'"),
+        (4, ["A = BC", "D = AB"], "f0 "),
+        (4, ["D = A"], "D = A: .*resolution II,"),
+        (5, ["D = AB", "E = AB"], "D = AB; E = AB: .*resolution II,"),
+        (2, ["B = A"], " 3 .* 15 .* 2$"),
+    ):
+        with pytest.raises(UsageError, match=parts):
+            fractional(two_levels(count), generators)
 
 
 def test_a_fraction_has_two_levels():
-    with pytest.raises(UsageError, match="f2 has 3"):
+    with pytest.raises(UsageError, match=r"f2 .*3"):
         fractional([*two_levels(2), Axis(name="f2", levels=(1, 2, 3))], ["C=AB"])
 
 
@@ -182,5 +177,5 @@ def test_other_seeds_are_other_points():
 
 
 def test_too_many_combinations_are_refused_before_they_are_made():
-    with pytest.raises(UsageError, match="more than 10,000"):
+    with pytest.raises(UsageError, match="10,000"):
         full([Axis(name=f"f{place}", levels=tuple(range(9))) for place in range(9)])

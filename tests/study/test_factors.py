@@ -1,5 +1,8 @@
 """Every factor is set on a flight and on nothing else of it, within its range; and the registry says no to the rest."""
 
+import re
+from collections.abc import Mapping
+
 import pytest
 from hypothesis import example, given, reject
 from hypothesis import strategies as st
@@ -7,6 +10,7 @@ from hypothesis import strategies as st
 from dronecats.agent.latency import latency
 from dronecats.flight.file import as_json, from_json
 from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.rundir.study import Level
 from dronecats.study.factor import said
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of
 from foundation.errors import UsageError
@@ -57,20 +61,20 @@ def flat(value, path=""):
     return {path: value}
 
 
-@pytest.mark.parametrize("name", FACTORS)
-def test_a_factor_is_set_on_its_place_and_nowhere_else(name):
-    factor = FACTORS[name]
-    base = at_levels(FLIGHT, NEEDS.get(name, {}))
-    level = between(factor, 0.125) if factor.numeric else factor.level(WORDS[name])
-    flight = at_levels(FLIGHT, {**NEEDS.get(name, {}), name: level})
-    before, after = flat(as_json(base)), flat(as_json(flight))
-    moved = [key for key in {**before, **after} if before.get(key) != after.get(key)]
-    assert moved
-    assert all(any(key == place or key.startswith(f"{place}.") for place in PLACES[name]) for key in moved)
-    assert {place for place in PLACES[name] for key in moved if key == place or key.startswith(f"{place}.")} == set(
-        PLACES[name]
-    )
-    assert from_json(as_json(flight), "it") == flight
+def test_a_factor_is_set_on_its_place_and_nowhere_else():
+    for name in FACTORS:
+        factor = FACTORS[name]
+        base = at_levels(FLIGHT, NEEDS.get(name, {}))
+        level = between(factor, 0.125) if factor.numeric else factor.level(WORDS[name])
+        flight = at_levels(FLIGHT, {**NEEDS.get(name, {}), name: level})
+        before, after = flat(as_json(base)), flat(as_json(flight))
+        moved = [key for key in {**before, **after} if before.get(key) != after.get(key)]
+        assert moved, name
+        assert all(any(key == place or key.startswith(f"{place}.") for place in PLACES[name]) for key in moved), name
+        assert {place for place in PLACES[name] for key in moved if key == place or key.startswith(f"{place}.")} == set(
+            PLACES[name]
+        ), name
+        assert from_json(as_json(flight), "it") == flight, name
 
 
 @st.composite
@@ -108,9 +112,9 @@ def test_levels_leave_nothing_of_those_before(twice, flight):
     check_nothing_is_left(twice, flight)
 
 
-@pytest.mark.parametrize("name", FACTORS)
-def test_so_does_each_factor_alone(name):
-    check_nothing_is_left(same_twice(name), FLIGHT)
+def test_so_does_each_factor_alone():
+    for name in FACTORS:
+        check_nothing_is_left(same_twice(name), FLIGHT)
 
 
 def check_nothing_is_left(twice, flight):
@@ -118,22 +122,23 @@ def check_nothing_is_left(twice, flight):
     try:
         at_one, at_other = at_levels(flight, one), at_levels(flight, other)
     except UsageError as contradiction:
-        if "of pictures at a rate" not in str(contradiction):  # their delay and period together
+        if "period" not in str(contradiction):  # their delay and period together
             raise
         reject()
     assert at_levels(at_one, one) == at_one
     assert at_levels(at_one, other) == at_other
 
 
-@pytest.mark.parametrize("factor", NUMBERS, ids=lambda factor: factor.name)
-def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond(factor):
-    low, high = factor.span
-    for end in (low, high):
-        flight = at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: factor.level(end)})
-        assert latency(flight.latency).name == flight.latency  # which knows the bounds of what a reply takes
-    for beyond in (low - 0.01, high + 1, "much", None, True, [1], float("nan")):
-        with pytest.raises(UsageError, match=f"{factor.name} wants a (whole )?number from"):
-            factor.level(beyond)
+def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond():
+    for factor in NUMBERS:
+        assert factor.span is not None
+        low, high = factor.span
+        for end in (low, high):
+            flight = at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: factor.level(end)})
+            assert latency(flight.latency).name == flight.latency, factor.name  # the policy checks its own bounds
+        for beyond in (low - 0.01, high + 1, "much", None, True, [1], float("nan")):
+            with pytest.raises(UsageError, match=f"^{factor.name} .*{re.escape(f'{high:g}')}"):
+                factor.level(beyond)
 
 
 def test_the_registry_states_ranges_no_wider_than_the_flight_has():
@@ -143,9 +148,8 @@ def test_the_registry_states_ranges_no_wider_than_the_flight_has():
             at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: between(factor, share)})
 
 
-@pytest.mark.parametrize(
-    ("levels", "policy"),
-    [
+def test_what_a_reply_takes_is_written_as_a_policy():
+    for levels, policy in (
         ({"latency": 0.25}, "fixed:0.25"),
         ({"latency": 4.0}, "fixed:4"),
         ({"rate": 2.0}, "rate:2"),
@@ -155,10 +159,8 @@ def test_the_registry_states_ranges_no_wider_than_the_flight_has():
         ({"latency_policy": "lognormal:0.5,0.6"}, "lognormal:0.5,0.6"),
         ({"reply_stall_length": 20.0, "reply_stall_share": 0.1, "latency": 1.0}, "fixed:1+stall:0.1,20"),
         ({"reply_stall_share": 0.1, "jitter_cv": 1.0, "rate_cap": 2.0}, "jitter:2,1+cap:2+stall:0.1,1"),
-    ],
-)
-def test_what_a_reply_takes_is_written_as_a_policy(levels, policy):
-    assert at_levels(FLIGHT, levels).latency == policy
+    ):
+        assert at_levels(FLIGHT, levels).latency == policy, levels
 
 
 @given(st.floats(0.1, 30.0), st.integers(0, 360))
@@ -180,38 +182,36 @@ def test_a_pilot_that_looks_is_shown_pictures():
             assert flight.simulated.rendered is seen
 
 
-@pytest.mark.parametrize(
-    ("levels", "sentence"),
-    [
-        ({"jitter_rho": 0.5}, "jitter_rho at 0.5: it goes with jitter_cv"),
-        ({"reply_stall_length": 0.5}, "reply_stall_length at 0.5: it goes with reply_stall_share"),
-        ({"latency": 1.0, "jitter_cv": 0.5}, "jitter_cv at 0.5: it goes with a rate"),
-        ({"latency_policy": "soon"}, "latency_policy at soon: --latency wants"),
-        ({"wind_towards": 30.0}, "wind_towards at 30: it goes with wind"),
-        ({"latency_policy": "fixed:1+cap:2", "rate_cap": 1.0}, "rate_cap and latency_policy .* both say cap"),
-        ({"pilot": "orakel"}, "pilot at orakel: .*did you mean oracle"),
-    ],
-)
-def test_what_does_not_go_together_is_told_by_its_factor(levels, sentence):
-    with pytest.raises(UsageError, match=sentence):
-        at_levels(FLIGHT, levels)
+def test_what_does_not_go_together_is_told_by_its_factor():
+    cases: list[tuple[Mapping[str, Level], str]] = [
+        ({"jitter_rho": 0.5}, "jitter_rho .*0.5.* jitter_cv"),
+        ({"reply_stall_length": 0.5}, "reply_stall_length .*0.5.* reply_stall_share"),
+        ({"latency": 1.0, "jitter_cv": 0.5}, "jitter_cv .*0.5.* rate"),
+        ({"latency_policy": "soon"}, "latency_policy .*soon.* --latency "),
+        ({"wind_towards": 30.0}, r"wind_towards .*30.* wind\b"),
+        ({"latency_policy": "fixed:1+cap:2", "rate_cap": 1.0}, r"rate_cap .*latency_policy .*cap\b"),
+        ({"pilot": "orakel"}, "pilot .*orakel.* oracle"),
+    ]
+    for levels, parts in cases:
+        with pytest.raises(UsageError, match=parts):
+            at_levels(FLIGHT, levels)
 
 
 def test_a_stalled_host_says_nothing_in_lockstep():
     lockstep = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
-    with pytest.raises(UsageError, match="stall_share goes with --speed N"):
+    with pytest.raises(UsageError, match=r"stall_share .*--speed"):
         at_levels(lockstep, {"stall_share": 0.1})
 
 
 @pytest.mark.parametrize("pair", [("latency", "rate"), ("rate", "latency_policy"), ("pilot", "model")])
 def test_two_factors_that_say_one_thing_are_refused(pair):
-    with pytest.raises(UsageError, match=f"{pair[0]} and {pair[1]} both say"):
+    with pytest.raises(UsageError, match=f"{pair[0]} .*{pair[1]}"):
         check_together(list(pair))
     check_together(["rate", "jitter_cv", "jitter_rho", "wind", "wind_towards"])
 
 
 def test_a_name_that_is_none_is_told_with_the_nearest():
-    with pytest.raises(UsageError, match="did you mean latency"):
+    with pytest.raises(UsageError, match=r"'latancy'.*\blatency\b"):
         factor_of("latancy")
     assert factor_of("frame-delay") is FACTORS["frame_delay"]
 
@@ -222,7 +222,7 @@ def test_a_number_is_said_so_that_it_comes_back(number):
 
 
 def test_words_are_those_that_there_are():
-    with pytest.raises(UsageError, match="command wants one of flat, hierarchical, solo, got 'loud'"):
+    with pytest.raises(UsageError, match=r"command .*flat, hierarchical, solo.*'loud'"):
         FACTORS["command"].level("loud")
-    with pytest.raises(UsageError, match="agent wants a word, got 3"):
+    with pytest.raises(UsageError, match=r"agent .*3"):
         FACTORS["agent"].level(3)

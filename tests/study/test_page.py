@@ -36,8 +36,5 @@ def test_what_was_studied_can_be_asked_for_again(file):
     assert (file.parent / file.stem / "report.md").exists()
 
 
-@pytest.mark.parametrize("factor", FACTORS.values(), ids=list(FACTORS))
-def test_each_says_what_it_is(factor):
-    assert factor.name.isidentifier()
-    assert len(factor.what) > 10
-    assert not (factor.numeric and factor.words)
+def test_a_factor_has_numbers_or_words():
+    assert not [name for name, factor in FACTORS.items() if factor.numeric and factor.words]

@@ -106,7 +106,7 @@ def test_a_refused_resume_leaves_the_folder_as_it_was(tmp_path):
     before = contents(out)
     other = FlightSpec(pilot="oracle", simulated=ORACLE.simulated, seed=9)
     for asked in (planned(pilots=[("oracle", other)], flights=3), planned(pilots=[("ring", BLIND), ("oracle", other)])):
-        with pytest.raises(UsageError, match="is a run with another"):
+        with pytest.raises(UsageError, match=r"oracle-latency-0-f1 .*seed"):
             fly(out, asked)
         assert contents(out) == before
     assert len(fly(out, planned(pilots=[("oracle", ORACLE), ("ring", BLIND)], flights=1))) == 6
@@ -149,7 +149,7 @@ def test_a_folder_tells_who_the_levels_and_the_number():
 
 def test_levels_that_no_folder_can_tell_are_numbered():
     awkward = Design(said="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
-    with pytest.raises(UsageError, match="latency_policy at fixed-1"):  # which is none; the names were settled before
+    with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # which is none; the names were settled before
         plan("mine", [("oracle", ORACLE)], suite_of(TWO, ()), awkward, held={}, flights=1)
     alike = Design(said="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"}))
     long = Design(said="by hand", points=({"latency_policy": f"fixed:{'0' * 100}1"}, {"latency_policy": "fixed:2"}))
@@ -164,7 +164,7 @@ def test_the_same_recorded_latencies_are_one_level(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "t.csv").write_text("0.5\n")
     axis = Axis(name="latency_policy", levels=(f"trace:{tmp_path}/a/t.csv", f"trace:{tmp_path}/b/t.csv"))
-    with pytest.raises(UsageError, match="are the same recorded latencies"):
+    with pytest.raises(UsageError, match="latency_policy"):
         planned([axis])
     held = planned([WIND], held={"latency_policy": axis.levels[0]})
     assert held.study.held["latency_policy"].startswith("trace:t.csv@")
@@ -178,20 +178,17 @@ def test_what_is_held_is_in_every_flight_and_in_no_level():
     assert all(set(run.levels) == {"latency"} for run in made.study.runs)
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"held": {"latency": 1.0}}, "latency is varied and held at one level"),
-        ({"held": {"rate": 1.0}}, "rate and latency both say what a reply takes"),
-        ({"pilots": ()}, "name a pilot"),
-        ({"flights": 4000}, "more than 10,000"),
-        ({"held": {"command": "solo"}}, "command is of fleets, and residential-approaching-01 has one drone"),
-        ({"pilots": [("oracle", ORACLE), ("oracle", ORACLE)]}, "two of the pilots have one name"),
-    ],
-)
-def test_a_plan_that_contradicts_itself_is_refused(options, sentence):
-    with pytest.raises(UsageError, match=sentence):
-        planned(**options)
+def test_a_plan_that_contradicts_itself_is_refused():
+    for options, parts in (
+        ({"held": {"latency": 1.0}}, "^latency .*held"),
+        ({"held": {"rate": 1.0}}, "rate .*latency "),
+        ({"pilots": ()}, "--model .*--pilot"),
+        ({"flights": 4000}, "12,000 .*10,000"),
+        ({"held": {"command": "solo"}}, "command .*residential-approaching-01 "),
+        ({"pilots": [("oracle", ORACLE), ("oracle", ORACLE)]}, "pilots .*name"),
+    ):
+        with pytest.raises(UsageError, match=parts):
+            planned(**options)
 
 
 def test_study_json_is_read_back_as_it_was_written(tmp_path):
@@ -227,45 +224,41 @@ def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
 def test_the_folder_of_another_study_is_refused(tmp_path):
     folder.write(tmp_path, planned().study)
     other = plan("mine", [("o", ORACLE)], suite_of(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
-    with pytest.raises(UsageError, match=r"is of another study \(not the same: design, ") as no:
+    with pytest.raises(UsageError, match=r"design, .*; factors, latency 0, 0\.5, 2 .*wind 0, 6 .*--out") as no:
         continued.joined(tmp_path, other)
-    assert "; factors, latency 0, 0.5, 2 there and wind 0, 6 now); choose another --out" in str(no.value)
     assert "\n" not in str(no.value)
-    with pytest.raises(UsageError, match="the same: cells, no tracking now; episodes, no campus-tracking-01 now"):
+    with pytest.raises(UsageError, match=r"cells, .*tracking .*; episodes, .*campus-tracking-01 "):
         continued.joined(tmp_path, planned(episodes=TWO[:1]))
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "bench.json").write_text("{}")
-    with pytest.raises(UsageError, match="is a benchmark and no study"):
+    with pytest.raises(UsageError, match="--out"):
         continued.joined(tmp_path / "b", planned())
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"factors": [{"name": "wind", "unit": "m/s", "levels": []}]}, "wind has no level"),
-        ({"factors": [{"name": "wind", "unit": "m/s", "levels": ["low", "high"]}]}, "wind wants a number from 0 to 30"),
-        ({"factors": [{"name": "wine", "unit": "m/s", "levels": [1]}]}, "no factor is called 'wine'"),
-        ({"held": {"gusts": "some"}}, "held: gusts wants a number"),
-        ({"runs": [{"name": "a", "levels": {"wind": "much"}, "flight_number": 1}]}, "a: wind wants a number"),
-        ({"runs": [{"name": "a", "levels": {"wind": 3}, "flight_number": 1}]}, "a: wind 3.0 is none of the study's"),
-    ],
-)
-def test_levels_that_are_none_are_told_in_a_sentence(tmp_path, changes, sentence):
-    folder.write(tmp_path, planned([WIND]).study)
-    told = json.loads((tmp_path / "study.json").read_text())
-    (tmp_path / "study.json").write_text(json.dumps({**told, **changes}))
-    with pytest.raises(UsageError, match=rf"study\.json: {sentence}") as no:
-        folder.read(tmp_path)
-    assert "\n" not in str(no.value)
-    assert main(["study", "report", str(tmp_path)]) == 2
+def test_levels_that_are_none_are_told_in_a_sentence(tmp_path):
+    for changes, parts in (
+        ({"factors": [{"name": "wind", "unit": "m/s", "levels": []}]}, "wind .*level"),
+        ({"factors": [{"name": "wind", "unit": "m/s", "levels": ["low", "high"]}]}, "wind .*0 to 30 .*'low'"),
+        ({"factors": [{"name": "wine", "unit": "m/s", "levels": [1]}]}, ".*'wine'"),
+        ({"held": {"gusts": "some"}}, "held: gusts .*'some'"),
+        ({"runs": [{"name": "a", "levels": {"wind": "much"}, "flight_number": 1}]}, "a: wind .*'much'"),
+        ({"runs": [{"name": "a", "levels": {"wind": 3}, "flight_number": 1}]}, "a: wind 3.0 "),
+    ):
+        folder.write(tmp_path, planned([WIND]).study)
+        told = json.loads((tmp_path / "study.json").read_text())
+        (tmp_path / "study.json").write_text(json.dumps({**told, **changes}))
+        with pytest.raises(UsageError, match=rf"study\.json: {parts}") as no:
+            folder.read(tmp_path)
+        assert "\n" not in str(no.value), changes
+        assert main(["study", "report", str(tmp_path)]) == 2, changes
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"schema": 1}', '{"schema": 2, "name": "x"}'])
-def test_what_is_no_study_is_told_in_a_sentence(tmp_path, text):
-    (tmp_path / "study.json").write_text(text)
-    with pytest.raises(UsageError, match=r"study\.json") as told:
-        folder.read(tmp_path)
-    assert "\n" not in str(told.value)
+def test_what_is_no_study_is_told_in_a_sentence(tmp_path):
+    for text in ("", "[]", "{", '{"schema": 1}', '{"schema": 2, "name": "x"}'):
+        (tmp_path / "study.json").write_text(text)
+        with pytest.raises(UsageError, match=r"study\.json") as told:
+            folder.read(tmp_path)
+        assert "\n" not in str(told.value), text
 
 
 def test_a_benchmark_does_not_take_what_is_no_study(tmp_path):
@@ -275,6 +268,6 @@ def test_a_benchmark_does_not_take_what_is_no_study(tmp_path):
     assert len(fly(tmp_path / "s", made)) == 6
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes").touch()
-    with pytest.raises(UsageError, match=r"is not empty and has no bench\.json"):
+    with pytest.raises(UsageError, match=r"other.*bench\.json"):
         fly(tmp_path / "other", made)
     assert not (tmp_path / "other" / "study.json").exists()

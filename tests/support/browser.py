@@ -1,4 +1,4 @@
-"""A real browser without a window."""
+"""A pytest plugin: real browsers without a window, one of each kind a session."""
 
 import shutil
 from collections.abc import Iterator
@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-BROWSER = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+from tests import needs
+
 FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -18,15 +19,18 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
+# what draws without a graphics card
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
+# every name leads nowhere, and what is left goes to a proxy that nobody runs
+NO_NETWORK = ("--host-resolver-rules=MAP * ~NOTFOUND", "--proxy-server=127.0.0.1:9")
 
 
 @contextmanager
 def chromium(profile: Path, *flags: str) -> Iterator[Any]:
     """Yield a driver of a headless Chromium with a profile of its own; without one the test is skipped."""
-    found = next((path for name in BROWSER if (path := shutil.which(name))), None)
-    driver = shutil.which("chromedriver")
-    if found is None or driver is None:
-        pytest.skip("no Chromium with chromedriver here: apt install chromium chromium-driver")
+    found = needs.chromium()
+    if found is None:
+        pytest.skip(needs.reason("browser"))
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
@@ -34,8 +38,30 @@ def chromium(profile: Path, *flags: str) -> Iterator[Any]:
     for flag in (*FLAGS, *flags, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
     try:
         yield made
     finally:
         made.quit()
+
+
+@pytest.fixture(scope="session")
+def drawing_chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Return a headless Chromium that draws in software."""
+    with chromium(tmp_path_factory.mktemp("profile"), *SOFTWARE) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def browser(drawing_chromium: Any) -> Iterator[Any]:
+    """Return that browser, and leave its page afterwards: one that stays open goes on drawing, and takes a core."""
+    yield drawing_chromium
+    drawing_chromium.get("about:blank")
+
+
+@pytest.fixture(scope="session")
+def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Return a headless Chromium without a network."""
+    flags = (*NO_NETWORK, "--disable-gpu", "--window-size=1300,900")
+    with chromium(tmp_path_factory.mktemp("profile"), *flags) as made:
+        yield made

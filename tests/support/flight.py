@@ -1,9 +1,12 @@
-"""Whole flights in this process, by the command that a user types."""
+"""Flights in this process, by the command that a user types."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.cli.main import main
+from dronecats.cli.fly_spec import spec_of
+from dronecats.cli.main import main, parse
+from dronecats.run.fly import fly
 from tests.support.command_line import last_object
 
 
@@ -12,3 +15,11 @@ def fly_simulated(capsys, out: Path, *arguments: str) -> tuple[dict[str, Any], P
     assert main(["fly", "--sitl", "--out", str(out), "--json", *arguments]) == 0
     result = last_object(capsys.readouterr().out)
     return result, out / result["episode"]
+
+
+def fly_beginning(out: Path, seconds: float, *arguments: str) -> Path:
+    """Fly the first seconds of the flight that the command with these arguments flies; return its folder."""
+    spec = replace(spec_of(parse(["fly", "--sitl", "--speed", "max", *arguments])), seconds=seconds, full=True)
+    result = fly(spec, out, lambda line: None)
+    assert result["status"] == 0, result["error"]
+    return out / str(result["episode"])

@@ -1,6 +1,7 @@
 """What two features come to together, flown: a commander and a schema, a fleet and fences, a server and its death."""
 
 import json
+import re
 import sqlite3
 import subprocess
 import time
@@ -118,7 +119,7 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     assert main(command) == 3
     result = last_object(capsys.readouterr().out)
     assert (result["outcome"], result["steps"]) == ("error", 2)
-    assert "the model endpoint http://127.0.0.1" in result["error"]
+    assert "http://127.0.0.1" in result["error"]
     names = ("episode.json", "flight.tlog", *LOGS)
     assert all((folder / name).stat().st_size for name in names)
     assert (tmp_path / "run" / "run.json").exists()
@@ -130,7 +131,7 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     assert logs(tmp_path / "run" / "unfinished" / f"{EASY}-1") == kept
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] == EASY
     assert main(command) == 2  # what is scored is not flown over
-    assert "already holds a flight" in capsys.readouterr().err
+    assert EASY in capsys.readouterr().err
 
 
 def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):
@@ -181,7 +182,7 @@ def test_a_run_of_several_episodes_names_none_and_each_is_flown_again(tmp_path, 
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] is None
     replay = ["fly", "--sitl", "--json", "--model"]
     assert main([*replay, f"replay:{tmp_path / 'run'}"]) == 2
-    assert "holds 2 episodes; name one of them" in capsys.readouterr().err
+    assert str(tmp_path / "run") in capsys.readouterr().err
     asked = wire.served
     assert main([*replay, f"replay:{tmp_path / 'run' / other}", "--out", str(tmp_path / "again")]) == 0
     assert last_object(capsys.readouterr().out)["episode"] == other
@@ -197,5 +198,5 @@ def test_a_flight_that_its_budget_ended_is_flown_again_to_where_it_ended(tmp_pat
     assert main(words) == 3
     again = last_object(capsys.readouterr().out)
     assert (again["outcome"], again["steps"]) == ("error", result["steps"])
-    assert f"has no reply for step {result['steps']} of drone 0: it was ended by its budget" in again["error"]
+    assert re.search(rf"step {result['steps']}\b.*drone 0\b.*budget", again["error"])
     assert rows(tmp_path / "again" / EASY / "decisions.jsonl") == rows(folder / "decisions.jsonl")

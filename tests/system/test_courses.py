@@ -5,6 +5,7 @@ import json
 import pytest
 
 from dronecats.cli.main import main
+from tests.support.flight import fly_beginning
 from tests.system.courses import measured, record, start_errors
 
 
@@ -41,9 +42,20 @@ def holds(folder, share=0.95):
     assert [turn for turn in turned if abs(turn.off_deg) > 2.0 and not turn.held_up] == []
 
 
-@pytest.mark.parametrize(("latency", "seed"), [("fixed:0.1", 1), ("fixed:1", 2), ("fixed:4", 3)])
-def test_a_go_flies_to_its_pixel_and_a_rotate_shows_its_angle_whatever_came_before(high_up, tmp_path, latency, seed):
-    holds(fly(tmp_path, high_up, seed, "--speed", "max", "--latency", latency, "--seed", str(seed)))
+@pytest.mark.parametrize(
+    ("latency", "seed", "seconds"),
+    [
+        ("fixed:0.1", 1, 120),
+        pytest.param("fixed:1", 2, 160, marks=pytest.mark.slow),
+        pytest.param("fixed:4", 3, 300, marks=pytest.mark.slow),
+    ],
+)
+def test_a_go_flies_to_its_pixel_and_a_rotate_shows_its_angle_whatever_came_before(
+    high_up, tmp_path, latency, seed, seconds
+):
+    pilot = record(tmp_path / "replies.jsonl", seed)
+    words = ("--episode", str(high_up), "--pilot", f"recorded:{pilot}", "--latency", latency, "--seed", str(seed))
+    holds(fly_beginning(tmp_path / "run", seconds, *words))
 
 
 @pytest.mark.slow
@@ -53,10 +65,9 @@ def test_so_it_is_where_the_vehicle_tells_late_where_it_was(high_up, tmp_path):
     holds(fly(tmp_path, high_up, 5, *words))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("latency", ["real", "fixed:1.5"])
-def test_so_it_is_over_real_sockets_in_real_time(high_up, tmp_path, latency):
-    holds(fly(tmp_path, high_up, 4, "--latency", latency, "--speed", "3"), share=0.9)  # five minutes in less than two
+@pytest.mark.slow("flies five minutes at three times real time")
+def test_so_it_is_over_real_sockets_in_real_time(high_up, tmp_path):
+    holds(fly(tmp_path, high_up, 4, "--latency", "real", "--speed", "3"), share=0.9)
 
 
 BEGINNINGS = ("residential-approaching-01", "campus-searching-02", "campus-tracking-03", "residential-tracking-04")
@@ -64,9 +75,8 @@ BEGINNINGS = ("residential-approaching-01", "campus-searching-02", "campus-track
 
 @pytest.mark.parametrize(("seed", "episode"), list(enumerate(BEGINNINGS)))
 def test_an_episode_begins_where_its_record_says(tmp_path, episode, seed):
-    words = ["--speed", "max", "--pilot", "oracle", "--seed", str(seed), "--out", str(tmp_path / "run")]
-    assert main(["fly", "--sitl", "--episode", episode, *words]) == 0
-    across_m, vertically_m, yaw_deg = start_errors(tmp_path / "run" / episode)
+    words = ("--pilot", "oracle", "--episode", episode, "--seed", str(seed))
+    across_m, vertically_m, yaw_deg = start_errors(fly_beginning(tmp_path / "run", 1.0, *words))
     assert vertically_m <= 0.1
     assert yaw_deg <= 1.0
     # the place over ground is known by satellites alone, whose error wanders by 6 cm an axis until the episode begins

@@ -1,6 +1,7 @@
 """Flight logs come off an autopilot byte for byte, by the command, through MAVSDK."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -59,7 +60,7 @@ def test_the_newest_is_fetched_as_it_lies_on_board(autopilot, tmp_path: Path) ->
     assert [path.name for path in (tmp_path / "logs").iterdir()] == [file.name]
     again = command("fetch", "--connect", url, "--out", str(tmp_path / "logs"))
     assert again.returncode == 2
-    assert "is there already" in again.stderr
+    assert file.name in again.stderr
 
 
 def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: Path) -> None:
@@ -73,11 +74,11 @@ def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: 
         assert shares[-1] == 1.0
     refused = command("fetch", "--connect", f"udpout://127.0.0.1:{port}", "--log", "77")
     assert refused.returncode == 2
-    assert "there is no log 77 on board; there is 0, 1" in refused.stderr
+    assert re.search(r"\b77\b.*\b0, 1\b", refused.stderr)
 
 
 def test_nobody_there_and_no_link_are_told_apart() -> None:
-    with pytest.raises(UsageError, match="is no link"), log_store("mailto:somebody"):
+    with pytest.raises(UsageError, match="mailto:somebody"), log_store("mailto:somebody"):
         pass
     silent = listening.udp()
     nobody = subprocess.run(
@@ -88,4 +89,4 @@ def test_nobody_there_and_no_link_are_told_apart() -> None:
         ],
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
-    assert "LinkError: no MAVLink heartbeat of an autopilot" in nobody.stderr
+    assert "LinkError" in nobody.stderr

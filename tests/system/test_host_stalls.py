@@ -36,7 +36,7 @@ def lag_and_wait(decision: Decision) -> float:
     return max(decision.host_lag_s, decision.frame_wait_s)
 
 
-@pytest.mark.slow
+@pytest.mark.slow("flies in real time, stalled and not")
 def test_who_was_late_is_told_step_by_step(tmp_path):
     asked, stopped = threading.Event(), {1: "simulator_process", 3: "camera_process"}
     steps = []

@@ -6,8 +6,10 @@ import json
 import pytest
 
 from dronecats.cli.main import main
-from tests.support.flight import fly_simulated
+from tests.support.flight import fly_beginning, fly_simulated
 from tests.support.json_lines import rows
+
+FLIGHT_PICTURE = True  # one of the flights is asked for it
 
 
 @pytest.fixture(scope="module")
@@ -60,24 +62,18 @@ def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
     assert json.loads(capsys.readouterr().out)["episodes"][folder.name]["outcome"] == "censored"
 
 
-def test_one_seed_gives_the_same_bytes_and_another_gives_others(fly, capsys):
-    _, first = fly(capsys, "--pilot", "vision", *FIXED)
-    _, second = fly(capsys, "--pilot", "vision", *FIXED, again=1)
-    _, other = fly(capsys, "--pilot", "vision", "--latency", "fixed:0.5", "--seed", "4")
+def test_one_seed_gives_the_same_bytes_and_another_gives_others(tmp_path):
+    first, second, other = (
+        fly_beginning(tmp_path / name, 8.0, "--pilot", "vision", "--seed", seed)
+        for name, seed in (("first", "3"), ("second", "3"), ("other", "4"))
+    )
+    assert json.loads((first.parent / "run.json").read_text())["flight"]["latency"] == "fixed:0.5"  # of lockstep
     for name in ("truth.jsonl", "decisions.jsonl"):
         assert (first / name).read_bytes() == (second / name).read_bytes()
         assert (first / name).read_bytes() != (other / name).read_bytes()
 
 
-def test_two_flights_with_nothing_asked_for_but_lockstep_are_the_same_bytes(fly, capsys):
-    _, first = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02")
-    _, second = fly(capsys, "--pilot", "vision", "--episode", "residential-approaching-02", again=1)
-    assert json.loads((first.parent / "run.json").read_text())["flight"]["latency"] == "fixed:0.5"
-    for name in ("truth.jsonl", "decisions.jsonl"):
-        assert (first / name).read_bytes() == (second / name).read_bytes()
-
-
-def test_the_records_own_seed_is_behind_the_noise_of_its_flights(fly, capsys, tmp_path):
+def test_the_records_own_seed_is_behind_the_noise_of_its_flights(tmp_path):
     from episodes import catalogue
 
     record = json.loads(catalogue.load("residential-approaching-02").to_json())
@@ -85,7 +81,7 @@ def test_the_records_own_seed_is_behind_the_noise_of_its_flights(fly, capsys, tm
     for seed in (record["seed"], record["seed"] + 1):
         path = tmp_path / f"{seed}.json"
         path.write_text(json.dumps({**record, "id": "reseeded", "seed": seed}))
-        _, folder = fly(capsys, "--pilot", "oracle", "--episode", str(path))
+        folder = fly_beginning(tmp_path / f"run-{seed}", 2.0, "--pilot", "oracle", "--episode", str(path))
         drawn.append((folder / "truth.jsonl").read_bytes())
     assert drawn[0] != drawn[1]
 

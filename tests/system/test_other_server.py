@@ -21,14 +21,15 @@ from dronecats.pilots import roster
 from dronecats.pilots.server import PilotServer
 from tests.agent.models.pointing import Pointer
 from tests.agent.models.recording import Recording
+from tests.needs import needs
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.ports import free_port
 
 COMMAND = os.environ.get("DRONECATS_LITELLM")
 START_S = 300.0  # wall s; it imports for a quarter of a minute
 pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not COMMAND, reason="DRONECATS_LITELLM does not name the command of LiteLLM's proxy"),
+    pytest.mark.slow("starts LiteLLM's proxy and flies through it"),
+    needs("litellm"),
 ]
 
 

@@ -14,13 +14,14 @@ from pymavlink import mavutil
 from dronecats.sitl.px4.simulator import free_instance
 from episodes import catalogue
 from foundation.frames import geodetic_to_ned
+from tests.needs import needs
 from tests.support.command_line import DRONECATS, last_object
 from tests.system.courses import measured, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not COMMAND, reason="DRONECATS_PX4 does not name the command that starts a PX4"),
+    needs("px4"),
 ]
 
 

@@ -186,5 +186,5 @@ def test_a_time_that_is_too_short_is_wrong_input(rig, tap, tmp_path):
     out, err = measuring.communicate(timeout=120)
     model.shutdown()
     assert measuring.returncode == 2, err
-    assert "too few to go by: give it more --seconds" in err.splitlines()[-1]
+    assert "--seconds" in err.splitlines()[-1]
     assert last_object(out)["status"] == 2

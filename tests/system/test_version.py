@@ -38,7 +38,14 @@ def test_a_run_keeps_it(tmp_path):
     assert json.loads((tmp_path / "run.json").read_text())["versions"]["dronecats"] == __version__
 
 
-def test_the_changelog_begins_with_it():
-    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert newest
-    assert newest[1] == __version__
+@pytest.mark.parametrize(
+    ("name", "pattern"),
+    [
+        pytest.param("CHANGELOG.md", r"^## \[(\d\S*)\] - \d{4}-\d\d-\d\d$", id="newest release in the changelog"),
+        pytest.param("CITATION.cff", r"^version: (\S+)$", id="citation"),
+    ],
+)
+def test_a_file_names_the_version(name: str, pattern: str):
+    first = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)
+    assert first, f"{name} has no line like {pattern}"
+    assert first[1] == __version__

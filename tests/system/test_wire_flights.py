@@ -1,6 +1,7 @@
 """Whole flights in lockstep over a wire that breaks in every step, from a cache, and from their own recording."""
 
 import json
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -60,7 +61,7 @@ def flown(spec, out):
 def replayed(capsys, folder, out, *words):
     assert main(["fly", "--sitl", "--model", f"replay:{folder}", "--out", str(out), "--json", *words]) == 0
     said = capsys.readouterr().out
-    assert said.startswith(f"replay of {folder.name}: replies, episode, vehicle, clock, latency and seed as they were")
+    assert folder.name in said.splitlines()[0]
     return last_object(said), out / folder.name
 
 
@@ -92,7 +93,7 @@ def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recordi
 
 
 def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
-    _, first = flown(replace(LOCKSTEP, latency="lognormal:1,0.5"), tmp_path / "first")
+    _, first = flown(replace(LOCKSTEP, latency="lognormal:1,0.5", seconds=12.0, full=True), tmp_path / "first")
     result, again = replayed(capsys, first, tmp_path / "again")
     assert logs(again) == logs(first)
     assert result["pilot"] == "replay of vision"
@@ -103,13 +104,14 @@ def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
 
 
 def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
-    spec = replace(LOCKSTEP, episode="residential-commanding-02", seconds=8.0)
+    spec = replace(LOCKSTEP, episode="residential-commanding-02", seconds=4.0)
     _, first = flown(spec, tmp_path / "first")
     assert {row["drone"] for row in rows(first / "decisions.jsonl")} == {0, 1, 2, 3}
     _, again = replayed(capsys, tmp_path / "first" / first.name, tmp_path / "again")
     assert logs(again) == logs(first)
 
 
+@pytest.mark.slow("a fleet flies for a minute, twice")
 def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
     unseen = Simulated(speed=None, rendered=False)
     spec = replace(LOCKSTEP, episode="residential-commanding-02", pilot="oracle", command="hierarchical", full=True)
@@ -123,16 +125,16 @@ def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
 
 
 def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, capsys):
-    _, first = flown(LOCKSTEP, tmp_path / "first")
+    _, first = flown(LOCKSTEP, tmp_path / "first")  # to its declaration: a cap answers one question more
     log = first / "decisions.jsonl"
     log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
     words = ["--latency", "fixed:0.4", "--full", "--out", str(tmp_path / "other"), "--json"]
     assert main(["fly", "--sitl", "--model", f"replay:{first}", *words]) == 3
     told = capsys.readouterr()
-    assert ", but for --latency, --full" in told.out.splitlines()[0]
+    assert "--latency, --full" in told.out.splitlines()[0]
     result = last_object(told.out)
     assert result["outcome"] == "error"
-    assert "has no reply for step 2 of drone 0" in result["error"]
+    assert re.search(r"step 2\b.*drone 0\b", result["error"])
 
 
 def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_path, capsys):
@@ -140,16 +142,15 @@ def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_pa
     spec = asking(serve(), accounts=Accounts(token_limit=3500))
     result = fly(spec, tmp_path / "run", said.append)
     assert (result["outcome"], result["reason"], result["status"]) == ("error", "budget", 3)
-    assert "the limit of 3,500 tokens is spent (" in result["error"]
-    assert "raise --token-limit" in result["error"]
+    assert re.search("3,500 tokens.*--token-limit", result["error"])
     folder = tmp_path / "run" / EASY
     decisions, end = rows(folder / "decisions.jsonl"), rows(folder / "truth.jsonl", "end")[0]
     spent = [row["tokens_in"] + row["tokens_out"] for row in decisions]
     assert sum(spent[:-1]) < 3500 <= sum(spent)
     assert end["reason"] == "budget"
-    assert "landing …" in said
+    assert any("landing" in line for line in said)
     usd = sum(row["tokens_in"] * 1.0 + row["tokens_out"] * 10.0 for row in decisions) / 1e6
-    assert any(line.endswith(f"  {sum(spent):,} tokens, ${usd:.4f}") for line in said)
+    assert any(line.endswith(f" {sum(spent):,} tokens, ${usd:.4f}") for line in said)
     # a flight that begins with nothing left starts nothing
     again = fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", said.append)
     assert (again["reason"], again["steps"], again["sim_seconds"]) == ("budget", 0, 0.0)

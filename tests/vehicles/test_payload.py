@@ -46,7 +46,7 @@ def test_what_leaves_no_thrust_to_steer_with_is_refused(name: str) -> None:
     frame = load(name)
     most_kg = liftable_kg(frame)
     assert laden(frame, most_kg).mass_kg * GRAVITY == pytest.approx(HOVER_MAX * frame.thrust_max)
-    with pytest.raises(UsageError, match=f"'{name}' cannot carry"):
+    with pytest.raises(UsageError, match=f"'{name}'"):
         laden(frame, 1.01 * most_kg)
     assert laden(frame, 0.0) is frame
     assert np.isfinite(most_kg)

@@ -1,4 +1,4 @@
-"""The small map of the editor's tests, their browser, and moments to be shown."""
+"""The small map of the editor's tests, and moments to be shown."""
 
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPictur
 from episodes import maps
 from episodes.world import World
 from foundation.picture import encode
-from tests.editor.conftest import browser as browser
 from tests.editor.conftest import port as port
 from tests.editor.conftest import yard as yard
 

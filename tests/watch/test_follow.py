@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def follower(writer, world):
 def test_nothing_is_known_before_anything_is_told(follower, world):
     moment = follower.turn()
     assert moment.drones[0].position_ned is None
-    assert moment.state == "getting ready"
+    assert "ready" in moment.state
     assert moment.instruction == world.record.instruction
 
 
@@ -106,7 +107,7 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
     assert (drone.armed, drone.mode) == (True, "OFFBOARD")
     assert drone.said == ("Armed",)
     assert moment.t_s == pytest.approx(0.5)
-    assert moment.state == "in the air"
+    assert "air" in moment.state
 
 
 def test_a_go_leads_from_where_its_picture_was_taken_to_its_place(writer, follower):
@@ -188,12 +189,15 @@ def test_the_judge_tells_distances_declarations_and_the_verdict(writer, follower
     judge = follower.turn().judge
     assert judge.target_ned == pytest.approx(world.target_centre(4.0))
     assert judge.distance_m[0] == pytest.approx(math.dist(place, world.target_centre(4.0)), abs=0.02)
-    assert judge.said == ("step 0: drone 0 declares, 4.75 m from the target",)
+    (declared,) = judge.said
+    assert "4.75 m" in declared
+    flying = follower.turn().state
     writer.truth.write(End(t=4.6, reason="decided"))
     (writer.folder / layout.VERDICT).write_text(json.dumps({"success": True, "ne_m": 4.75}))
     moment = follower.turn()
-    assert moment.judge.said[-1] == "verdict: success, 4.75 m from the target"
-    assert moment.state == "over: decided"
+    assert re.search(r"\bsuccess\b.*4\.75 m", moment.judge.said[-1])
+    assert "decided" in moment.state
+    assert "decided" not in flying
     assert follower.over
 
 
@@ -204,7 +208,9 @@ def test_an_envelope_speaks_between_the_autopilots_words(writer, follower):
     (writer.folder / layout.SAFETY).write_text(json.dumps(line) + "\n")
     writer.flush()
     (drone,) = follower.turn().drones
-    assert drone.said == ("one", "envelope: limited by speed, height", "three")
+    first, between, last = drone.said
+    assert (first, last) == ("one", "three")
+    assert "speed, height" in between
 
 
 def test_what_the_logger_was_given_is_there_to_be_read_at_once(tmp_path, world):

@@ -21,7 +21,7 @@ from dronecats.rundir.rows import Decision, Pose
 from dronecats.scenery import display
 from tests.support.ports import free_port
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow("flies in real time while a browser looks on")
 EPISODE = "residential-approaching-03"
 PATIENCE_S = 150.0  # a software renderer, a simulator and a camera on two cores
 NODE = "/world/flight/drone-0"

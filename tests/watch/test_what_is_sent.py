@@ -165,7 +165,7 @@ def test_where_nobody_pilots_there_are_no_pictures_and_no_replies(world):
         server.gui.set_panel_label("mark")
         sent = json.dumps(client.until(lambda m: "mark" in m.values(), PATIENCE_S), default=str)
         assert "OFFBOARD" in sent
-        assert "What the pilot saw" not in sent
+        assert "data:image/jpeg" not in sent
         assert "&lt;b&gt;go" not in sent  # the reply
         panels.remove()
     finally:
@@ -255,24 +255,21 @@ def test_a_newer_picture_is_shown_without_the_ring_of_the_last_one(world):
     assert "ring" not in html
 
 
-@pytest.mark.parametrize(
-    ("action", "words"),
-    [
-        ({"action": "go", "point": [1.0, 2.0], "depth_m": 3.5}, "go to (1, 2), 3.5 m deep"),
-        ({"action": "rotate", "angle_deg": -30.0}, "rotate -30°"),
-        ({"action": "think"}, "think"),
-        (None, "no action: nothing said"),
-    ],
-)
-def test_actions_in_words(action, words):
-    said = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=action, error="nothing said")
-    assert markup.action_words(said) == words
+def test_actions_in_words():
+    for action, parts in (
+        ({"action": "go", "point": [1.0, 2.0], "depth_m": 3.5}, r"^go .*\(1, 2\).* 3\.5 m"),
+        ({"action": "rotate", "angle_deg": -30.0}, "^rotate -30°"),
+        ({"action": "think"}, "^think"),
+        (None, "nothing said$"),
+    ):
+        said = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=action, error="nothing said")
+        assert re.search(parts, markup.action_words(said)), action
 
 
 def test_a_drone_of_which_nothing_is_known_is_shown_too():
     empty = DroneMoment(0)
-    assert "no picture yet" in markup.frame_html(empty, "")
-    assert "no decision yet" in markup.decision_html(empty)
+    assert "<img" not in markup.frame_html(empty, "")
+    assert markup.decision_html(empty)
     markup.numbers_html([empty])
-    assert markup.decisions_html([empty, empty]).count("no decision yet") == 2
+    assert markup.decisions_html([empty, empty]).count("data-drone") == 2
     markup.numbers_html([empty, empty])

@@ -10,6 +10,7 @@ from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 from tests.agent.models.recording import Recording
+from tests.support.refusal import refusal
 
 KEY = "sk-ant-SECRET-1234567890"
 REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
@@ -70,9 +71,9 @@ def test_the_version_is_one_that_takes_what_is_declared():
 
 
 def test_what_the_vendor_has_not_is_refused_before_anything_is_sent():
-    with pytest.raises(UsageError, match="anthropic/m cannot be held to an array"):
+    with pytest.raises(UsageError, match="array"):
         open_model(ModelSpec(provider="anthropic", name="m", base_url="http://127.0.0.1:1", schema="array"))
-    with pytest.raises(UsageError, match="may think for 4096 tokens and reply with 4096"):
+    with pytest.raises(UsageError, match="4096"):
         open_model(
             ModelSpec(provider="anthropic", name="m", base_url="http://127.0.0.1:1", max_tokens=4096, thinking=BUDGET)
         )
@@ -96,9 +97,8 @@ def test_what_a_model_says_and_what_it_costs(said, reply_text, tokens):
     assert (reply.text, (reply.tokens_in, reply.tokens_out)) == (reply_text, tokens)
 
 
-@pytest.mark.parametrize(
-    "said",
-    [
+def test_what_is_no_answer_is_a_fault_of_the_infrastructure():
+    answers: list[object] = [
         b"",
         b"<html>busy</html>",
         b"[" * 100_000,
@@ -109,16 +109,14 @@ def test_what_a_model_says_and_what_it_costs(said, reply_text, tokens):
         {"type": "message", "content": {}},
         {"type": "message", "content": [{"type": "text", "text": 5}]},
         {"type": "message", "content": ["text"]},
-    ],
-)
-def test_what_is_no_answer_is_a_fault_of_the_infrastructure(said):
-    with pytest.raises(ModelError, match="no Anthropic message"):
-        ask(said)
+    ]
+    for said in answers:
+        assert "Anthropic" in refusal(ask, said, error=ModelError)
 
 
 def test_a_key_that_is_echoed_is_not_said(monkeypatch):
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
-    with pytest.raises(ModelError, match=r"401: .*invalid x-api-key \*\*\*") as refused:
+    with pytest.raises(ModelError, match=r"401.*\*\*\*") as refused:
         ask({"type": "error", "error": {"message": f"invalid x-api-key {KEY}"}}, status=401)
     assert KEY not in str(refused.value)
     reply, _ = ask(answer(text(f"it is {KEY}")))
@@ -126,21 +124,21 @@ def test_a_key_that_is_echoed_is_not_said(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "said"),
+    ("field", "value", "key"),
     [
-        ("thinking", {"thinking": "on"}, "a table as the thinking"),
-        ("quick", {"thinking": 3}, "a table as the thinking"),
-        ("quick", {"output_config": 5}, "a table as the output_config"),
-        ("thinking", {"thinking": {"type": "enabled", "budget_tokens": "x"}}, "a whole number of budget_tokens"),
+        ("thinking", {"thinking": "on"}, "thinking"),
+        ("quick", {"thinking": 3}, "thinking"),
+        ("quick", {"output_config": 5}, "output_config"),
+        ("thinking", {"thinking": {"type": "enabled", "budget_tokens": "x"}}, "budget_tokens"),
     ],
 )
-def test_reasoning_in_another_shape_than_the_vendors_is_refused_when_it_is_opened(field, value, said):
+def test_reasoning_in_another_shape_than_the_vendors_is_refused_when_it_is_opened(field, value, key):
     declared = ModelSpec(provider="anthropic", name="x", base_url="http://127.0.0.1:9/v1", **{field: value})
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=key):
         open_model(declared)
 
 
 def test_without_a_key_nothing_is_opened(monkeypatch):
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
-    with pytest.raises(UsageError, match="anthropic needs an API key in the environment variable ANTHROPIC_API_KEY"):
+    with pytest.raises(UsageError, match="ANTHROPIC_API_KEY"):
         open_model(ModelSpec(provider="anthropic", name="claude-x"))

@@ -36,15 +36,12 @@ def ask(wire, provider="local", patience=QUICK):
 
 
 FINAL = {
-    "401": (say(answer(401, b"who are you")), "answered 401: who are you"),
-    "400 in a 200": (
-        say(answer(200, {"error": {"code": 400, "message": "no such model"}})),
-        "answered 200 with an error 400: .*no such model",
-    ),
-    "a word in a 200": (say(answer(200, {"error": "model not loaded"})), "answered 200 with an error 400"),
-    "redirect": (say(answer(308, b"", "Location: /elsewhere")), "a redirect: none is followed"),
-    "HTML": (say(answer(200, HTML)), "answered no chat completion but: <html>"),
-    "nothing in it": (say(answer(200, b"")), r"answered no chat completion but: \(empty\)"),
+    "401": (say(answer(401, b"who are you")), "401"),
+    "400 in a 200": (say(answer(200, {"error": {"code": 400, "message": "no such model"}})), "400.*no such model"),
+    "a word in a 200": (say(answer(200, {"error": "model not loaded"})), "400"),
+    "redirect": (say(answer(308, b"", "Location: /elsewhere")), "308"),
+    "HTML": (say(answer(200, HTML)), "<html>"),
+    "nothing in it": (say(answer(200, b"")), "empty"),
 }
 
 
@@ -68,7 +65,7 @@ def test_what_will_not_pass_is_said_at_once(serve, fault, said):
 
 def test_a_drip_is_over_with_the_time_and_asked_no_more(serve):
     wire = serve(trickle(b'HTTP/1.1 200 OK\r\nContent-Length: 900000\r\n\r\n{"choices"'))
-    with pytest.raises(ModelError, match=r"has not answered for 0\.5 s"):
+    with pytest.raises(ModelError, match=r"0\.5 s"):
         ask(wire, patience=RetryPolicy(give_up_s=0.5, pause_s=0.0))
     assert wire.served == 1
 

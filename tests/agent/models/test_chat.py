@@ -13,6 +13,7 @@ from dronecats.agent.models.openai_chat import ChatModel
 from dronecats.agent.models.providers import PROVIDERS, spec_of
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
+from tests.support.refusal import refusal
 
 KEY = "sk-SECRET-1234567890"
 REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
@@ -70,19 +71,19 @@ def test_one_user_message_text_first_then_the_picture(endpoint, monkeypatch):
     assert body["temperature"] == 0.4
 
 
-@pytest.mark.parametrize("provider", [p.name for p in PROVIDERS.values() if p.wire == "openai" and p.thinking])
-def test_thinking_changes_the_request_and_nothing_else(provider):
-    chat = model("http://127.0.0.1:1/v1", provider)
-    quick = chat.body(REQUEST)
-    slow = chat.body(Request("text", REQUEST.images_jpeg, thinking=True))
-    assert quick != slow
-    changed = {key for key in quick.keys() | slow.keys() if quick.get(key) != slow.get(key)}
-    assert changed <= {"reasoning_effort", "reasoning", "chat_template_kwargs"}
+def test_thinking_changes_the_request_and_nothing_else():
+    for provider in [p.name for p in PROVIDERS.values() if p.wire == "openai" and p.thinking]:
+        chat = model("http://127.0.0.1:1/v1", provider)
+        quick = chat.body(REQUEST)
+        slow = chat.body(Request("text", REQUEST.images_jpeg, thinking=True))
+        assert quick != slow, provider
+        changed = {key for key in quick.keys() | slow.keys() if quick.get(key) != slow.get(key)}
+        assert changed <= {"reasoning_effort", "reasoning", "chat_template_kwargs"}, provider
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
+def test_what_is_no_completion_is_a_fault_of_the_infrastructure(endpoint):
+    url, answers, _ = endpoint
+    for body in [
         b"",
         b"not json",
         b"[]",
@@ -91,13 +92,9 @@ def test_thinking_changes_the_request_and_nothing_else(provider):
         completion(None, usage=[1, 2]),
         b'{"choices":[{"message":{"content":5}}]}',
         b"[" * 100_000,
-    ],
-)
-def test_what_is_no_completion_is_a_fault_of_the_infrastructure(endpoint, body):
-    url, answers, _ = endpoint
-    answers.append((200, body, {}))
-    with pytest.raises(ModelError, match="no chat completion"):
-        model(url, "local").ask(REQUEST)
+    ]:
+        answers[:] = [(200, body, {})]
+        assert "chat completion" in refusal(model(url, "local").ask, REQUEST, error=ModelError), body[:40]
 
 
 @pytest.mark.parametrize("count", ["many", True, 1.5, -1_000_000, 10**30])
@@ -122,7 +119,7 @@ def test_a_key_that_is_echoed_and_a_password_in_a_url_are_never_said(endpoint, m
     url, answers, _ = endpoint
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     answers.append((401, f"wrong key {KEY}, sir".encode(), {}))
-    with pytest.raises(ModelError, match=r"401: wrong key \*\*\*, sir"):
+    with pytest.raises(ModelError, match=r"401.*\*\*\*"):
         model(url).ask(REQUEST)
     with pytest.raises(UsageError) as refused:
         model("http://me:pw777@127.0.0.1:1/v1").check()
@@ -137,19 +134,16 @@ def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
     assert bare.body(REQUEST).keys() == {"model", "messages", "max_tokens"}
 
 
-@pytest.mark.parametrize("provider", ["openai", "gemini", "anthropic"])
-@pytest.mark.parametrize(
-    ("asked", "held"),
-    [
-        (REQUEST, True),
-        (Request("text", REQUEST.images_jpeg * 2, False), False),  # one object cannot answer for two
-        (Request("text", REQUEST.images_jpeg * 2, False, role="commander"), True),  # whose own is an object
-    ],
-)
-def test_a_schema_goes_with_the_questions_that_it_describes(provider, asked, held):
-    held_to = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
-    body = str(open_model(held_to).body(asked))
-    assert ("additionalProperties" in body) == held
+def test_a_schema_goes_with_the_questions_that_it_describes():
+    for provider in ["openai", "gemini", "anthropic"]:
+        for asked, held in [
+            (REQUEST, True),
+            (Request("text", REQUEST.images_jpeg * 2, False), False),  # one object cannot answer for two
+            (Request("text", REQUEST.images_jpeg * 2, False, role="commander"), True),  # whose own is an object
+        ]:
+            held_to = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
+            body = str(open_model(held_to).body(asked))
+            assert ("additionalProperties" in body) == held, (provider, asked)
 
 
 def test_servers_of_ones_own_are_on_the_loopback_and_want_no_key(monkeypatch):
@@ -165,7 +159,7 @@ def test_servers_of_ones_own_are_on_the_loopback_and_want_no_key(monkeypatch):
 def test_providers_are_split_at_the_first_slash():
     spec = spec_of("openrouter/qwen/qwen3.5-9b")
     assert (spec.provider, spec.name, spec.title) == ("openrouter", "qwen/qwen3.5-9b", "openrouter/qwen/qwen3.5-9b")
-    with pytest.raises(UsageError, match="did you mean 'openrouter/…'"):
+    with pytest.raises(UsageError, match="openrouter/"):
         spec_of("openruter/x")
-    with pytest.raises(UsageError, match="wants PROVIDER/NAME"):
+    with pytest.raises(UsageError, match="PROVIDER/NAME"):
         spec_of("openrouter")

@@ -62,7 +62,7 @@ def model(wire, patience=QUICK):
 )
 def test_what_hangs_or_trickles_is_given_up_after_the_stated_time(serve, act, left):
     wire = serve(act)
-    with pytest.raises(ModelError, match=r"has not answered for 0\.5 s"):
+    with pytest.raises(ModelError, match=r"0\.5 s"):
         model(wire).ask(REQUEST)
     assert wire.served == 1
     assert wire.dropped.wait(30.0 if left else 0.0) == left
@@ -70,7 +70,7 @@ def test_what_hangs_or_trickles_is_given_up_after_the_stated_time(serve, act, le
 
 def test_pauses_and_attempts_are_within_that_time_too(serve):
     wire = serve(say(b"HTTP/1.1 429 Busy\r\nRetry-After: 50\r\nContent-Length: 4\r\nConnection: close\r\n\r\nbusy"))
-    with pytest.raises(ModelError, match="answered 429: busy"):
+    with pytest.raises(ModelError, match="429"):
         model(wire).ask(REQUEST)
     assert wire.served == 1  # fifty seconds are more than there are
 
@@ -84,7 +84,7 @@ def test_a_connection_that_breaks_is_tried_again_within_the_same_attempts(serve,
     assert (reply.text, wire.served) == ("there", 3)
     assert reply.waited_s > 0.0
     wire = serve(fault)
-    with pytest.raises(ModelError, match="broke off"):
+    with pytest.raises(ModelError, match="broke"):
         model(wire).ask(REQUEST)
     assert wire.served == 3
 
@@ -99,7 +99,7 @@ def test_resets_and_refusals_share_the_attempts(serve):
 def test_a_redirect_is_not_followed_and_says_so(serve):
     there = serve(say(completion("stolen")))
     wire = serve(say(f"HTTP/1.1 307 Gone\r\nLocation: {there.url}\r\nContent-Length: 0\r\n\r\n".encode()))
-    with pytest.raises(ModelError, match=r"answered 307, a redirect: none is followed, so that no key goes there"):
+    with pytest.raises(ModelError, match="307"):
         model(wire).ask(REQUEST)
     assert (wire.served, there.served) == (1, 0)
 
@@ -123,12 +123,12 @@ def test_a_compressed_answer_is_read_and_a_bomb_is_not(serve, encoding, monkeypa
 
     monkeypatch.setattr(zlib, "decompressobj", Watched)
     bomb = pack(b" " * (64 * 2**20))
-    with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
+    with pytest.raises(ModelError, match="4,194,304"):
         model(serve(say(head + bomb)), RetryPolicy(give_up_s=30.0)).ask(REQUEST)
     assert sum(largest) <= endpoints.MAX_BODY_BYTES + 1
-    with pytest.raises(ModelError, match="cannot be decompressed"):
+    with pytest.raises(ModelError, match="decompressed"):
         model(serve(say(head + b"no such thing"))).ask(REQUEST)
-    with pytest.raises(ModelError, match="compressed, which"):
+    with pytest.raises(ModelError, match="compressed"):
         model(serve(say(completion("x", "Content-Encoding: br")))).ask(REQUEST)
 
 
@@ -138,16 +138,15 @@ def test_an_endless_answer_is_cut_off(serve):
         while not wire.over.is_set():
             connection.sendall(b" " * 65536)
 
-    with pytest.raises(ModelError, match="more than 4,194,304 bytes"):
+    with pytest.raises(ModelError, match="4,194,304"):
         model(serve(flood), RetryPolicy(give_up_s=30.0)).ask(REQUEST)
 
 
-@pytest.mark.parametrize(
-    ("value", "seconds"),
-    [("7", 7.0), ("0.3", 0.3), ("-4", 0.0), ("1e9", MAX_PAUSE_S), ("nan", None), ("soon", None), ("", None)],
-)
-def test_retry_after_as_seconds(value, seconds):
-    assert pause_asked_for(httpx.Headers({"Retry-After": value})) == seconds
+def test_retry_after_as_seconds():
+    for value, seconds in (
+        ("7", 7.0), ("0.3", 0.3), ("-4", 0.0), ("1e9", MAX_PAUSE_S), ("nan", None), ("soon", None), ("", None),
+    ):  # fmt: skip
+        assert pause_asked_for(httpx.Headers({"Retry-After": value})) == seconds, value
 
 
 def test_retry_after_as_a_date():
@@ -199,7 +198,7 @@ class Answering(DaemonExecutor):
 def test_a_model_that_hangs_after_some_replies_is_a_fault_of_the_infrastructure(serve, tmp_path, executor):
     answer = say(completion('{"action":"rotate","angle_deg":9}'))
     agent = flight(serve(answer, answer, hang), tmp_path, executor)
-    with pytest.raises(ModelError, match="has not answered"):
+    with pytest.raises(ModelError, match=r"0\.5 s"):
         agent.fly(30.0)
     assert agent.steps == 2
 
@@ -227,7 +226,7 @@ def test_a_vehicle_that_must_come_down_does_not_stay_for_the_last_reply(serve, t
     agent.fly(30.0)
     assert (agent.steps, agent.now_s) == (1, pytest.approx(30.0))
     agent = flight(serve(answer, hang), tmp_path, Answering(1), patience_s=60.0, patience=RetryPolicy())
-    with pytest.raises(ModelError, match="for 60 s, nor when"):
+    with pytest.raises(ModelError, match="60 s"):
         agent.fly(30.0)
 
 
@@ -254,7 +253,7 @@ def test_what_is_no_url_is_said_without_it(url):
 
 def test_a_key_that_cannot_be_sent_is_not_said(monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-Schlüssel")
-    with pytest.raises(UsageError, match="holds a character that cannot be sent") as refused:
+    with pytest.raises(UsageError, match=r"api\.openai\.com") as refused:
         open_model(ModelSpec(provider="openai", name="m"))
     assert "Schl" not in str(refused.value)
 
@@ -267,7 +266,7 @@ def test_an_address_that_nothing_can_be_sent_to_is_refused_when_it_is_opened(url
 
 @pytest.mark.parametrize("name", ["m\udcff", "m\n", "m\x1b[2J"])
 def test_a_name_that_no_file_can_hold_is_refused_when_it_is_opened(name):
-    with pytest.raises(UsageError, match="holds a character that is none of a name"):
+    with pytest.raises(UsageError, match="name"):
         open_model(ModelSpec(provider="local", name=name, base_url="http://127.0.0.1:1/v1"))
 
 

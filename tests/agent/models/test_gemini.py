@@ -9,6 +9,7 @@ from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 from tests.agent.models.recording import Recording
+from tests.support.refusal import refusal
 
 KEY = "AIza-SECRET-1234567890"
 REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
@@ -82,9 +83,8 @@ def test_what_a_model_says_and_what_it_costs(said, text, tokens):
     assert (reply.text, (reply.tokens_in, reply.tokens_out)) == (text, tokens)
 
 
-@pytest.mark.parametrize(
-    "said",
-    [
+def test_what_is_no_answer_is_a_fault_of_the_infrastructure():
+    answers: list[object] = [
         b"",
         b"<html>busy</html>",
         b"[" * 100_000,
@@ -96,16 +96,14 @@ def test_what_a_model_says_and_what_it_costs(said, text, tokens):
         {"candidates": [{"content": {"parts": {}}}]},
         {"candidates": [{"content": {"parts": [{"text": 5}]}}]},
         {"candidates": [{"content": {"parts": ["text"]}}]},
-    ],
-)
-def test_what_is_no_answer_is_a_fault_of_the_infrastructure(said):
-    with pytest.raises(ModelError, match="no Gemini content"):
-        ask(said)
+    ]
+    for said in answers:
+        assert "Gemini" in refusal(ask, said, error=ModelError)
 
 
 def test_a_key_that_is_echoed_is_not_said(monkeypatch):
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
-    with pytest.raises(ModelError, match=r"400: .*key \*\*\* not valid") as refused:
+    with pytest.raises(ModelError, match=r"400.*\*\*\*") as refused:
         ask({"error": {"message": f"key {KEY} not valid"}}, status=400)
     assert KEY not in str(refused.value)
     reply, _ = ask(answer({"text": f"it is {KEY}"}))
@@ -114,5 +112,5 @@ def test_a_key_that_is_echoed_is_not_said(monkeypatch):
 
 def test_without_a_key_nothing_is_opened(monkeypatch):
     monkeypatch.delenv("GEMINI_API_KEY", raising=False)
-    with pytest.raises(UsageError, match="gemini needs an API key in the environment variable GEMINI_API_KEY"):
+    with pytest.raises(UsageError, match="GEMINI_API_KEY"):
         open_model(ModelSpec(provider="gemini", name="gemini-x"))

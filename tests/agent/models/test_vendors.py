@@ -4,6 +4,7 @@ import base64
 import re
 import typing
 from dataclasses import asdict, replace
+from itertools import product
 from typing import Any
 
 import anthropic
@@ -25,9 +26,9 @@ from tests.agent.models.recording import Recording, Sent
 KEY = "sk-SECRET-1234567890"
 TEXT = "a prompt, with “quotes” and\nlines"
 JPEG = b"\xff\xd8\xff\xfb\xef\xbe"  # in base64 with both letters in which its two alphabets differ
-PICTURES = [pytest.param(n, id=f"{n} pictures") for n in (1, 4)]
+PICTURES = (1, 4)
 LABELS = tuple(f"Drone {n}:" for n in range(1, 5))  # of a fleet's pictures; that of one drone has none
-LIFTED = [pytest.param(False, id="quick"), pytest.param(True, id="thinking")]
+LIFTED = (False, True)
 
 
 def request(pictures: int, thinking: bool) -> Request:
@@ -74,38 +75,36 @@ SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("provider", SWITCHES)
-@pytest.mark.parametrize("pictures", PICTURES)
-@pytest.mark.parametrize("thinking", LIFTED)
-@pytest.mark.parametrize("schema", [None, "array", "object"])
-def test_openai(monkeypatch, provider, pictures, thinking, schema):
-    asked = request(pictures, thinking)
-    roots = {"array": {"type": "array", "items": action_schema()}}
-    if pictures == 1:  # a single object is no fleet's reply
-        roots["object"] = flat_action_schema() if provider in ("openai", "openrouter") else action_schema()
-    images: list[Any] = [
-        {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
-        for jpeg in asked.images_jpeg
-    ]
-    options: dict[str, Any] = dict(SWITCHES[provider][thinking])
-    options["max_completion_tokens" if provider == "openai" else "max_tokens"] = 8192
-    if schema in roots:
-        options["response_format"] = response_format(roots[schema])
-    with Recording(CHAT) as server, openai.OpenAI(api_key=KEY, base_url=server.url + "/v1") as client:
-        client.chat.completions.create(
-            model="maker/m",
-            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *between(texts(), images)]}],
-            temperature=0.4,
-            **options,
-        )
-    (theirs,) = server.sent
-    if provider == "openai":  # whose models differ: a row says how each reasons
-        switches = dict(zip(("quick", "thinking"), SWITCHES[provider], strict=True))
-        sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema, **switches)
-    else:
-        sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema)
-    assert (sent.body, sent.path) == (theirs.body, theirs.path)
-    assert sent.headers["authorization"] == theirs.headers["authorization"] == f"Bearer {KEY}"
+def test_openai(monkeypatch):
+    for case in product(SWITCHES, PICTURES, LIFTED, [None, "array", "object"]):
+        provider, pictures, thinking, schema = case
+        asked = request(pictures, thinking)
+        roots = {"array": {"type": "array", "items": action_schema()}}
+        if pictures == 1:  # a single object is no fleet's reply
+            roots["object"] = flat_action_schema() if provider in ("openai", "openrouter") else action_schema()
+        images: list[Any] = [
+            {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
+            for jpeg in asked.images_jpeg
+        ]
+        options: dict[str, Any] = dict(SWITCHES[provider][thinking])
+        options["max_completion_tokens" if provider == "openai" else "max_tokens"] = 8192
+        if schema in roots:
+            options["response_format"] = response_format(roots[schema])
+        with Recording(CHAT) as server, openai.OpenAI(api_key=KEY, base_url=server.url + "/v1") as client:
+            client.chat.completions.create(
+                model="maker/m",
+                messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *between(texts(), images)]}],
+                temperature=0.4,
+                **options,
+            )
+        (theirs,) = server.sent
+        if provider == "openai":  # whose models differ: a row says how each reasons
+            switches = dict(zip(("quick", "thinking"), SWITCHES[provider], strict=True))
+            sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema, **switches)
+        else:
+            sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema)
+        assert (sent.body, sent.path) == (theirs.body, theirs.path), case
+        assert sent.headers["authorization"] == theirs.headers["authorization"] == f"Bearer {KEY}", case
 
 
 CONTENT = b'{"candidates":[{"content":{"role":"model","parts":[{"text":"{}"}]},"finishReason":"STOP"}]}'
@@ -121,90 +120,86 @@ def camel(value: Any) -> Any:
     return [camel(inner) for inner in value] if isinstance(value, list) else value
 
 
-@pytest.mark.parametrize("pictures", PICTURES)
-@pytest.mark.parametrize("thinking", LIFTED)
-@pytest.mark.parametrize("schema", [None, {"type": "array", "items": action_schema()}], ids=["free", "schema"])
-@pytest.mark.parametrize("row", [False, True], ids=["no row", "row"])
-def test_gemini(monkeypatch, pictures, thinking, schema, row):
+def test_gemini(monkeypatch):
     """Without a row nothing is said of reasoning; the row is as one of the models up to 2.5 would have it."""
-    asked = request(pictures, thinking)
-    parts: list[Any] = [
-        types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in asked.images_jpeg
-    ]
-    config = types.GenerateContentConfig(
-        temperature=0.4,
-        top_p=0.95,
-        top_k=40,
-        max_output_tokens=8192,
-    )
-    budget: Any = {"thinkingConfig": {"thinkingBudget": -1 if thinking else 0}}
-    if row:
-        config.thinking_config = types.ThinkingConfig(thinking_budget=-1 if thinking else 0)
-    if schema:
-        config.response_mime_type = "application/json"
-        config.response_json_schema = schema
-    with Recording(CONTENT) as server:
-        client = genai.Client(api_key=KEY, http_options=types.HttpOptions(base_url=server.url))
-        client.models.generate_content(model="gemini-x", contents=[TEXT, *between([*LABELS], parts)], config=config)
-    (theirs,) = server.sent
-    root = "array" if schema else None
-    switch = {"thinking" if thinking else "quick": budget} if row else {}
-    sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root, **switch)
-    expected = camel(theirs.body)
-    if schema:  # theirs goes as it is given; what the API does not know we leave out
-        go = expected["generationConfig"]["responseJsonSchema"]["items"]["anyOf"][0]
-        assert go["properties"]["depth_m"].pop("exclusiveMinimum") == 0
-    assert (sent.body, sent.path) == (expected, theirs.path)
-    assert sent.headers["x-goog-api-key"] == theirs.headers["x-goog-api-key"] == KEY
-    assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-goog-api-key"})
+    for case in product(PICTURES, LIFTED, [None, {"type": "array", "items": action_schema()}], [False, True]):
+        pictures, thinking, schema, row = case
+        asked = request(pictures, thinking)
+        parts: list[Any] = [
+            types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in asked.images_jpeg
+        ]
+        config = types.GenerateContentConfig(
+            temperature=0.4,
+            top_p=0.95,
+            top_k=40,
+            max_output_tokens=8192,
+        )
+        budget: Any = {"thinkingConfig": {"thinkingBudget": -1 if thinking else 0}}
+        if row:
+            config.thinking_config = types.ThinkingConfig(thinking_budget=-1 if thinking else 0)
+        if schema:
+            config.response_mime_type = "application/json"
+            config.response_json_schema = schema
+        with Recording(CONTENT) as server:
+            client = genai.Client(api_key=KEY, http_options=types.HttpOptions(base_url=server.url))
+            client.models.generate_content(model="gemini-x", contents=[TEXT, *between([*LABELS], parts)], config=config)
+        (theirs,) = server.sent
+        root = "array" if schema else None
+        switch = {"thinking" if thinking else "quick": budget} if row else {}
+        sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root, **switch)
+        expected = camel(theirs.body)
+        if schema:  # theirs goes as it is given; what the API does not know we leave out
+            go = expected["generationConfig"]["responseJsonSchema"]["items"]["anyOf"][0]
+            assert go["properties"]["depth_m"].pop("exclusiveMinimum") == 0, case
+        assert (sent.body, sent.path) == (expected, theirs.path), case
+        assert sent.headers["x-goog-api-key"] == theirs.headers["x-goog-api-key"] == KEY, case
+        assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-goog-api-key"}), case
 
 
 MESSAGE = b'{"id":"1","type":"message","role":"assistant","model":"m","content":[{"type":"text","text":"{}"}],"stop_reason":"end_turn","usage":{"input_tokens":1,"output_tokens":1}}'  # noqa: E501
 
 
-@pytest.mark.parametrize("pictures", PICTURES)
-@pytest.mark.parametrize("thinking", LIFTED)
-@pytest.mark.parametrize("schema", [None, "object"])
-@pytest.mark.parametrize("temperature", [0.4, None])
-def test_anthropic(monkeypatch, pictures, thinking, schema, temperature):
+def test_anthropic(monkeypatch):
     """The vendor's client knows no temperature any more, so that the paper's is put in there by hand.
 
     Lifted as a row of the older models would have it, who know a temperature and a budget.
     """
-    asked = request(pictures, thinking)
-    images: list[Any] = [
-        {
-            "type": "image",
-            "source": {"type": "base64", "media_type": "image/jpeg", "data": base64.b64encode(jpeg).decode()},
-        }
-        for jpeg in asked.images_jpeg
-    ]
-    lifted: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}}
-    options: dict[str, Any] = {**lifted} if thinking else {}
-    if schema and pictures == 1:  # a single object is no fleet's reply
-        options["output_config"] = {"format": {"type": "json_schema", "schema": transform_schema(action_schema())}}
-    if temperature is not None and not thinking:
-        options["extra_body"] = {"temperature": temperature}
-    with Recording(MESSAGE) as server, anthropic.Anthropic(api_key=KEY, base_url=server.url) as client:
-        client.messages.create(
-            model="claude-x",
-            max_tokens=8192,
-            messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *between(texts(), images)]}],
-            **options,
-        )
-    (theirs,) = server.sent
-    sent = ours(
-        monkeypatch, asked, "/v1", MESSAGE, provider="anthropic", name="claude-x", schema=schema,
-        temperature=temperature, thinking=lifted,
-    )  # fmt: skip
-    assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path)
-    assert (
-        sent.headers["x-api-key"] == KEY
-    )  # the API takes both; its documents show this one, the client sends a bearer
-    assert theirs.headers["authorization"] == f"Bearer {KEY}"
-    assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-api-key"})
-    if temperature is None:
-        assert sent.headers["anthropic-version"] == theirs.headers["anthropic-version"]
+    for case in product(PICTURES, LIFTED, [None, "object"], [0.4, None]):
+        pictures, thinking, schema, temperature = case
+        asked = request(pictures, thinking)
+        images: list[Any] = [
+            {
+                "type": "image",
+                "source": {"type": "base64", "media_type": "image/jpeg", "data": base64.b64encode(jpeg).decode()},
+            }
+            for jpeg in asked.images_jpeg
+        ]
+        lifted: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}}
+        options: dict[str, Any] = {**lifted} if thinking else {}
+        if schema and pictures == 1:  # a single object is no fleet's reply
+            options["output_config"] = {"format": {"type": "json_schema", "schema": transform_schema(action_schema())}}
+        if temperature is not None and not thinking:
+            options["extra_body"] = {"temperature": temperature}
+        with Recording(MESSAGE) as server, anthropic.Anthropic(api_key=KEY, base_url=server.url) as client:
+            client.messages.create(
+                model="claude-x",
+                max_tokens=8192,
+                messages=[{"role": "user", "content": [{"type": "text", "text": TEXT}, *between(texts(), images)]}],
+                **options,
+            )
+        (theirs,) = server.sent
+        sent = ours(
+            monkeypatch, asked, "/v1", MESSAGE, provider="anthropic", name="claude-x", schema=schema,
+            temperature=temperature, thinking=lifted,
+        )  # fmt: skip
+        assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path), case
+        assert (
+            sent.headers["x-api-key"] == KEY
+        ), case  # the API takes both; its documents show this one, the client sends a bearer
+        assert theirs.headers["authorization"] == f"Bearer {KEY}", case
+        assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-api-key"}), case
+        if temperature is None:
+            assert sent.headers["anthropic-version"] == theirs.headers["anthropic-version"], case
 
 
 ROWS = {row.name: row.spec for row in rows().values()}

@@ -9,56 +9,26 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, action_from
 from dronecats.agent.reply.strict import MAX_REPLY_CHARS, parse, parse_fleet
+from tests.support.refusal import refusal
 
 
-@pytest.mark.parametrize(
-    ("reply", "action"),
-    [
-        ('{"action":"go","point":[612, 430],"depth_m":9}', Go(612, 430, 9)),
-        ('{"action":"rotate","angle_deg":-45.5}', Rotate(-45.5)),
-        ('{"action":"think"}', Think()),
-        ('{"action":"finished"}', Finished()),
-        ('```json\n{"action":"think"}\n```', Think()),
-        ('I see {a car}. {"action":"rotate","angle_deg":120}', Rotate(120)),
-        ('{"reason":"near"} {"action":"finished"} {"then":"rest"}', Finished()),
-        ('For example {"action":"finished"} would be wrong. {"action":"think"}', Think()),
-    ],
-)
-def test_reads_the_four_actions(reply, action):
-    assert parse(reply) == action
-
-
-def test_axis_order_is_the_models():
-    assert parse('{"action":"go","point":[430, 612],"depth_m":9}', "yx") == Go(612, 430, 9)
-
-
-@pytest.mark.parametrize(
-    ("reply", "reason"),
-    [
-        ("", "no JSON object"),
-        ("the car is ahead", "no JSON object"),
-        ('{"action":"land"}', "unknown action"),
-        ('{"point":[1,2]}', 'no "action"'),
-        ('{"action":"go","point":[1],"depth_m":3}', "pair"),
-        ('{"action":"go","point":[1200,20],"depth_m":3}', "outside 0–1000"),
-        ('{"action":"go","point":[1,2]}', "missing"),
-        ('{"action":"go","point":[1,2],"depth_m":-1}', "outside"),
-        ('{"action":"go","point":[1,2],"depth_m":NaN}', "not finite"),
-        ('{"action":"go","point":[true,2],"depth_m":3}', "not a number"),
-        ('{"action":"rotate","angle_deg":"90"}', "not a number"),
-        ('{"action":"rotate","angle_deg":1e400}', "not finite"),
-        ('{"action":"go","point":[1,2],"depth_m":%s}' % ("9" * 400), "too large"),
-    ],
-)
-def test_says_what_is_wrong(reply, reason):
-    with pytest.raises(ActionError, match=reason):
-        parse(reply)
-
-
-@given(st.text(max_size=400))
-def test_never_raises_anything_else(text):
-    with contextlib.suppress(ActionError):
-        parse(text)
+def test_says_what_is_wrong():
+    for reply, word in [
+        ("", "JSON"),
+        ("the car is ahead", "JSON"),
+        ('{"action":"land"}', "land"),
+        ('{"point":[1,2]}', '"action"'),
+        ('{"action":"go","point":[1],"depth_m":3}', '"point"'),
+        ('{"action":"go","point":[1200,20],"depth_m":3}', '"point" (1200, 20)'),
+        ('{"action":"go","point":[1,2]}', '"depth_m"'),
+        ('{"action":"go","point":[1,2],"depth_m":-1}', '"depth_m" -1'),
+        ('{"action":"go","point":[1,2],"depth_m":NaN}', '"depth_m"'),
+        ('{"action":"go","point":[true,2],"depth_m":3}', '"point"'),
+        ('{"action":"rotate","angle_deg":"90"}', '"angle_deg"'),
+        ('{"action":"rotate","angle_deg":1e400}', '"angle_deg"'),
+        ('{"action":"go","point":[1,2],"depth_m":%s}' % ("9" * 400), '"depth_m"'),
+    ]:
+        assert word in refusal(parse, reply, error=ActionError)
 
 
 json_values = st.recursive(
@@ -83,12 +53,6 @@ def test_any_object_is_an_action_in_range_or_an_error(value):
         assert 0 <= action.x <= 1000
         assert 0 <= action.y <= 1000
         assert 0 <= action.depth_m <= 1e5
-
-
-@given(st.floats(0, 1000), st.floats(0, 1000), st.floats(0, 1000))
-def test_what_is_written_is_what_is_read(x, y, depth):
-    go = Go(x, y, depth)
-    assert parse(json.dumps(go.as_json())) == go
 
 
 def test_deep_nesting_is_an_error_not_a_crash():

@@ -204,9 +204,10 @@ def test_files_are_written_renamed_and_removed(files: Files, root: Path) -> None
     assert [path.name for path in root.iterdir()] == ["log001.ulg"]
 
 
-@pytest.mark.parametrize(
-    ("opcode", "data", "code"),
-    [
+def test_refusals_have_their_codes(files: Files, root: Path) -> None:
+    (root / "link").symlink_to(root.parent / "secret")
+    (root / "up").symlink_to(root.parent)
+    refusals: list[tuple[int, bytes | str, bytes]] = [
         (ftp.OPEN_TO_READ, "/fs/microsd/log/none", b"\x0a"),
         (ftp.OPEN_TO_READ, "/fs/microsd/log", b"\x0a"),
         (ftp.OPEN_TO_READ, "/etc/passwd", b"\x0a"),
@@ -232,15 +233,12 @@ def test_files_are_written_renamed_and_removed(files: Files, root: Path) -> None
         (ftp.TERMINATE_SESSION, b"", b"\x04"),
         (17, b"", b"\x07"),
         (127, b"", b"\x07"),
-    ],
-)
-def test_refusals_have_their_codes(files: Files, root: Path, opcode: int, data: bytes | str, code: bytes) -> None:
-    (root / "link").symlink_to(root.parent / "secret")
-    (root / "up").symlink_to(root.parent)
-    assert files.refused(opcode, data) == code
-    assert (root.parent / "secret").read_text() == "not yours"
-    assert sorted(path.name for path in root.parent.iterdir()) == ["log", "secret"]
-    assert (root / "log001.ulg").read_bytes() == CONTENT
+    ]
+    for opcode, data, code in refusals:
+        assert files.refused(opcode, data) == code, (opcode, data)
+        assert (root.parent / "secret").read_text() == "not yours", (opcode, data)
+        assert sorted(path.name for path in root.parent.iterdir()) == ["log", "secret"], (opcode, data)
+        assert (root / "log001.ulg").read_bytes() == CONTENT, (opcode, data)
 
 
 def test_too_much_data_is_refused(files: Files) -> None:

@@ -12,6 +12,7 @@ from foundation.frames import Quat, quat_from_euler
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
 from tests.autopilot.commander_bench import ORIGIN, Bench
+from tests.support.refusal import refusal
 
 
 @pytest.fixture
@@ -26,9 +27,8 @@ def decode(mask: int, frame: int = 1, heading: float = 0.0, attitude: Quat | Non
     return trajectory(mask, frame, (1, 2, 3), (4, 5, 6), (7, 8, 9), 0.5, 0.6, q, heading)
 
 
-@pytest.mark.parametrize(
-    ("mask", "position", "velocity", "acceleration", "yaw", "yaw_rate"),
-    [
+def test_masks_of_real_clients() -> None:
+    for mask, position, velocity, acceleration, yaw, yaw_rate in [
         (0x9C7, 0, 1, 0, 1, 0),
         (0x9F8, 1, 0, 0, 1, 0),
         (0x9C0, 1, 1, 0, 1, 0),
@@ -36,20 +36,16 @@ def decode(mask: int, frame: int = 1, heading: float = 0.0, attitude: Quat | Non
         (0xC3F, 0, 0, 1, 0, 0),
         (0x5C7, 0, 1, 0, 0, 1),
         (0xDC7, 0, 1, 0, 0, 0),
-    ],
-)
-def test_masks_of_real_clients(
-    mask: int, position: int, velocity: int, acceleration: int, yaw: int, yaw_rate: int
-) -> None:
-    s = decode(mask)
-    for given, values, sent in (
-        (position, s.position_ned, (1, 2, 3)),
-        (velocity, s.velocity_ned, (4, 5, 6)),
-        (acceleration, s.acceleration_ned, (7, 8, 9)),
-        (yaw, (s.yaw,), (0.5,)),
-        (yaw_rate, (s.yaw_rate,), (0.6,)),
-    ):
-        assert values == sent if given else all(math.isnan(x) for x in values)
+    ]:
+        s = decode(mask)
+        for given, values, sent in (
+            (position, s.position_ned, (1, 2, 3)),
+            (velocity, s.velocity_ned, (4, 5, 6)),
+            (acceleration, s.acceleration_ned, (7, 8, 9)),
+            (yaw, (s.yaw,), (0.5,)),
+            (yaw_rate, (s.yaw_rate,), (0.6,)),
+        ):
+            assert values == sent if given else all(math.isnan(x) for x in values), (mask, sent)
 
 
 def test_every_mask_gives_a_setpoint_or_a_reason() -> None:
@@ -63,10 +59,9 @@ def test_every_mask_gives_a_setpoint_or_a_reason() -> None:
             decode(mask, frame)
 
 
-@pytest.mark.parametrize("frame", [f for f in range(22) if f not in (1, 8)])
-def test_other_frames_are_unsupported(frame: int) -> None:
-    with pytest.raises(RejectedError, match=f"frame {frame} unsupported"):
-        decode(0x9C7, frame)
+def test_other_frames_are_unsupported() -> None:
+    for frame in [f for f in range(22) if f not in (1, 8)]:
+        assert str(frame) in refusal(decode, 0x9C7, frame, error=RejectedError)
 
 
 def test_body_velocity_turns_with_the_heading_only() -> None:

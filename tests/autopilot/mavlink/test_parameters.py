@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot.parameters import DEFAULTS, ParameterTable
-from foundation.errors import UsageError
 from foundation.mavlink import Packer, dialect
 from tests.autopilot.commander_bench import Bench, Client
+from tests.support.refusal import refusal
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 
@@ -140,12 +140,11 @@ def test_values_outlive_the_process(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [file]
 
 
-@pytest.mark.parametrize("content", ["", "[1]", '{"MPC_XY_P": "x"}', '{"MPC_XY_P": null}', "\x00"])
-def test_a_broken_file_is_named(tmp_path: Path, content: str) -> None:
-    file = tmp_path / "parameters.json"
-    file.write_text(content)
-    with pytest.raises(UsageError, match=r"parameters\.json"):
-        ParameterTable({}, None, file)
+def test_a_broken_file_is_named(tmp_path: Path) -> None:
+    for content in ["", "[1]", '{"MPC_XY_P": "x"}', '{"MPC_XY_P": null}', "\x00"]:
+        file = tmp_path / "parameters.json"
+        file.write_text(content)
+        assert "parameters.json" in refusal(ParameterTable, {}, None, file), content
 
 
 def test_unknown_targets_are_left_alone(bench: Bench) -> None:

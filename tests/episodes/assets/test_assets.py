@@ -35,18 +35,18 @@ def triangles(mesh: Mesh) -> np.ndarray:
     return mesh.vertices[mesh.triangles].astype(np.float64)
 
 
-@pytest.mark.parametrize("name", assets.names())
-def test_an_asset_is_sound(name: str) -> None:
-    mesh = assets.build(name, "green", "AB 123")
-    assert len(mesh.triangles) <= 15_000
-    assert np.isfinite(mesh.vertices).all()
-    assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    assert high[2] == pytest.approx(0.0, abs=2e-3)  # it stands on the ground …
-    assert np.abs(low + high)[:2].max() / 2 < 0.1  # … above its origin
-    for extent, bounds in zip(high - low, SIZES.get(name, ()), strict=False):
-        assert bounds[0] <= extent <= bounds[1]
-    assert mesh is assets.build(name, "green", "AB 123")
+def test_an_asset_is_sound() -> None:
+    for name in assets.names():
+        mesh = assets.build(name, "green", "AB 123")
+        assert len(mesh.triangles) <= 15_000, name
+        assert np.isfinite(mesh.vertices).all(), name
+        assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3), name
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        assert high[2] == pytest.approx(0.0, abs=2e-3), name  # it stands on the ground …
+        assert np.abs(low + high)[:2].max() / 2 < 0.1, name  # … above its origin
+        for extent, bounds in zip(high - low, SIZES.get(name, ()), strict=False):
+            assert bounds[0] <= extent <= bounds[1], name
+        assert mesh is assets.build(name, "green", "AB 123"), name
 
 
 @pytest.mark.parametrize("name", assets.names())
@@ -70,55 +70,55 @@ def test_faces_look_outwards(name: str) -> None:
     assert wrong < 0.01 * seen
 
 
-@pytest.mark.parametrize("name", assets.names())
-@pytest.mark.parametrize("color", ["cyan", "black"])
-def test_an_asset_wears_its_paint(name: str, color: str) -> None:
-    mesh = assets.build(name, color)
-    tri = triangles(mesh)
-    area = np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1) / 2
-    worn = [k for k, m in enumerate(mesh.materials) if m.color == paint.linear(paint.PAINTS[color])]
-    share = area[np.isin(mesh.material, worn)].sum() / area.sum()
-    assert share > 0.15
+def test_an_asset_wears_its_paint() -> None:
+    for color in ("cyan", "black"):
+        for name in assets.names():
+            mesh = assets.build(name, color)
+            tri = triangles(mesh)
+            area = np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1) / 2
+            worn = [k for k, m in enumerate(mesh.materials) if m.color == paint.linear(paint.PAINTS[color])]
+            share = area[np.isin(mesh.material, worn)].sum() / area.sum()
+            assert share > 0.15, name
 
 
 def test_every_paint_will_do_and_no_other() -> None:
     for color in assets.PAINTS:
         assert f"paint-{color}" in {m.name for m in assets.build("quadrotor", color).materials}
     for name in assets.names():
-        with pytest.raises(UsageError, match="paint 'mauve' is not known"):
+        with pytest.raises(UsageError, match="'mauve'"):
             assets.build(name, "mauve")
 
 
-@pytest.mark.parametrize("name", assets.names())
-def test_who_shows_an_inscription(name: str) -> None:
-    a, b = (assets.build(name, "blue", text) for text in ("AB 123", "XY 789"))
-    pictures = [{m.texture.tobytes() for m in mesh.materials if m.texture is not None} for mesh in (a, b)]
-    assert (pictures[0] != pictures[1]) == (name in assets.inscribed())
+def test_who_shows_an_inscription() -> None:
+    for name in assets.names():
+        a, b = (assets.build(name, "blue", text) for text in ("AB 123", "XY 789"))
+        pictures = [{m.texture.tobytes() for m in mesh.materials if m.texture is not None} for mesh in (a, b)]
+        assert (pictures[0] != pictures[1]) == (name in assets.inscribed()), name
 
 
-@pytest.mark.parametrize("name", sorted(assets.inscribed()))
-@pytest.mark.parametrize("text", ["HEH 308", "88", "QB 0"])
-def test_letters_have_the_height_of_the_reading_probe(name: str, text: str) -> None:
+def test_letters_have_the_height_of_the_reading_probe() -> None:
     """Measured where they are: rows of ink in the texture times the metres that one row covers on the mesh."""
-    mesh = assets.build(name, "white", text)
-    wanted = LETTERS_M.get(name, PLATE_M)
-    faces = 0
-    for k, look in enumerate(mesh.materials):
-        if look.texture is None or text not in look.name:
-            continue
-        for one in np.flatnonzero(mesh.material == k):
-            corners = mesh.triangles[one]
-            (du, dv), rise = mesh.uv[corners[1]] - mesh.uv[corners[0]], np.ptp(mesh.vertices[corners, 2])
-            spread = np.ptp(mesh.uv[corners, 1])
-            grey = look.texture.astype(int).mean(axis=2)
-            ground = np.median(grey)
-            inner = np.abs(grey[4:-4, 4:-4] - ground) > 60  # a plate's frame is no letter
-            rows = np.flatnonzero(inner.any(axis=1))
-            high = (rows[-1] - rows[0] + 1) / look.texture.shape[0] / spread * rise
-            assert high == pytest.approx(wanted, rel=0.01)
-            faces += 1
-            assert abs(du) + abs(dv) > 0.0
-    assert faces in (2, 4)
+    for text in ("HEH 308", "88", "QB 0"):
+        for name in sorted(assets.inscribed()):
+            mesh = assets.build(name, "white", text)
+            wanted = LETTERS_M.get(name, PLATE_M)
+            faces = 0
+            for k, look in enumerate(mesh.materials):
+                if look.texture is None or text not in look.name:
+                    continue
+                for one in np.flatnonzero(mesh.material == k):
+                    corners = mesh.triangles[one]
+                    (du, dv), rise = mesh.uv[corners[1]] - mesh.uv[corners[0]], np.ptp(mesh.vertices[corners, 2])
+                    spread = np.ptp(mesh.uv[corners, 1])
+                    grey = look.texture.astype(int).mean(axis=2)
+                    ground = np.median(grey)
+                    inner = np.abs(grey[4:-4, 4:-4] - ground) > 60  # a plate's frame is no letter
+                    rows = np.flatnonzero(inner.any(axis=1))
+                    high = (rows[-1] - rows[0] + 1) / look.texture.shape[0] / spread * rise
+                    assert high == pytest.approx(wanted, rel=0.01), (name, text)
+                    faces += 1
+                    assert abs(du) + abs(dv) > 0.0, (name, text)
+            assert faces in (2, 4), (name, text)
 
 
 def test_a_sign_contrasts_with_its_letters_in_every_paint() -> None:

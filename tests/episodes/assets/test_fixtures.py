@@ -53,14 +53,14 @@ def facing_share(mesh: Mesh, seed: int = 1) -> float:
     return float((np.einsum("ij,ij->i", normal, way[met]) < 0.0).mean())
 
 
-@pytest.mark.parametrize("kind", sorted(fixtures.MAKERS))
-def test_fixtures(kind: str) -> None:
-    mesh = fixtures.MAKERS[kind]()
-    size = np.ptp(mesh.vertices, axis=0)
-    assert size == pytest.approx(np.array(SIZES[kind]), abs=0.12 + 0.02 * max(SIZES[kind]))
-    assert 0.0 <= mesh.vertices[:, 2].max() <= 0.45  # feet a little below the ground
-    assert facing_share(mesh) > 0.97
-    assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3)
+def test_fixtures() -> None:
+    for kind in sorted(fixtures.MAKERS):
+        mesh = fixtures.MAKERS[kind]()
+        size = np.ptp(mesh.vertices, axis=0)
+        assert size == pytest.approx(np.array(SIZES[kind]), abs=0.12 + 0.02 * max(SIZES[kind])), kind
+        assert 0.0 <= mesh.vertices[:, 2].max() <= 0.45, kind  # feet a little below the ground
+        assert facing_share(mesh) > 0.97, kind
+        assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3), kind
 
 
 @pytest.mark.parametrize("name", sorted(DRIVEN))

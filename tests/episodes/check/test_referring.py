@@ -22,24 +22,21 @@ def named(relation: str, place: tuple[float, float], *marks: str, others: dict[s
     return refers(Expression("bench", relation, marks or ("the fountain",)), "it", things, MARKS, VIEWER)
 
 
-@pytest.mark.parametrize(
-    ("relation", "place"),
-    [
+def test_sides_as_one_sees_them() -> None:
+    for relation, place in (
         ("left of", (20.0, -5.0)),
         ("right of", (20.0, 5.0)),
         ("in front of", (15.0, 0.0)),
         ("behind", (26.0, 1.0)),
         ("nearest", (26.0, -6.0)),
-    ],
-)
-def test_sides_as_one_sees_them(relation: str, place: tuple[float, float]) -> None:
-    held = [how for how in WORDS if how != "between" and named(how, place)]
-    assert relation in held
-    assert set(held) <= {relation, "nearest"}
-    if relation != "nearest":
-        behind_it = (40.0, 0.0, -1.5)
-        seen = denotes(Expression("bench", relation, ("the fountain",)), {"it": (*place, 0.0)}, MARKS, behind_it)
-        assert seen == ([], [])
+    ):
+        held = [how for how in WORDS if how != "between" and named(how, place)]
+        assert relation in held, relation
+        assert set(held) <= {relation, "nearest"}, relation
+        if relation != "nearest":
+            behind_it = (40.0, 0.0, -1.5)
+            seen = denotes(Expression("bench", relation, ("the fountain",)), {"it": (*place, 0.0)}, MARKS, behind_it)
+            assert seen == ([], []), relation
 
 
 def test_between_two_landmarks() -> None:
@@ -85,12 +82,12 @@ def test_directions_do_not_depend_on_the_compass(off: float, away: float, turned
                 assert len(here[0]) == len(there[0]) or abs(away - 12.0) < 0.01
 
 
-@pytest.mark.parametrize("relation", list(WORDS))
-@pytest.mark.parametrize("pattern", ["go to {}", "find {} and go to it", "locate {}, go after it and reach it"])
-def test_what_is_said_is_read_again(relation: str, pattern: str) -> None:
-    marks = ("the fountain", "Euler Hall") if relation == "between" else ("Euler Hall",)
-    said = Expression("bike rack", relation, marks)
-    assert read(pattern.format(said.words), MARKS) == said
+def test_what_is_said_is_read_again() -> None:
+    for pattern in ("go to {}", "find {} and go to it", "locate {}, go after it and reach it"):
+        for relation in list(WORDS):
+            marks = ("the fountain", "Euler Hall") if relation == "between" else ("Euler Hall",)
+            said = Expression("bike rack", relation, marks)
+            assert read(pattern.format(said.words), MARKS) == said, (relation, pattern)
 
 
 def test_only_known_landmarks_are_read() -> None:

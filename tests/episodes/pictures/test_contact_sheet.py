@@ -39,10 +39,10 @@ def test_a_sheet_shows_each_asset_at_each_distance(tmp_path: Path) -> None:
 
 
 def test_wrong_names_and_places_are_told_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="asset 'quadrotr' is not in the catalogue: did you mean quadrotor"):
+    with pytest.raises(UsageError, match=r"'quadrotr'.* quadrotor"):
         contact_sheet(["quadrotr"], tmp_path / "sheet.jpg")
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match="cannot be written"):
+    with pytest.raises(UsageError, match=r"file/sheet.jpg"):
         contact_sheet(["sign"], tmp_path / "file" / "sheet.jpg")
 
 

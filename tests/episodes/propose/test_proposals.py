@@ -47,7 +47,7 @@ def test_another_seed_makes_other_records() -> None:
     assert (a.target, a.starts) != (b.target, b.starts)
 
 
-@pytest.mark.slow
+@pytest.mark.slow("proposes the hundred episodes again")
 def test_the_catalogue_is_made_again_byte_for_byte() -> None:
     made = {r.id: r.to_json() for wanted in official.make() for r in wanted}
     assert made == {name: (catalogue.FOLDER / f"{name}.json").read_text(encoding="utf-8") for name in catalogue.ids()}
@@ -62,7 +62,7 @@ def test_command_writes_records_that_load(tmp_path: Path, capsys: pytest.Capture
     assert main(["episodes", "new", *asked]) == 0  # the same once more
     file.write_text("what somebody has made of it")
     assert main(["episodes", "new", *asked]) == 2
-    assert "holds another record" in capsys.readouterr().err
+    assert str(file) in capsys.readouterr().err
     assert file.read_text() == "what somebody has made of it"
 
 
@@ -70,7 +70,7 @@ def test_a_file_that_cannot_be_written_is_a_sentence(tmp_path: Path, capsys: pyt
     (tmp_path / "blocks-commanding-20.json").mkdir()
     asked = ["--map", "blocks", "--cell", "commanding", "--first", "20", "--out", str(tmp_path)]
     assert main(["episodes", "new", *asked]) == 2
-    assert "cannot be written: Is a directory." in capsys.readouterr().err
+    assert "blocks-commanding-20.json" in capsys.readouterr().err
 
 
 def test_numbers_go_on_after_what_ships() -> None:
@@ -79,23 +79,18 @@ def test_numbers_go_on_after_what_ships() -> None:
     assert first_free("campus", "commanding") == first_free("my-yard", "tracking") == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--map", "moon", "--cell", "approaching"], "map 'moon'"),
-        (["--map", "campus", "--cell", "chasing"], "cell 'chasing'"),
+def test_wrong_requests_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, says in (
+        (["--map", "moon", "--cell", "approaching"], "'moon'"),
+        (["--map", "campus", "--cell", "chasing"], "'chasing'"),
         (["--map", "campus", "--cell", "approaching", "--count", "0"], "--count"),
         (["--map", "campus", "--cell", "approaching", "--count", "10", "--first", "95"], "--first"),
         (["--map", "campus", "--cell", "approaching", "--seed", "-1"], "--seed"),
         (["--map", "campus"], "--cell"),
         (["--official", "--map", "campus"], "--official"),
-    ],
-)
-def test_wrong_requests_are_refused(
-    arguments: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["episodes", "new", *arguments, "--out", str(tmp_path / "made")]) == 2
-    assert says in capsys.readouterr().err
+    ):
+        assert main(["episodes", "new", *arguments, "--out", str(tmp_path / "made")]) == 2, arguments
+        assert says in capsys.readouterr().err, arguments
 
 
 def test_a_stretch_of_a_lane_keeps_to_the_ground() -> None:
@@ -132,8 +127,8 @@ def test_plates_are_alike_but_not_the_same() -> None:
             assert 1 <= sum(x != y for x, y in zip(a, b, strict=True)) <= 4
 
 
-@pytest.mark.parametrize("cell", CELLS)
-def test_a_map_without_places_is_refused(cell: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenery, "places", lambda name, seed: Places((), ()))
-    with pytest.raises(UsageError, match="passes the checks"):
-        propose(RecordRequest("blocks", cell, 1, 1, 1))
+def test_a_map_without_places_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cell in CELLS:
+        monkeypatch.setattr(scenery, "places", lambda name, seed: Places((), ()))
+        with pytest.raises(UsageError, match="blocks"):
+            propose(RecordRequest("blocks", cell, 1, 1, 1))

@@ -143,5 +143,5 @@ def test_the_camera_sits_ahead_of_and_below_the_body():
 
 def test_ids_must_be_unique():
     twice = [instance(4, box_mesh(1, 1, 1), (0, 0, 0)), instance(4, box_mesh(1, 1, 1), (5, 0, 0))]
-    with pytest.raises(UsageError, match="repeat"):
+    with pytest.raises(UsageError, match=r"'test'.* ids "):
         Renderer(scene_of(twice), CAMERA, shadow_cells=64)

@@ -113,7 +113,7 @@ def test_a_moved_thing_may_be_tilted_or_not_be_there(post):
 
 
 def test_only_movable_things_can_be_moved(post):
-    with pytest.raises(UsageError, match="3 cannot be moved"):
+    with pytest.raises(UsageError, match="3"):
         post.render(from_above(20.0), {3: ((0.0, 0.0, 0.0), 0.0)})
 
 
@@ -266,7 +266,7 @@ def test_a_texture_of_the_wrong_kind_is_refused():
 def test_a_mesh_with_a_corner_at_infinity_is_refused():
     uv = [(0, 0), (1, 0), (float("inf"), 1)]
     mesh = mesh_of([(0, -1, -1), (0, 1, -1), (0, 1, 1)], [(0, 1, 2)], uv=uv)
-    with pytest.raises(UsageError, match="not finite"):
+    with pytest.raises(UsageError, match="finite"):
         Renderer(scene_of([instance(1, mesh, (0, 0, 0))]), CAMERA, shadow_cells=64)
 
 

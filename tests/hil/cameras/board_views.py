@@ -1,6 +1,7 @@
 """A chessboard as a camera with a known lens would see it: every pixel's ray is followed back to the board."""
 
 import math
+from functools import cache
 
 import cv2
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from hil.cameras.calibration import Calibration
 from hil.cameras.chessboard import Board
 
-SAMPLES = 3  # per pixel and axis: edges are grey, as in a real picture
+SAMPLES = 2  # per pixel and axis: edges are grey, as in a real picture
 BOARD = Board(9, 6, 0.025)
 LENS = Calibration(
     640, 480, ((520.0, 0.0, 326.0), (0.0, 518.0, 236.0), (0.0, 0.0, 1.0)), (-0.28, 0.09, 8e-4, -6e-4, 0.0)
@@ -28,7 +29,7 @@ def rays(lens: Calibration) -> np.ndarray:
     points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 1, 2)
     done = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-10)
     straight: np.ndarray = cv2.undistortPoints(points, np.array(lens.matrix), np.array(lens.distortion), criteria=done)
-    return straight.reshape(len(ys), len(xs), 2)
+    return straight.reshape(len(ys), len(xs), 2).astype(np.float32)
 
 
 def placed(pose: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -55,10 +56,9 @@ def corners_of(pose: tuple[float, ...], noise_px: float) -> np.ndarray:
 def view(directions: np.ndarray, pose: tuple[float, ...], board: Board = BOARD) -> np.ndarray:
     """Return the (H, W, 3) picture of the board: white card with black squares, before grey."""
     turn, middle = placed(pose)
-    normal = turn[:, 2]
-    rays3 = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], axis=-1)
-    hit = rays3 * ((normal @ middle) / (rays3 @ normal))[..., None] - middle
-    u, v = (hit @ turn[:, k] / board.square_m for k in (0, 1))
+    right, down, normal = turn.T
+    to_board = [normal @ middle * axis - axis @ middle * normal for axis in (right, down)]
+    u, v = cv2.split(cv2.perspectiveTransform(directions, np.array([*to_board, board.square_m * normal])))
     columns, rows = (board.columns + 1) / 2, (board.rows + 1) / 2
     odd = (np.floor(u + columns) + np.floor(v + rows)) % 2 == 0
     light = np.where((abs(u) < columns) & (abs(v) < rows) & odd, 25.0, 230.0)
@@ -68,3 +68,10 @@ def view(directions: np.ndarray, pose: tuple[float, ...], board: Board = BOARD) 
     noisy = grey + np.random.default_rng(7).normal(0.0, 2.0, grey.shape)
     picture: np.ndarray = cv2.cvtColor(np.clip(noisy, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
     return picture
+
+
+@cache
+def views() -> tuple[np.ndarray, ...]:
+    """Return the pictures of the board in every pose, drawn once."""
+    directions = rays(LENS)
+    return tuple(view(directions, pose) for pose in POSES)

@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +16,8 @@ from foundation.errors import UsageError
 from hil.cameras.calibration import Calibration, load, save
 from hil.cameras.chessboard import Board, board_of, corners, fit, is_new
 from hil.cameras.lens import Lens
-from tests.hil.cameras.board_views import BOARD, LENS, POSES, corners_of, placed, rays, view
+from tests.hil.cameras.board_views import BOARD, LENS, POSES, corners_of, placed, views
+from tests.support.refusal import refusal
 
 FISHEYE = Calibration(
     640, 480, ((280.0, 0.0, 322.0), (0.0, 280.0, 237.0), (0.0, 0.0, 1.0)), (0.02, -0.006, 0.002, -4e-4), True
@@ -28,16 +31,9 @@ def model_of(lens: Lens) -> CameraModel:
 
 
 @pytest.fixture(scope="module")
-def views():
-    """Return the pictures of the board in every pose."""
-    directions = rays(LENS)
-    return [view(directions, pose) for pose in POSES]
-
-
-@pytest.fixture(scope="module")
-def seen(views):
-    """Return the corners in those pictures."""
-    found = [corners(picture, BOARD) for picture in views]
+def seen():
+    """Return the corners in the pictures of the board in every pose."""
+    found = [corners(picture, BOARD) for picture in views()]
     assert all(places is not None for places in found)
     return found
 
@@ -65,11 +61,11 @@ def test_a_known_lens_is_found_again(seen):
     assert model_of(Lens(found.calibration)).hfov_deg == pytest.approx(model_of(Lens(LENS)).hfov_deg, abs=0.3)
 
 
-def test_a_straightened_picture_is_the_pinholes_that_the_model_says(views):
+def test_a_straightened_picture_is_the_pinholes_that_the_model_says():
     """Where a pinhole of that width and field of view, its axis in the middle of the picture, would see the corners."""
     lens = Lens(LENS)
     model = model_of(lens)
-    for pose, picture in zip(POSES[:6], views, strict=False):
+    for pose, picture in zip(POSES[:6], views(), strict=False):
         places = corners(lens.straightened(picture), BOARD)
         assert places is not None
         turn, middle = placed(pose)
@@ -119,13 +115,13 @@ def test_without_a_calibration_pictures_stay_and_the_field_of_view_is_what_was_s
 
 
 def test_a_picture_of_another_size_is_refused():
-    with pytest.raises(UsageError, match="gives 160×90 px, and its calibration is of 640×480 px"):
+    with pytest.raises(UsageError, match=r"160×90.*640×480"):
         Lens(LENS).straightened(np.zeros((90, 160, 3), np.uint8))
 
 
 @pytest.mark.parametrize("bend", [(-3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.9, 0.9), (50.0, -900.0, 0.0, 0.0)])
 def test_a_lens_that_cannot_be_undone_is_refused(bend):
-    with pytest.raises(UsageError, match="the calibration's lens cannot be undone"):
+    with pytest.raises(UsageError, match="lens"):
         Lens(Calibration(640, 480, LENS.matrix, bend))
 
 
@@ -133,20 +129,20 @@ def test_a_lens_that_cannot_be_undone_is_refused(bend):
 
 
 def test_too_few_views_are_refused(seen):
-    with pytest.raises(UsageError, match="9×6 inner corners is seen in 9 different pictures, and 10 are wanted"):
+    with pytest.raises(UsageError, match=r"9×6.* 9 .* 10 "):
         fit(seen[:9], BOARD, 640, 480)
 
 
 def test_a_wrong_board_is_refused(seen):
     """The same number of corners, read as the board's other way round: nothing fits."""
-    with pytest.raises(UsageError, match=r"the reprojection error is \d+\.\d\d px, and more than 1 is no calibration"):
+    with pytest.raises(UsageError, match=r"\d+\.\d\d px.* 1 "):
         fit(seen, Board(6, 9, 0.025), 640, 480)
 
 
 def test_a_board_that_was_never_tilted_is_refused():
     """It fits perfectly, the solver is sure of itself to 0.01 %, and its focal length is a third too short."""
     flat = [(0, 0, 2.0 * k, 0.5 * math.cos(k), 0.5 * math.sin(k), 0.33) for k in range(10)]
-    with pytest.raises(UsageError, match="always shown at nearly the same angle, which leaves the focal length open"):
+    with pytest.raises(UsageError, match="angle"):
         fit([corners_of(pose, 0.1) for pose in flat], BOARD, 640, 480)
 
 
@@ -155,21 +151,19 @@ def test_a_focal_length_that_is_not_known_well_is_refused():
         (9 * math.cos(k), 9 * math.sin(k), 0.0, 0.5 * math.cos(2.4 * k), 0.5 * math.sin(2.4 * k), 0.33)
         for k in range(10)
     ]
-    with pytest.raises(UsageError, match=r"the focal length is known to \d+\.\d% only, and 1% is wanted"):
+    with pytest.raises(UsageError, match=r"\d+\.\d%.* 1%"):
         fit([corners_of(pose, 0.6) for pose in little], BOARD, 640, 480)
 
 
 def test_a_board_in_the_middle_only_is_refused():
     middle = [(30 * math.cos(k), 30 * math.sin(k), 9 * k, 0.0, 0.0, 0.42) for k in range(12)]
-    with pytest.raises(
-        UsageError, match=r"seen in \d+% of the picture, and 50% is wanted: bring the board to the edges"
-    ):
+    with pytest.raises(UsageError, match=r"\d+%.* 50%"):
         fit([corners_of(pose, 0.1) for pose in middle], BOARD, 640, 480)
 
 
-def test_a_picture_without_a_board_has_no_corners(views):
+def test_a_picture_without_a_board_has_no_corners():
     assert corners(np.full((480, 640, 3), 128, np.uint8), BOARD) is None
-    assert corners(views[0], Board(8, 7, 0.025)) is None
+    assert corners(views()[0], Board(8, 7, 0.025)) is None
 
 
 def test_a_view_is_new_when_the_board_has_moved(seen):
@@ -177,25 +171,24 @@ def test_a_view_is_new_when_the_board_has_moved(seen):
     assert is_new(seen[1], seen[:1], 640)
 
 
-@pytest.mark.parametrize("size", ["9", "9x", "axb", "2x9", "60x9", "6x6", "", "-9x6"])
-def test_what_is_no_board_is_refused(size):
-    with pytest.raises(UsageError, match="--board wants"):
-        board_of(size, 0.025)
+def test_what_is_no_board_is_refused():
+    for size in ["9", "9x", "axb", "2x9", "60x9", "6x6", "", "-9x6"]:
+        assert "--board" in refusal(board_of, size, 0.025)
 
 
 def test_squares_are_in_metres():
-    with pytest.raises(UsageError, match=r"--square wants the side of a square in metres, from 0\.001 to 10, not 25"):
+    with pytest.raises(UsageError, match=r"--square.*0\.001.*10.*25"):
         board_of("9x6", 25.0)
 
 
 # -- the file ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ending", [".yml", ".yaml", ".json", ".xml"])
-@pytest.mark.parametrize("lens", [LENS, FISHEYE])
-def test_what_is_written_is_read(tmp_path, ending, lens):
-    save(lens, tmp_path / f"camera{ending}")
-    assert load(tmp_path / f"camera{ending}") == lens
+def test_what_is_written_is_read(tmp_path):
+    for ending in [".yml", ".yaml", ".json", ".xml"]:
+        for lens in [LENS, FISHEYE]:
+            save(lens, tmp_path / f"camera{ending}")
+            assert load(tmp_path / f"camera{ending}") == lens, (ending, lens)
 
 
 def test_a_file_of_opencvs_own_making_is_read(tmp_path):
@@ -224,25 +217,22 @@ GOOD = {
 }
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"image_width": None}, "'image_width' is missing"),
-        ({"image_height": "tall"}, "'image_height' is missing"),
-        ({"image_width": -640}, "'image_width' is not the width"),
-        ({"camera_matrix": None}, "'camera_matrix' is missing"),
-        ({"camera_matrix": matrix(2, 2, [1.0, 0.0, 0.0, 1.0])}, "'camera_matrix' is not a matrix of 3 × 3"),
-        ({"camera_matrix": matrix(3, 3, [0.0] * 9)}, "'camera_matrix' is not that of a camera with 640×480 px"),
-        ({"image_width": 320}, "'camera_matrix' is not that of a camera with 320×480 px"),
-        ({"distortion_coefficients": matrix(1, 3, [0.0] * 3)}, "'distortion_coefficients' does not hold 4 or 5 or 8"),
-        ({"fisheye_model": 1, "distortion_coefficients": matrix(1, 5, [0.0] * 5)}, "does not hold 4 numbers"),
-    ],
-)
-def test_what_is_wrong_in_a_file_is_named(tmp_path, change, said):
-    path = tmp_path / "camera.json"
-    path.write_text(json.dumps({name: value for name, value in {**GOOD, **change}.items() if value is not None}))
-    with pytest.raises(UsageError, match=said):
-        load(path)
+def test_what_is_wrong_in_a_file_is_named(tmp_path):
+    changes: list[tuple[dict[str, Any], str]] = [
+        ({"image_width": None}, "'image_width'"),
+        ({"image_height": "tall"}, "'image_height'"),
+        ({"image_width": -640}, "'image_width'"),
+        ({"camera_matrix": None}, "'camera_matrix'"),
+        ({"camera_matrix": matrix(2, 2, [1.0, 0.0, 0.0, 1.0])}, "'camera_matrix'.*3 × 3"),
+        ({"camera_matrix": matrix(3, 3, [0.0] * 9)}, "'camera_matrix'.*640×480"),
+        ({"image_width": 320}, "'camera_matrix'.*320×480"),
+        ({"distortion_coefficients": matrix(1, 3, [0.0] * 3)}, "'distortion_coefficients'.* 4 or 5 or 8"),
+        ({"fisheye_model": 1, "distortion_coefficients": matrix(1, 5, [0.0] * 5)}, "'distortion_coefficients'.* 4 "),
+    ]
+    for change, words in changes:
+        path = tmp_path / "camera.json"
+        path.write_text(json.dumps({name: value for name, value in {**GOOD, **change}.items() if value is not None}))
+        assert re.search(words, refusal(load, path)), change
 
 
 def test_what_is_no_file_of_opencvs_is_said(tmp_path):
@@ -251,11 +241,11 @@ def test_what_is_no_file_of_opencvs_is_said(tmp_path):
         path.write_bytes(content)
         with pytest.raises(UsageError, match=r"camera\.yml'"):
             load(path)
-    with pytest.raises(UsageError, match="cannot be read: No such file"):
+    with pytest.raises(UsageError, match=r"none\.yml"):
         load(tmp_path / "none.yml")
-    with pytest.raises(UsageError, match="should end in"):
+    with pytest.raises(UsageError, match=r"camera\.txt"):
         save(LENS, tmp_path / "camera.txt")
-    with pytest.raises(UsageError, match="cannot be written"):
+    with pytest.raises(UsageError, match=r"camera\.yml"):
         save(LENS, tmp_path / "no" / "camera.yml")
 
 
@@ -263,5 +253,5 @@ def test_what_is_no_file_of_opencvs_is_said(tmp_path):
 def test_nonsense_is_a_sentence(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "nonsense.yml"
     path.write_text(f"%YAML:1.0\n---\n{text}", encoding="utf-8", errors="replace")
-    with pytest.raises(UsageError, match="calibration file"):
+    with pytest.raises(UsageError, match=r"nonsense\.yml"):
         load(path)

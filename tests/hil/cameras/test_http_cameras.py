@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from foundation.errors import CameraError, UsageError
+from foundation.errors import CameraError
 from hil.cameras.mjpeg import Multipart
 from hil.cameras.open import open_camera
 from hil.cameras.snapshot import HttpCamera
@@ -16,6 +16,7 @@ from hil.cameras.stream import StreamCamera
 from tests.hil.cameras import picture_code
 from tests.hil.cameras.host_clock import host_us
 from tests.hil.cameras.http_cameras import HttpServer, MjpegServer, jpeg, reply
+from tests.support.refusal import refusal
 
 
 @pytest.fixture
@@ -46,7 +47,7 @@ def test_a_snapshot_that_is_old_is_an_error_and_no_picture(serve):
     stamped = {"X_Frame_Id": "41", "X_Frame_Time_Us": "7000000"}
     server = serve(HttpServer(lambda handler: reply(handler, 200, jpeg(5), **stamped)))
     camera = open_camera(server.url(), lambda: 8_600_000)
-    with pytest.raises(CameraError, match=r"gives no frame: the newest is 1\.6 s old"):
+    with pytest.raises(CameraError, match=r"1\.6 s"):
         camera.newest()
     camera.close()
 
@@ -107,7 +108,7 @@ def test_a_stream_that_falls_silent_is_an_error_in_a_second_and_not_an_old_pictu
     camera = StreamCamera(*stream_of(server), patience_s=0.2)
     camera.following(1)
     threading.Event().wait(1.2)
-    with pytest.raises(CameraError, match=r"gives no frame: the last one is 1\.\d s old"):
+    with pytest.raises(CameraError, match=r"1\.\d s"):
         camera.newest()
     camera.close()
 
@@ -169,18 +170,18 @@ def test_basic_authentication(serve):
 
 
 @pytest.mark.parametrize(
-    ("status", "body", "headers", "said"),
+    ("status", "body", "headers", "word"),
     [
-        (503, b"still starting\n", {}, "it answered 503 still starting"),
-        (200, b"<html>", {"Content_Type": "text/html"}, "what it sent is not a picture"),
-        (200, b"", {}, "what it sent is not a picture"),
-        (200, jpeg(1), {"X_Frame_Id": "seven"}, "X-Frame headers are not whole numbers"),
-        (200, b"", {"Content_Type": "multipart/x-mixed-replace"}, "names no boundary"),
+        (503, b"still starting\n", {}, "503"),
+        (200, b"<html>", {"Content_Type": "text/html"}, "picture"),
+        (200, b"", {}, "picture"),
+        (200, jpeg(1), {"X_Frame_Id": "seven"}, "X-Frame"),
+        (200, b"", {"Content_Type": "multipart/x-mixed-replace"}, "boundary"),
     ],
 )
-def test_what_is_wrong_is_one_sentence_without_the_password(serve, status, body, headers, said):
+def test_what_is_wrong_is_one_sentence_without_the_password(serve, status, body, headers, word):
     server = serve(HttpServer(lambda handler: reply(handler, status, body, **headers)))
-    with pytest.raises(CameraError, match=said) as caught:
+    with pytest.raises(CameraError, match=word) as caught:
         open_camera(server.url("/x.jpg?channel=1&password=hush2", user="pilot:hush1"), host_us).newest()
     assert "hush" not in str(caught.value)
     assert "pilot" not in str(caught.value)
@@ -189,12 +190,12 @@ def test_what_is_wrong_is_one_sentence_without_the_password(serve, status, body,
 
 def test_nobody_there_is_said_without_the_password():
     for url in ("http://pilot:hush@127.0.0.1:1/x", "rtsp://pilot:hush@127.0.0.1:1/x?token=hush"):
-        with pytest.raises(CameraError, match=r"\*\*\*@127\.0\.0\.1:1/x.* gives no frame") as caught:
+        with pytest.raises(CameraError, match=r"\*\*\*@127\.0\.0\.1:1/x") as caught:
             open_camera(url, host_us)
         assert "hush" not in str(caught.value)
-    with pytest.raises(UsageError, match="special characters of a password") as wrong:
-        open_camera("http://pilot:hu/sh@host/x", host_us)
-    assert str(wrong.value).startswith("camera 'http://***@host/x' is no http address")
+    message = refusal(open_camera, "http://pilot:hu/sh@host/x", host_us)
+    assert "http://***@host/x" in message
+    assert "hu/sh" not in message
 
 
 PARTS = st.lists(st.binary(min_size=1, max_size=200).filter(lambda b: b"--B" not in b), min_size=1, max_size=5)

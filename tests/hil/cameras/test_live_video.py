@@ -11,27 +11,12 @@ from foundation.errors import CameraError
 from hil.cameras.open import open_camera
 from tests.hil.cameras import picture_code
 from tests.hil.cameras.host_clock import host_us
+from tests.needs import SYSTEM_PYTHON, needs
 
 SERVER = Path(__file__).with_name("rtsp_server.py")
-SYSTEM_PYTHON = "/usr/bin/python3"  # GStreamer's bindings come with the system, not from PyPI
 SPAN = 1 << picture_code.BITS  # hundredths of a second after which births repeat
-PROBE = (
-    "import gi; gi.require_version('GstRtspServer', '1.0'); gi.require_version('Gst', '1.0');"
-    "from gi.repository import Gst, GstRtspServer; Gst.init(None);"
-    "assert all(map(Gst.ElementFactory.find, ('x264enc', 'rtph264pay', 'appsrc')))"
-)
 
-
-def has_gstreamer() -> bool:
-    try:
-        return subprocess.run([SYSTEM_PYTHON, "-c", PROBE], capture_output=True, check=False).returncode == 0
-    except OSError:
-        return False
-
-
-pytestmark = pytest.mark.skipif(
-    not has_gstreamer(), reason="no RTSP server: apt install the packages that rtsp_server.py names"
-)
+pytestmark = needs("rtsp")
 
 
 class Server:
@@ -82,7 +67,7 @@ def test_a_server_that_goes_away_and_comes_back(server):
     server.close()
     threading.Event().wait(1.5)
     started = time.monotonic()
-    with pytest.raises(CameraError, match=r"the last one is \d\.\d s old") as caught:
+    with pytest.raises(CameraError, match=r"\d\.\d s") as caught:
         camera.newest()
     assert 4.0 < time.monotonic() - started < 7.0  # it is waited for, the vehicle holding meanwhile
     assert "hush" not in str(caught.value)
@@ -96,6 +81,6 @@ def test_a_server_that_goes_away_and_comes_back(server):
 
 
 def test_a_wrong_password_is_not_repeated(server):
-    with pytest.raises(CameraError, match=r"rtsp://\*\*\*@127.0.0.1:\d+/live gives no frame: no video comes") as caught:
+    with pytest.raises(CameraError, match=r"rtsp://\*\*\*@127\.0\.0\.1:\d+/live") as caught:
         open_camera(server.url("guess"), host_us)
     assert "guess" not in str(caught.value)

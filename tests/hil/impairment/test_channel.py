@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from foundation.errors import UsageError
 from hil.impairment.channel import LATE_S, Channel, Impairment
+from tests.support.refusal import refusal
 
 SHARES = st.floats(0.0, 1.0)
 WIRES = st.builds(
@@ -126,17 +126,14 @@ def test_noise_changes_bytes_and_keeps_lengths() -> None:
     assert sum(set(unit) != {n} for n, (_, unit) in enumerate(out)) == channel.counts.corrupted
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
+def test_what_no_wire_can_be_is_refused() -> None:
+    wrong: list[dict[str, Any]] = [
         {"loss": 1.5},
         {"loss": float("nan")},
         {"delay_s": -1.0},
         {"baud": 10},
         {"queue_bytes": 3},
         {"cuts": ((2.0, 1.0),)},
-    ],
-)
-def test_what_no_wire_can_be_is_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(UsageError):
-        Impairment(**wrong)
+    ]
+    for fields in wrong:
+        assert refusal(Impairment, **fields)

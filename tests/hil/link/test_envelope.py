@@ -4,7 +4,7 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import LinkError
@@ -40,6 +40,7 @@ def fly(target, limits, seconds=60.0, yaw=0.0, at=(0.0, 0.0, -2.5)):
     return path
 
 
+@settings(max_examples=40)
 @given(speeds, speeds, speeds, st.floats(-3.1, 3.1))
 def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
     limits = Limits(ceiling_m=6.0, floor_m=0.7, radius_m=8.0)
@@ -49,12 +50,14 @@ def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
 
 
 @pytest.mark.parametrize("polygon", [SQUARE, NOOK])
+@settings(max_examples=40)
 @given(speeds, speeds)
 def test_no_velocity_enters_an_exclusion(polygon, forward, right):
     path = fly(VelocitySetpoint((forward, right, 0.0), 0.0), Limits(exclusions=(polygon,)), 20.0)
     assert not any(contains(polygon, (n, e)) for n, e, _ in path)
 
 
+@settings(max_examples=40)
 @given(st.floats(-30, 30), st.floats(-30, 30), st.floats(-30, 30))
 def test_no_place_leads_outside(north, east, down):
     limits = Limits(ceiling_m=6.0, radius_m=9.0, exclusions=(SQUARE,))
@@ -136,6 +139,7 @@ def test_a_target_that_is_no_number_stands_still(bad):
         assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 
 
+@settings(max_examples=40)
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-20, -2))
 def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
     limits = Limits(speed=1.5, climb=1.2, ceiling_m=30.0)
@@ -148,7 +152,7 @@ def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
 
 @pytest.mark.parametrize(
     ("least", "told", "said"),
-    [(0.3, None, "battery_min = 0.3 cannot be watched"), (0.3, 0.2, None), (None, None, None)],
+    [(0.3, None, "battery_min = 0.3"), (0.3, 0.2, None), (None, None, None)],
 )
 def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, told, said):
     what = unwatched(state((0, 0, -2), battery_remaining=told), Limits(battery_min=least))

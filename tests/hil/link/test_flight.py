@@ -71,7 +71,7 @@ def test_an_offboard_that_stays_refused_is_said_with_the_autopilot_s_words(vehic
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.fly(Hold())
-    with pytest.raises(LinkError, match=r"mode OFFBOARD was .*no valid position"):
+    with pytest.raises(LinkError, match=r"OFFBOARD.*no valid position"):
         link.start_offboard()
     assert sum(c[0] == 176 for c in vehicle.commands) in asked
 
@@ -132,7 +132,7 @@ def test_a_refusal_has_the_autopilots_words(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     vehicle.refuses[22] = (1, "Takeoff denied! No valid position")
-    with pytest.raises(LinkError, match=r"take-off was temporarily rejected .*No valid position"):
+    with pytest.raises(LinkError, match=r"take-off.*No valid position"):
         link.order("take-off", 22)
 
 

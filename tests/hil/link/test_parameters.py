@@ -30,7 +30,7 @@ def test_a_name_that_nobody_knows_is_none(meet, tells):
 
 def test_a_name_that_nobody_knows_cannot_be_set(meet):
     _, link = meet()
-    with pytest.raises(LinkError, match="has no parameter NO_SUCH"):
+    with pytest.raises(LinkError, match="NO_SUCH"):
         Parameters(link).set("NO_SUCH", 1)
 
 
@@ -44,13 +44,13 @@ def test_what_is_set_is_held(meet, name, value):
 
 def test_an_autopilot_that_keeps_its_value_is_told_on(meet):
     _, link = meet(keeps=("COM_OBL_RC_ACT",))
-    with pytest.raises(LinkError, match="holds COM_OBL_RC_ACT at 0 although it was told 5"):
+    with pytest.raises(LinkError, match=r"COM_OBL_RC_ACT.* 0 .* 5"):
         Parameters(link).set("COM_OBL_RC_ACT", 5)
 
 
 def test_an_autopilot_that_does_not_answer_settings_is_told_on(meet):
     _, link = meet(deaf_to=("PARAM_SET",))
-    with pytest.raises(LinkError, match="holds COM_OBL_RC_ACT at 0"):
+    with pytest.raises(LinkError, match=r"COM_OBL_RC_ACT.* 0 "):
         Parameters(link).set("COM_OBL_RC_ACT", 5)
 
 
@@ -67,7 +67,7 @@ def test_a_value_that_the_type_cannot_hold_is_refused_before_it_is_sent(meet, na
 @pytest.mark.parametrize("name", ["", "A_NAME_OF_MORE_THAN_16", "SÜSS"])
 def test_a_name_that_is_none_is_refused(meet, name):
     _, link = meet()
-    with pytest.raises(UsageError, match="is no parameter"):
+    with pytest.raises(UsageError, match="parameter"):
         Parameters(link).read(name)
 
 

@@ -51,7 +51,7 @@ def test_silence_is_noticed(flying):
     link, peer = flying
     link.wait(0.2)
     peer.beating = False
-    with pytest.raises(LinkError, match="has been silent"):
+    with pytest.raises(LinkError, match="silent"):
         link.wait(60.0)
 
 
@@ -59,13 +59,13 @@ def test_heartbeats_without_telemetry_are_noticed(flying):
     link, peer = flying
     link.wait(0.2)
     peer.positions = False
-    with pytest.raises(LinkError, match="sends no telemetry any more"):
+    with pytest.raises(LinkError, match="telemetry"):
         link.wait(60.0)
 
 
 def test_nobody_there_is_said_after_the_patience():
     transport = connect("udpin://127.0.0.1:0")
     link = Link(transport)
-    with pytest.raises(LinkError, match="no MAVLink heartbeat"):
+    with pytest.raises(LinkError, match="heartbeat"):
         link.connect(1.0)
     link.close()

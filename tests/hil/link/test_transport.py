@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from foundation.errors import DronecatsError, LinkError, UsageError
 from hil.link.transport import MemoryTransport, UdpTransport, connect
 from tests.hil.link import listening
+from tests.support.refusal import refusal
 
 
 def test_udp_answers_whoever_spoke_last():
@@ -82,7 +83,7 @@ def test_a_port_in_use_is_named_with_its_holder():
     holder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     holder.bind(("127.0.0.1", 0))
     port = holder.getsockname()[1]
-    with pytest.raises(UsageError, match=rf"UDP port {port} is in use by .*process id \d+"):
+    with pytest.raises(UsageError, match=rf"{port}.*{os.getpid()}"):
         connect(f"udpin://127.0.0.1:{port}")
     holder.close()
 
@@ -98,13 +99,12 @@ def test_tcp_says_when_it_ends():
         client.receive(2.0)
     client.close()
     listener.close()
-    with pytest.raises(LinkError, match="nothing answers"):
+    with pytest.raises(LinkError, match=r"127\.0\.0\.1:1"):
         connect("tcp://127.0.0.1:1")
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
+def test_malformed_urls_are_one_sentence():
+    for url in [
         "",
         "udpin",
         "udpin://",
@@ -113,11 +113,8 @@ def test_tcp_says_when_it_ends():
         "ftp://h:1",
         "serial:///dev/x:fast",
         "udp://[::1",
-    ],
-)
-def test_malformed_urls_are_one_sentence(url):
-    with pytest.raises(UsageError, match="--connect"):
-        connect(url)
+    ]:
+        assert "--connect" in refusal(connect, url)
 
 
 @given(st.text(max_size=30))

@@ -2,8 +2,6 @@
 
 import itertools
 
-import pytest
-
 from hil.preflight import failsafes, fence
 from hil.preflight.failsafes import RULES, Situation, findings
 
@@ -36,69 +34,72 @@ def test_a_sane_vehicle_passes_everywhere():
     assert all(f.row.passed for f in found)
 
 
-@pytest.mark.parametrize("sticks", [False, True])
-@pytest.mark.parametrize("value", range(8))
-def test_only_what_keeps_it_in_the_air_or_brings_it_down_softly_may_follow_our_loss(value, sticks):
-    expected = (True, None) if value in (3, 4, 5) else (False, 5)
-    assert judged("COM_OBL_RC_ACT", value, sticks=sticks) == expected
+def test_only_what_keeps_it_in_the_air_or_brings_it_down_softly_may_follow_our_loss():
+    for sticks in [False, True]:
+        for value in range(8):
+            expected = (True, None) if value in (3, 4, 5) else (False, 5)
+            assert judged("COM_OBL_RC_ACT", value, sticks=sticks) == expected, (value, sticks)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "expected"),
-    [(0.0, (False, 0.5)), (0.2, (False, 0.5)), (0.5, (True, None)), (1.0, (True, 0.5)), (1.1, (False, 0.5)),
-     (60.0, (False, 0.5))],
-)  # fmt: skip
-def test_the_offboard_timeout(seconds, expected):
-    assert judged("COM_OF_LOSS_T", seconds) == expected
+def test_the_offboard_timeout():
+    for seconds, expected in [
+        (0.0, (False, 0.5)), (0.2, (False, 0.5)), (0.5, (True, None)), (1.0, (True, 0.5)), (1.1, (False, 0.5)),
+        (60.0, (False, 0.5)),
+    ]:  # fmt: skip
+        assert judged("COM_OF_LOSS_T", seconds) == expected, seconds
 
 
-@pytest.mark.parametrize("value", range(32))
-def test_the_failsafe_of_sticks_is_never_switched_off_for_whoever_has_sticks(value):
-    passed, new = judged("COM_RCL_EXCEPT", value, sticks=True)
-    assert passed is not bool(value & 4)
-    assert new == (value & ~4 if value & 4 else None)
+def test_the_failsafe_of_sticks_is_never_switched_off_for_whoever_has_sticks():
+    for value in range(32):
+        passed, new = judged("COM_RCL_EXCEPT", value, sticks=True)
+        assert passed is not bool(value & 4), value
+        assert new == (value & ~4 if value & 4 else None), value
 
 
-@pytest.mark.parametrize("value", range(32))
-@pytest.mark.parametrize("version", [(0, 0), (1, 13), (1, 14), (1, 15)])
-def test_absent_sticks_are_only_exempted_where_the_firmware_needs_it(value, version):
-    needed = version == (1, 13) and not value & 4
-    assert judged("COM_RCL_EXCEPT", value, version=version) == ((False, value | 4) if needed else (True, None))
+def test_absent_sticks_are_only_exempted_where_the_firmware_needs_it():
+    for value in range(32):
+        for version in [(0, 0), (1, 13), (1, 14), (1, 15)]:
+            needed = version == (1, 13) and not value & 4
+            expected = (False, value | 4) if needed else (True, None)
+            assert judged("COM_RCL_EXCEPT", value, version=version) == expected, (value, version)
 
 
-@pytest.mark.parametrize("value", range(4))
-def test_sticks_override_offboard_for_whoever_has_sticks(value):
-    assert judged("COM_RC_OVERRIDE", value) == (True, None)
-    expected = (True, None) if value == 3 else (False, 3)
-    assert judged("COM_RC_OVERRIDE", value, sticks=True) == expected
+def test_sticks_override_offboard_for_whoever_has_sticks():
+    for value in range(4):
+        assert judged("COM_RC_OVERRIDE", value) == (True, None), value
+        expected = (True, None) if value == 3 else (False, 3)
+        assert judged("COM_RC_OVERRIDE", value, sticks=True) == expected, value
 
 
-@pytest.mark.parametrize("name", ["NAV_RCL_ACT", "NAV_DLL_ACT"])
-@pytest.mark.parametrize("sticks", [False, True])
-def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alone(name, sticks):
-    for value in range(7):
-        passed, new = judged(name, value, sticks=sticks, station=True)
-        assert new is None
-        assert (passed is False) == (value in (5, 6) or (name == "NAV_RCL_ACT" and sticks and value in (0, 4)))
+def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alone():
+    for name in ["NAV_RCL_ACT", "NAV_DLL_ACT"]:
+        for sticks in [False, True]:
+            for value in range(7):
+                passed, new = judged(name, value, sticks=sticks, station=True)
+                assert new is None, (name, sticks, value)
+                stops = value in (5, 6) or (name == "NAV_RCL_ACT" and sticks and value in (0, 4))
+                assert (passed is False) == stops, (name, sticks, value)
     assert judged("NAV_DLL_ACT", 0)[0] is None  # nobody could take over: for a person to judge
     assert judged("NAV_DLL_ACT", 2)[0] is None  # it would wait for a station that nobody hears
 
 
-@pytest.mark.parametrize(("value", "expected"), [(0, (False, 3)), (1, (True, None)), (2, (True, None)),
-                                                 (3, (True, None)), (4, (False, 3))])  # fmt: skip
-def test_a_low_battery_must_have_a_consequence(value, expected):
-    assert judged("COM_LOW_BAT_ACT", value) == expected
+def test_a_low_battery_must_have_a_consequence():
+    for value, expected in [
+        (0, (False, 3)), (1, (True, None)), (2, (True, None)),
+        (3, (True, None)), (4, (False, 3)),
+    ]:  # fmt: skip
+        assert judged("COM_LOW_BAT_ACT", value) == expected, value
 
 
-@pytest.mark.parametrize("name", ["MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"])
-def test_speeds_below_the_agents_fail(name):
-    assert judged(name, 1.0) == (False, None)
-    assert judged(name, 1.2) == (True, None)
+def test_speeds_below_the_agents_fail():
+    for name in ["MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"]:
+        assert judged(name, 1.0) == (False, None), name
+        assert judged(name, 1.2) == (True, None), name
 
 
-@pytest.mark.parametrize(("value", "passed"), [(-1.0, False), (0.0, False), (5.0, True), (10.0, True), (50.0, False)])
-def test_a_lost_place_must_count(value, passed):
-    assert judged("COM_POS_FS_EPH", value) == (passed, None)
+def test_a_lost_place_must_count():
+    for value, passed in [(-1.0, False), (0.0, False), (5.0, True), (10.0, True), (50.0, False)]:
+        assert judged("COM_POS_FS_EPH", value) == (passed, None), value
 
 
 def test_what_is_vital_must_be_told():
@@ -119,14 +120,14 @@ def test_a_proposal_leaves_nothing_to_propose():
         assert changes({**values, **{change.name: change.new for change in proposed}}) == []
 
 
-@pytest.mark.parametrize(
-    ("changed", "passed"),
-    [({}, True), ({"RC_MAP_FLTMODE": 0}, False), ({"COM_FLTMODE1": 7}, False), ({"COM_RC_IN_MODE": 1}, None),
-     ({"RC_MAP_FLTMODE": None}, None)],
-)  # fmt: skip
-def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand(changed, passed):
-    rows = {f.row.name: f.row for f in findings(Situation({**SANE, **changed}, sticks=True))}
-    assert rows["mode switch"].passed is passed
+def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand():
+    cases: list[tuple[dict[str, int | None], bool | None]] = [
+        ({}, True), ({"RC_MAP_FLTMODE": 0}, False), ({"COM_FLTMODE1": 7}, False), ({"COM_RC_IN_MODE": 1}, None),
+        ({"RC_MAP_FLTMODE": None}, None),
+    ]  # fmt: skip
+    for changed, passed in cases:
+        rows = {f.row.name: f.row for f in findings(Situation({**SANE, **changed}, sticks=True))}
+        assert rows["mode switch"].passed is passed, changed
 
 
 def test_the_fence():

@@ -206,10 +206,10 @@ def test_rates_fit_the_wire(url, period_us):
 
 
 def test_a_wire_that_is_too_slow_is_refused(capsys):
-    with pytest.raises(UsageError, match="57600 baud carry 39 sensor messages a second"):
+    with pytest.raises(UsageError, match=r"57600 .* 39 "):
         sensor_period_us("serial:///dev/ttyUSB0:57600")
     assert main(["sitl", "--hitl", "serial:///dev/ttyUSB0:57600"]) == 2
-    assert "460800 baud" in capsys.readouterr().err
+    assert "460800" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["--speed", "2"], ["--count", "2"], ["--px4", "px4"]])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from scipy import stats
 
 from dronecats.statistics.corrections import holm
@@ -29,6 +28,8 @@ def test_effects_are_those_of_the_law():
 
 
 def test_without_scatter_they_are_statsmodels_own():
+    import statsmodels.api as sm
+
     told = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=200, scatter=0.0)
     rows = np.array([[1.0, *each.levels] for each in told.flights], float)
     theirs = sm.Logit([each.scored.success for each in told.flights], rows).fit(disp=0)
@@ -57,6 +58,8 @@ def test_an_interval_ends_where_the_fit_is_worse_by_the_limit_of_f():
 
 def test_without_scatter_the_tests_are_statsmodels_own_with_as_many_degrees_of_freedom():
     """Three words are two columns, and beside a number two products: neither is tested as if it were one."""
+    import statsmodels.api as sm
+
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     points = [(p, v) for p in policy.levels for v in WIND.levels]
     told = a_study([policy, WIND], points, lambda p, v: 0.5 - 0.4 * (p == "slow"), episodes=40, scatter=0.0)

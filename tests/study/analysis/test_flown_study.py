@@ -1,6 +1,7 @@
 """A study's folder read back, and refused where its runs differ in more than their levels."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -44,31 +45,31 @@ def test_every_flight_has_its_levels_and_its_pair(flown):
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
-    [({"code_sha256": "b" * 64}, "the code"), ({"prompt_sha256": "d" * 64}, "the prompt"),
-     ({"protocol": {"RADIUS_M": 6.0, "CAP_S": 300.0}}, "RADIUS_M")],
+    ("told", "parts"),
+    [({"code_sha256": "b" * 64}, "code.*b{8}"), ({"prompt_sha256": "d" * 64}, "prompt.*d{8}"),
+     ({"protocol": {"RADIUS_M": 6.0, "CAP_S": 300.0}}, "RADIUS_M.*6.0")],
 )  # fmt: skip
-def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, told, said):
+def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, told, parts):
     changed_run(changed / "vision-latency-1-f2", **told)
-    with pytest.raises(UsageError, match=f"differ in more than the study's factors: in .*{said}"):
+    with pytest.raises(UsageError, match=f"vision-latency-1-f2.*{parts}"):
         flown_study(changed)
 
 
 def test_so_are_flights_that_differ_in_what_was_asked_for(changed):
     other_flight(changed / "vision-latency-0.5-f1", parser="lenient")
-    with pytest.raises(UsageError, match="differ in more than the study's factors: in parser"):
+    with pytest.raises(UsageError, match=r"vision-latency-0.5-f1.*parser.*strict.*lenient"):
         flown_study(changed)
 
 
 def test_levels_that_were_not_flown_are_not_believed(changed):
     other_flight(changed / "vision-latency-0.5-f1", latency="fixed:0.6")
-    with pytest.raises(UsageError, match=r"was not flown at what study\.json says of it: latency 0\.5"):
+    with pytest.raises(UsageError, match=r"vision-latency-0\.5-f1.*study\.json.*latency 0\.5"):
         flown_study(changed)
 
 
 def test_pairs_of_other_seeds_are_none(changed):
     other_flight(changed / "oracle-latency-1-f2", seed=7)
-    with pytest.raises(UsageError, match="said to be paired, and have the seeds"):
+    with pytest.raises(UsageError, match=r"oracle-latency-1-f2.*seeds.*7"):
         flown_study(changed)
 
 
@@ -79,7 +80,7 @@ def test_a_flight_under_two_names_is_not_counted_twice(changed):
         json.dumps({**told, "runs": [*told["runs"], {**run, "name": "vision-point-3-f2"}]})
     )
     shutil.copytree(changed / "vision-latency-1-f2", changed / "vision-point-3-f2")
-    with pytest.raises(UsageError, match="vision-latency-1-f2 and vision-point-3-f2 are one flight by vision"):
+    with pytest.raises(UsageError, match=r"vision-latency-1-f2.*vision-point-3-f2.*study\.json"):
         flown_study(changed)
 
 
@@ -87,7 +88,7 @@ def test_entrants_that_were_not_flown_alike_are_told(changed):
     for run in changed.glob("oracle-*"):
         changed_run(run, code_sha256="b" * 64)
     [said] = flown_study(changed).notes
-    assert said.startswith("oracle and vision were not flown alike: they differ in the code")
+    assert re.search("oracle.*vision.*code", said)
 
 
 def test_what_is_missing_is_counted(changed):
@@ -97,7 +98,7 @@ def test_what_is_missing_is_counted(changed):
 
 
 def test_a_folder_that_is_no_study_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="is no study"):
+    with pytest.raises(UsageError, match=r"study\.json"):
         flown_study(tmp_path)
 
 
@@ -156,7 +157,7 @@ def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
     assert len(studied.flights) == 3
     slow = next((tmp_path / "s").glob("*slow.csv*"))
     other_flight(slow, latency=f"stall:0.1,2+trace:{trace_name((2.0,))}", latency_trace=[2.0])
-    with pytest.raises(UsageError, match=r"slow.csv@.* cannot be read"):  # nor are other latencies taken for them
+    with pytest.raises(UsageError, match=r"slow.csv@"):  # nor are other latencies taken for them
         flown_study(tmp_path / "s")
 
 
@@ -181,5 +182,5 @@ def test_held_factors_are_the_flights_own(tmp_path):
     assert len(flown_study(tmp_path).flights) == 2
     told = json.loads((tmp_path / "study.json").read_text())
     (tmp_path / "study.json").write_text(json.dumps({**told, "held": {"wind": 4.0}}))
-    with pytest.raises(UsageError, match="was not flown at"):
+    with pytest.raises(UsageError, match=r"study\.json.*wind 4"):
         flown_study(tmp_path)

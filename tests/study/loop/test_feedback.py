@@ -21,13 +21,13 @@ from vehicles.multirotor import Multirotor
 ORIGIN = (47.4, 8.5, 488.0)
 
 
-@pytest.mark.parametrize("delay", [0.0, 1.0, 2.25, 17.5, 62.0])
-@pytest.mark.parametrize("newest", [0, 5, 63])
-def test_a_line_gives_back_what_went_in_so_long_ago(delay, newest):
-    line = np.zeros((64, 1))
-    for age in range(64):
-        line[(newest - age) % 64, 0] = -age  # a ramp: what went in `age` samples ago is -age
-    assert late(line, newest, 0, delay) == pytest.approx(-delay, abs=1e-12)
+def test_a_line_gives_back_what_went_in_so_long_ago():
+    for newest in (0, 5, 63):
+        for delay in (0.0, 1.0, 2.25, 17.5, 62.0):
+            line = np.zeros((64, 1))
+            for age in range(64):
+                line[(newest - age) % 64, 0] = -age  # a ramp: what went in `age` samples ago is -age
+            assert late(line, newest, 0, delay) == pytest.approx(-delay, abs=1e-12), (newest, delay)
 
 
 def flown(compiled):
@@ -89,17 +89,18 @@ def test_a_margin_known_on_paper_is_predicted_and_found_by_injection():
 
 
 def test_a_loop_that_never_oscillates_is_told():
-    with pytest.raises(UsageError, match="does not oscillate"):
+    with pytest.raises(UsageError, match=r" 0\.82 s"):
         injected_margin(lambda delay_s: None, 0.1)
     never = delay_margin(lambda s: np.asarray(0.5 / (s + 1.0), np.complex128))
     assert never.delay_s == math.inf
 
 
-@pytest.mark.parametrize("growth", [-0.4, -0.01, 0.0, 0.02])
-def test_an_oscillation_is_told_from_drift_offset_and_overtone(growth):
-    time = np.arange(12_000) * 1e-3
-    signal = 0.3 + 0.05 * time + 0.1 * np.exp(growth * time) * np.sin(6.0 * time + 1.0) + 0.002 * np.sin(12.0 * time)
-    found = oscillation(signal, 1e-3, 5.0)
-    assert found is not None
-    assert found.growth == pytest.approx(growth, abs=2e-3)
-    assert found.frequency == pytest.approx(6.0, rel=1e-3)
+def test_an_oscillation_is_told_from_drift_offset_and_overtone():
+    for growth in (-0.4, -0.01, 0.0, 0.02):
+        time = np.arange(12_000) * 1e-3
+        swing = 0.1 * np.exp(growth * time) * np.sin(6.0 * time + 1.0)
+        signal = 0.3 + 0.05 * time + swing + 0.002 * np.sin(12.0 * time)
+        found = oscillation(signal, 1e-3, 5.0)
+        assert found is not None, growth
+        assert found.growth == pytest.approx(growth, abs=2e-3), growth
+        assert found.frequency == pytest.approx(6.0, rel=1e-3), growth

@@ -3,7 +3,6 @@
 import pytest
 
 from dronecats.cli.main import main
-from tests.review.conftest import driver as driver
 from tests.review.conftest import reader as reader
 from tests.study.studies import APPROACHING, TRACKING, write_study
 

@@ -31,8 +31,8 @@ START_S = 300.0  # beside the script's own limit: simulator, flight before it, e
 WRONG = re.compile(r"Traceback \(most recent call last\)|failed with error|\|Error +\]|exception was never retrieved")
 OWN_NETWORK = ("unshare", "--map-root-user", "--net")
 REASON = (
-    "flies other people's scripts: give --examples MAVSDK-Python/examples and --mavsdk3 PYTHON (of an environment with "
-    '"mavsdk<4", anyio and tqdm)'
+    "no scripts of other projects; to enable: make compatibility EXAMPLES=MAVSDK-Python/examples MAVSDK3=PYTHON "
+    '(of an environment with "mavsdk<4", anyio and tqdm)'
 )
 
 

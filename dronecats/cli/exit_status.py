@@ -1,0 +1,25 @@
+"""The exit status of a program. A fault is one sentence on standard error."""
+
+import sys
+from collections.abc import Callable
+
+from foundation.errors import DronecatsError, UsageError
+from foundation.extras import missing_package
+
+
+def exit_status(program: str, work: Callable[[], int]) -> int:
+    """Return the status that `work` returns; 2 wrong usage or a missing package, 3 something broke, 130 interrupted."""
+    try:
+        return work()
+    except DronecatsError as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return error.exit_status
+    except ImportError as error:
+        sentence = missing_package(error)
+        if sentence is None:  # a bug, which the traceback explains best
+            raise
+        print(f"{program}: {sentence}", file=sys.stderr)
+        return UsageError.exit_status
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return 130
