@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := uv==0.13.9
 PYTEST := $(BIN)/python -m pytest
+# Where this is set, every process compiles every import anew: seconds for each of a flight's.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: fly install install-dev check unit test test-slow compatibility lock schemas metrics studies clean
 
