@@ -54,7 +54,8 @@ NEAR = np.dtype(
         ("normal", "f8", (CONTACTS, 3)),  # unit, NED, out of the obstacle
         ("point", "f8", (CONTACTS, 3)),  # m, NED
         ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, of the obstacle there
-        ("leaving", "f8", (CONTACTS,)),  # m/s, speed with which to part
+        ("touched_us", "i8", (2 * BALLS,)),  # µs, when each ball last touched a triangle, and after these the box
+        ("stiffness", "f8", (CONTACTS,)),  # N/m
         ("pressed", "f8", (CONTACTS,)),  # N·s, so far
         ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, so far
     ],

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
-from vehicles.collision import BOUNCE_LEAST, BREAKING, FRICTION, RESTITUTION, mobility
+from vehicles.collision import BREAKING, FRICTION, HIT_LEAST, mobility
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 
 DRONE = -2  # owner number of another vehicle, beside `collision.BOX`
 SURELY_M = 1e-3  # m, beside what a tick can close, from which on two vehicles cannot touch within it
+RESTITUTION = 0.3  # of plastic and carbon: most of the energy of a bump is lost
 PARTING = 3.0  # 1/s, speed with which an overlap is undone, over its depth
 
 
@@ -102,8 +103,8 @@ def _meet(
     here, there = _moving(state, arm), _moving(other, other_arm)
     x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
     closing = -(x * normal[0] + y * normal[1] + z * normal[2])
-    leaving = PARTING * max(reach - between, 0.0) + (RESTITUTION * closing if closing > BOUNCE_LEAST else 0.0)
-    if closing > BOUNCE_LEAST:
+    leaving = PARTING * max(reach - between, 0.0) + (RESTITUTION * closing if closing > HIT_LEAST else 0.0)
+    if closing > HIT_LEAST:
         _note(params, state, closing, arm)
         _note(others, other, closing, other_arm)
     press = max(leaving + closing, 0.0) / (1.0 / params.mass + 1.0 / others.mass) / tick_s

@@ -178,6 +178,7 @@ def hold(state: Record) -> None:
     for i in range(3):
         state.velocity[i] = 0.0
         state.rates[i] = 0.0
+        state.mean_rates[i] = 0.0
         state.specific_force[i] = felt[i]
 
 

@@ -64,6 +64,7 @@ STATE = np.dtype(
         ("attitude", "f8", (4,)),  # (w, x, y, z), FRD → NED
         ("rates", "f8", (3,)),  # rad/s, FRD
         ("specific_force", "f8", (3,)),  # m/s², FRD, mean over the last step
+        ("mean_rates", "f8", (3,)),  # rad/s, FRD, mean over the last step
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
         ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 sound … 0 dead: scales the commanded speed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
@@ -76,8 +77,8 @@ STATE = np.dtype(
         ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors that the ground last bore
         ("on_ground", "i8"),  # bool: any point touches
         ("crashed", "i8"),  # bool, latched: a foot hit the ground very hard, or anything else hit anything hard
-        ("hits", "i8"),  # contacts with obstacles that came with any speed, so far
-        ("hit_speed", "f8"),  # m/s, with which the last one came
+        ("hits", "i8"),  # contacts with obstacles that began with any speed, so far
+        ("hit_speed", "f8"),  # m/s, with which the last one began
         ("hit_owner", "i8"),  # row of `Obstacles.names`, or `collision.BOX`
         ("upside_down", "i8"),  # bool: body z axis points up
         ("external_force", "f8", (3,)),  # N, NED at the body origin: obstacles, ropes, hands; stays until rewritten
@@ -108,6 +109,10 @@ MEMORY = np.dtype(
         ("mag_bias", "f8", (3,)),  # gauss
         ("baro_drift", "f8"),  # hPa
         ("gps_error", "f8", (3,)),  # m, NED, correlated part
+        ("accel_sum", "f8", (3,)),  # m/s² times steps, of the inertial sample under way
+        ("gyro_sum", "f8", (3,)),  # rad/s times steps
+        ("imu_steps", "i8"),  # steps in these sums
+        ("accel_clipped", "i8"),  # steps on one axis beyond the accelerometer's range, so far
         ("imu_next_us", "i8"),
         ("bias_next_us", "i8"),
         ("mag_next_us", "i8"),

@@ -120,6 +120,8 @@ def move(params: Record, state: Record, down: Grid, load: Load, wind: Vec3, mask
     state.position[0], state.position[1], state.position[2] = _moved(p, _mean(v, v2, v3, v4), h)
     state.velocity[0], state.velocity[1], state.velocity[2] = _moved(v, acceleration, h)
     state.rates[0], state.rates[1], state.rates[2] = _moved(w, _mean(w1, w2, w3, w4), h)
+    turned_at = _mean(w, _moved(w, w1, half), _moved(w, w2, half), _moved(w, w3, h))
+    state.mean_rates[0], state.mean_rates[1], state.mean_rates[2] = turned_at
     turned = quat_normalized(
         (
             q[0] + h * (q1[0] + 2.0 * (q2[0] + q3[0]) + q4[0]) / 6.0,

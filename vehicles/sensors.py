@@ -40,7 +40,7 @@ class Suite:
     accel_random_walk: float = 1.0e-3  # m/s²/√s: estimate, about 1 mg of drift in a minute
     accel_bias: float = 0.03  # m/s² at boot: what a field calibration leaves
     accel_scale: float = 0.002  # relative: the same
-    accel_range: float = 235.0  # m/s²: BMI088, ±24 g
+    accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; HIL_SENSOR carries no more
     gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
     gyro_random_walk: float = 3.9e-5  # rad/s/√s: 8 °/h/√s-class MEMS, as in RotorS' ADIS16448
     gyro_bias: float = 0.003  # rad/s at boot: what a calibration at another temperature leaves
@@ -178,19 +178,38 @@ def _corrupt(faults: Record, row: int, value: Grid) -> None:
 
 
 @njit(cache=True)
+def _integrate(suite: Record, memory: Record, state: Record) -> None:
+    """Add one step to the inertial sample under way; what is beyond a sensor's range is lost."""
+    accel_range, gyro_range = suite.accel_range, suite.gyro_range
+    memory.imu_steps += 1
+    for i in range(3):
+        a = state.specific_force[i] * memory.accel_scale[i] + memory.accel_bias[i]
+        w = state.mean_rates[i] * memory.gyro_scale[i] + memory.gyro_bias[i]
+        memory.accel_sum[i] += min(max(a, -accel_range), accel_range)
+        memory.gyro_sum[i] += min(max(w, -gyro_range), gyro_range)
+        if abs(a) > accel_range:
+            memory.accel_clipped += 1
+
+
+@njit(cache=True)
 def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
-    """One inertial sample: white noise over the sample's period, bias, scale, saturation."""
+    """One inertial sample: the mean over the steps since the last one, and white noise over the sample's period."""
     rng = memory.rng
     accel_fault, accel_row = active(faults, ACCEL, state.time_us)
     gyro_fault, gyro_row = active(faults, GYRO, state.time_us)
-    if accel_fault == FAIL or gyro_fault == FAIL:
-        return
+    share = 1.0 / memory.imu_steps
+    memory.imu_steps = 0
+    silent = accel_fault == FAIL or gyro_fault == FAIL
     bandwidth = 1.0 / math.sqrt(suite.imu_period_us * 1e-6)
     accel_noise, gyro_noise = suite.accel_noise_density * bandwidth, suite.gyro_noise_density * bandwidth
     accel_range, gyro_range = suite.accel_range, suite.gyro_range
     for i in range(3):
-        a = state.specific_force[i] * memory.accel_scale[i] + memory.accel_bias[i] + accel_noise * normal(rng)
-        w = state.rates[i] * memory.gyro_scale[i] + memory.gyro_bias[i] + gyro_noise * normal(rng)
+        a, w = memory.accel_sum[i] * share, memory.gyro_sum[i] * share
+        memory.accel_sum[i] = memory.gyro_sum[i] = 0.0
+        if silent:
+            continue
+        a += accel_noise * normal(rng)
+        w += gyro_noise * normal(rng)
         if accel_fault == BIAS:
             a += faults.value[accel_row, i]
         if gyro_fault == BIAS:
@@ -199,7 +218,8 @@ def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sens
             sensors.accel_frd[i] = min(max(a, -accel_range), accel_range)
         if gyro_fault != FREEZE:
             sensors.gyro_frd[i] = min(max(w, -gyro_range), gyro_range)
-    sensors.imu_time_us = sensors.time_us = state.time_us
+    if not silent:
+        sensors.imu_time_us = sensors.time_us = state.time_us
 
 
 @njit(cache=True)
@@ -331,6 +351,7 @@ def sample(
     """Write every sample that is due at the vehicle's time into `sensors`."""
     now = state.time_us
     attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
+    _integrate(suite, memory, state)
     if now >= memory.imu_next_us:
         memory.imu_next_us += suite.imu_period_us
         _inertial(suite, memory, faults, state, sensors)
