@@ -247,7 +247,7 @@ class Commander:
         if active.next_mode is not None and active is self._behaviours.by_name[self.intended]:
             self._finish(active.next_mode)
         self.demand = demand
-        self.passed = self._ramp.gate(demand, state, flight.landed)
+        self.passed = self._ramp.gate(demand, state, flight.landed or self._detector.contact)
         self._writer.write(self.passed, True)
         self._follow_ground(now, demand)
 

@@ -19,8 +19,7 @@ COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every 
 PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s
-SHOCK_FORCE = 100.0  # m/s² on any axis: more than any of the vehicles can thrust, so something was hit …
-SHOCK_SPEED = 3.0  # m/s, … and the change of velocity is unknown by about as much, for the sample may be clipped
+SHOCK_SPEED = 3.0  # m/s, by about which the change of velocity is unknown after a sample at the sensor's limit
 STILL_NOISE_AIR = 10.0  # m/s, only bounds the tilt while no receiver is heard
 
 
@@ -57,8 +56,6 @@ def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: flo
     i[1] += fy * dt
     i[2] += fz * dt
     state.impulse_dt += dt
-    if max(abs(ax), abs(ay), abs(az)) > SHOCK_FORCE:
-        state.shocked, state.shock_us = 1, state.time_us
 
 
 @njit(cache=True)
@@ -199,6 +196,8 @@ def update(
         gather(params, state, P, sensors, a[0], a[1], a[2], g[0], g[1], g[2])
     else:
         strapdown(state, ax, ay, az, gx, gy, gz, min(max(dt, 0.0), 0.05))
+        if max(abs(a[0]), abs(a[1]), abs(a[2])) >= params.accel_clip:
+            state.shocked, state.shock_us = 1, time_us
         if state.impulse_dt >= COVARIANCE_PERIOD_S:
             predict_covariance(params, state, P, history)
         aid(params, state, P, history, sensors, landed)

@@ -18,6 +18,7 @@ ESTIMATOR_PARAMS = np.dtype(
         ("accel_noise", "f8"),  # m/s²/√Hz
         ("gyro_bias_walk", "f8"),  # rad/s/√s
         ("accel_bias_walk", "f8"),  # m/s²/√s
+        ("accel_clip", "f8"),  # m/s², at which a sample is at the accelerometer's limit
         ("mag_noise", "f8"),  # gauss (EKF2_MAG_NOISE)
         ("mag_bias_std", "f8"),  # gauss, hard iron that a calibration leaves; 0: none is estimated
         ("mag_bias_walk", "f8"),  # gauss/√s (EKF2_MAG_B_NOISE)
@@ -55,7 +56,7 @@ ESTIMATOR_STATE = np.dtype(
         ("specific_force_ned", "f8", (3,)),  # m/s², of the newest sample
         ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
         ("impulse_dt", "f8"),  # s, length of that integral
-        ("shocked", "i8"),  # 1: it holds a blow that no accelerometer can measure
+        ("shocked", "i8"),  # 1: it holds a blow beyond the accelerometer's limit
         ("shock_us", "i8"),  # time of the last blow
         ("reckoned_velocity", "f8", (3,)),  # running sums of the prediction alone, never corrected: their differences
         ("reckoned_position", "f8", (3,)),  # say what happened between a fix and now
@@ -108,6 +109,7 @@ def default_parameters(declination_rad: float) -> np.void:
     params["accel_noise"] = 0.03
     params["gyro_bias_walk"] = 1.0e-4
     params["accel_bias_walk"] = 2.0e-3
+    params["accel_clip"] = 0.99 * 156.9  # ±16 g; PX4 counts a sample as clipped from 0.999 of the range on
     params["mag_noise"] = 0.02
     params["mag_bias_std"] = 0.01
     params["mag_bias_walk"] = 5.0e-5

@@ -15,19 +15,29 @@ LIFT_OFF_M = 0.25
 LIFT_OFF_SPEED = 0.3  # m/s
 
 
+CONTACT_SPEED = 0.3  # m/s downwards, from which on a demand has to move a vehicle that is in the air
+CONTACT_M = 0.5  # m below the vehicle, the same for a demanded height
+CONTACT_SHARE = 0.3  # of what is demanded: a vehicle that descends less is carried
+
+
 class LandDetector:
-    """Keeps `landed`; starts on the ground."""
+    """Keeps `landed`, which begins true, and `contact`: it should descend and does not, so something carries it.
+
+    PX4 has three stages of a third of LNDMC_TRIG_TIME each, of which `contact` is the first and `landed` the last.
+    """
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
-        self.landed = True
+        self.landed, self.contact = True, False
         self._contact_since_us: int | None = None
+        self._dive: tuple[int, float] | None = None  # µs and m, NED: since when and from where it should descend
         self._ground_z: float | None = None
 
     def update(self, state: EstimatedState, armed: bool, climbing: bool, demand: CascadeSetpoint) -> None:
         """Follow one tick. `climbing`: the demand wants to leave the ground (`demand` is what the flight mode asks)."""
         if not armed:
             self.landed, self._contact_since_us, self._ground_z = True, None, None
+            self.contact, self._dive = False, None
         elif self.landed:
             self._watch_lift_off(state, climbing)
         else:
@@ -42,8 +52,23 @@ class LandDetector:
         if (risen > LIFT_OFF_M and -state.velocity_ned[2] > 0.1) or -state.velocity_ned[2] > LIFT_OFF_SPEED:
             self.landed, self._contact_since_us = False, None
 
+    def _watch_contact(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
+        """Compare what a demand to descend achieves with what it asks for, over a third of LNDMC_TRIG_TIME."""
+        speed, z = _dive(state, demand), state.position_ned[2]
+        if speed is None or state.range_m() > RANGE_IN_AIR_M:
+            self.contact, self._dive = False, None
+        elif self._dive is None:
+            if state.velocity_ned[2] > -CONTACT_SPEED:  # not while a climb is still being stopped
+                self._dive = state.time_us, z
+        else:
+            since, above = self._dive
+            elapsed = (state.time_us - since) * 1e-6
+            if elapsed >= self._parameters["LNDMC_TRIG_TIME"] / 3.0:
+                self.contact, self._dive = z - above < CONTACT_SHARE * speed * elapsed, (state.time_us, z)
+
     def _watch_touch_down(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
         p = self._parameters
+        self._watch_contact(state, demand)
         vn, ve, vd = state.velocity_ned
         rate_max = math.radians(p["LNDMC_ROT_MAX"])
         still = (
@@ -60,6 +85,16 @@ class LandDetector:
             self._contact_since_us = state.time_us
         elif state.time_us - self._contact_since_us >= p["LNDMC_TRIG_TIME"] * 1e6:
             self.landed, self._ground_z = True, state.position_ned[2]
+
+
+def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
+    """Return the speed (m/s) at which a demand descends at least; None where a vehicle in the air need not follow."""
+    if demand.kind != KIND_TRAJECTORY:
+        return None
+    z, vz = demand.position_ned[2], demand.velocity_ned[2]
+    if vz >= CONTACT_SPEED:
+        return vz
+    return CONTACT_SPEED if z > state.position_ned[2] + CONTACT_M else None
 
 
 def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:

@@ -10,6 +10,13 @@ from foundation.frames import Vec3
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
 YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
 YAW_ACCELERATION = 2.5  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
+FOLLOWS = 0.4  # m/s of horizontal velocity error, below which the vehicle follows
+TRIM_S = 2.0  # s, time constant of the integral that it took meanwhile
+TRIED = 0.8  # m/s² by which the integral grows before it is asked whether that helps
+HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at least
+RESTING_PUSH = 1.0  # m/s², the most that a velocity error may ask for while pushing does nothing
+BLOCKED_S = 3.0  # s of rest, then the integral tries again: it may have been a gust
+FORGET_S = 0.5  # s, time constant with which a push in vain is taken back
 
 
 @njit(cache=True)
@@ -29,6 +36,7 @@ def begin(state: Record, estimate: Record) -> None:
         state.acceleration_expected[i] = 0.0
         state.acceleration_filtered[i] = 0.0
         state.velocity_integral[i] = 0.0
+    state.blocked_s = 0.0
     q = estimate.attitude
     state.yaw_reference = quat_yaw((q[0], q[1], q[2], q[3]))
     state.yaw_rate_reference = 0.0
@@ -121,8 +129,12 @@ def accelerate(
     params: Record, state: Record, setpoint: Record, estimate: Record, horizontal: bool, vertical: bool, dt: float
 ) -> Vec3:
     """Return the acceleration setpoint (NED, m/s²) of the velocity PID with the reference's own acceleration ahead."""
-    wanted = (0.0, 0.0, 0.0)
-    out_n, out_e, out_d = wanted
+    out_n, out_e, out_d = 0.0, 0.0, 0.0
+    rest = 1.0
+    if state.blocked_s > 0.0:
+        north = params.velocity_p[0] * (state.velocity_expected[0] - estimate.velocity_ned[0])
+        east = params.velocity_p[1] * (state.velocity_expected[1] - estimate.velocity_ned[1])
+        rest = min(1.0, RESTING_PUSH / max(math.sqrt(north * north + east * east), 1e-6))
     for i in range(3):
         extra = setpoint.acceleration_ned[i]
         ahead = extra if math.isfinite(extra) else 0.0
@@ -130,7 +142,7 @@ def accelerate(
             reference = state.acceleration_reference[i]
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             total = (
-                ahead + reference + params.velocity_p[i] * error + state.velocity_integral[i]
+                ahead + reference + (rest if i < 2 else 1.0) * params.velocity_p[i] * error + state.velocity_integral[i]
                 - params.velocity_d[i] * (state.acceleration_filtered[i] - state.acceleration_expected[i])
             )  # fmt: skip
         else:
@@ -171,3 +183,45 @@ def integrate(
         state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt
         bound = 5.0  # m/s²: half a g of wind or of missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
+    if horizontal:
+        push_or_rest(params, state, estimate, dt)
+
+
+@njit(cache=True)
+def push_or_rest(params: Record, state: Record, estimate: Record, dt: float) -> None:
+    """Take back what the horizontal integrals added while it moved nothing, as against a wall.
+
+    Wind and a wall feel alike to the accelerometers. But against wind every bit of the integral takes its share of the
+    velocity error away, and against a wall none does.
+    """
+    total, free, tried = state.velocity_integral, state.free_integral, state.tried_integral
+    north = state.velocity_expected[0] - estimate.velocity_ned[0]
+    east = state.velocity_expected[1] - estimate.velocity_ned[1]
+    size = math.sqrt(north * north + east * east)
+    if size < FOLLOWS:
+        for i in range(2):
+            free[i] += min(dt / TRIM_S, 1.0) * (total[i] - free[i])
+            tried[i] = total[i]
+        state.tried_error = size
+        state.blocked_s = 0.0
+        return
+    beyond = ((total[0] - free[0]) * north + (total[1] - free[1]) * east) / size
+    overshot = beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0)
+    if state.blocked_s > 0.0:
+        state.blocked_s += dt
+    if overshot or 0.0 < state.blocked_s < BLOCKED_S:
+        for i in range(2):
+            total[i] += min(dt / FORGET_S, 1.0) * (free[i] - total[i])
+            tried[i] = total[i]
+        state.tried_error = size
+        return
+    grown = ((total[0] - tried[0]) * north + (total[1] - tried[1]) * east) / size
+    if grown < 0.5 * TRIED:
+        state.tried_error = size  # a bump's own rebound is over by half
+    elif grown >= TRIED:
+        if state.tried_error - size > HELPS:
+            for i in range(2):
+                tried[i] = total[i]
+            state.blocked_s = 0.0
+        else:
+            state.blocked_s = dt

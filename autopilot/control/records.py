@@ -56,6 +56,10 @@ CONTROL_STATE = np.dtype(
         ("velocity_expected", "f8", (3,)),  # m/s, what the reference makes of a vehicle with the lag it has
         ("acceleration_expected", "f8", (3,)),  # m/s², its derivative
         ("velocity_integral", "f8", (3,)),  # m/s²
+        ("free_integral", "f8", (2,)),  # m/s², horizontal, that it took while the velocity followed
+        ("tried_integral", "f8", (2,)),  # m/s², when the push that is being tried began
+        ("tried_error", "f8"),  # m/s, horizontal velocity error then
+        ("blocked_s", "f8"),  # s since pushing was found to do nothing; 0: it does
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
         ("yaw_reference", "f8"),  # rad, with the lag of the yaw rate in it
         ("yaw_rate_expected", "f8"),  # rad/s, its derivative

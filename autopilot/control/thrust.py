@@ -52,7 +52,7 @@ def attitude_of(force: Vec3, yaw: float) -> Quat:
 @njit(cache=True)
 def track_hover(params: Record, state: Record, estimate: Record, dt: float) -> None:
     """Follow the collective thrust that carries the weight: thrust over measured lift, where both are well known."""
-    if state.landed != 0 or state.thrust_filtered < 0.05:
+    if state.landed != 0 or state.thrust_filtered < 0.05 or state.blocked_s > 0.0:
         return
     lift = -estimate.accel_frd[2]
     if lift < 0.4 * GRAVITY:

@@ -1,54 +1,16 @@
-"""What the estimator makes of a blow that its accelerometers cannot measure."""
+"""What the estimator makes of a blow beyond its accelerometers' range."""
 
 import numpy as np
 import pytest
 
-from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
-from dronecats.sitl.simulation import BootPose, SimulatedVehicle
-from episodes.obstacles import sorted_into_cells
-from vehicles import airframe
-
-WALL_M = 20.0  # north
-HEIGHT_M = 8.0
-
-
-def wall():
-    corners = [(WALL_M, -20.0, 0.0), (WALL_M, 20.0, 0.0), (WALL_M, 20.0, -30.0), (WALL_M, -20.0, -30.0)]
-    triangles = np.array([[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]])
-    return sorted_into_cells(triangles, np.zeros(2, np.int32), ("wall",), 0.7)
-
-
-def flying(seed):
-    place, origin = BootPose((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
-    vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=seed, origin=origin, obstacles=wall())
-    commander = vehicle.autopilot.commander
-    while commander.arming_failures():
-        assert vehicle.time_us < 60_000_000
-        vehicle.advance()
-    for _ in range(300):
-        vehicle.advance()
-    commander.take_off(-HEIGHT_M)
-    commander.arm()
-    for _ in range(1000):
-        vehicle.advance()
-    stream(vehicle, 0.0)
-    commander.set_mode("OFFBOARD")
-    return vehicle
-
-
-def stream(vehicle, north):
-    offboard = vehicle.autopilot.commander.flight.offboard
-    offboard.setpoint = CascadeSetpoint(
-        position_ned=(NAN, NAN, -HEIGHT_M), velocity_ned=(north, 0.0, NAN), acceleration_ned=FREE, yaw=0.0
-    )
-    offboard.time_us = vehicle.autopilot.state.time_us
+from tests.sitl.before_a_wall import flying, stream
 
 
 def error(vehicle, name):
     return float(np.linalg.norm(vehicle.plant.truth[name] - vehicle.core.estimate[name]))
 
 
-@pytest.mark.parametrize("speed", [2.0, 4.0])
+@pytest.mark.parametrize("speed", [2.5, 3.0])
 def test_half_a_second_after_a_wall_the_velocity_is_known_again(speed):
     vehicle = flying(1)
     for tick in range(2000):
@@ -57,10 +19,12 @@ def test_half_a_second_after_a_wall_the_velocity_is_known_again(speed):
         vehicle.advance()
         if vehicle.plant.state["hits"]:
             break
-    assert vehicle.plant.state["hits"]
-    assert error(vehicle, "velocity_ned") > speed  # thrown back within a millisecond, and nobody measured it
+    for _ in range(10):
+        vehicle.advance()
+    assert vehicle.plant.memory["accel_clipped"] > 0
+    assert error(vehicle, "velocity_ned") > 0.3  # what was beyond the range is lost
     vehicle.autopilot.commander.set_mode("HOLD")
-    for _ in range(50):
+    for _ in range(40):
         vehicle.advance()
     assert error(vehicle, "velocity_ned") < 0.5
     heights = []
