@@ -1,6 +1,5 @@
 """Figures of two machines are laid side by side by a loop that does nothing."""
 
-
 from benchmarks import machine
 
 

@@ -1,6 +1,5 @@
 """What a command says is written, and when what was read is that."""
 
-
 from dronecats.pilots.inscription import SURE, Inscription, ReadText, agrees, named, place
 from episodes import catalogue
 

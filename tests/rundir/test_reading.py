@@ -41,9 +41,7 @@ def test_a_run_says_its_version_and_is_read_again(episode):
     assert reading.read(episode).begin == Begin(t0_us=5)
 
 
-@pytest.mark.parametrize(
-    ("schema", "word"), [(2, "newer"), ("1", "version"), (True, "version")]
-)
+@pytest.mark.parametrize(("schema", "word"), [(2, "newer"), ("1", "version"), (True, "version")])
 def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with_it(episode, schema, word):
     of_version(episode, {"schema": schema})
     run = episode.parent

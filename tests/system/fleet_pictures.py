@@ -40,9 +40,21 @@ def true_poses(folder: Path, world):
     return poses
 
 
-def box_around(place, turned, eye, axes):
-    """Return (left, top, right, bottom) px of a drone in a picture and its nearest depth (m); None beside the lens."""
-    local = (np.array(place) + POINTS @ turned.T - eye) @ axes
+def enclosing(place, turned):
+    """Return points (n, 3) in NED that enclose a drone."""
+    return np.array(place) + POINTS @ turned.T
+
+
+def shadow_of(points, world):
+    """Return where the sun throws points (n, 3) onto the ground below their middle."""
+    toward = np.array(world.scene.sun.toward_ned)
+    ground = world.ground_down(*points.mean(axis=0)[:2])
+    return points - toward * ((points[:, 2] - ground) / toward[2])[:, None]
+
+
+def box_around(points, eye, axes):
+    """Return (left, top, right, bottom) px around points in a picture and their least depth; None beside the lens."""
+    local = (points - eye) @ axes
     if (local[:, 0] < 0.2).any():
         return None
     pixels = np.array(SIZE) / 2 + SIZE[0] / 2 * local[:, 1:] / local[:, :1]
@@ -53,7 +65,8 @@ def box_around(place, turned, eye, axes):
 def check(folder: Path, truth) -> tuple[int, int]:
     """Hold every picture of a flight against the same place drawn without drones; return (drones seen, empty pictures).
 
-    Raises AssertionError when a near drone is not in the box that the truth gives it, or anything differs elsewhere.
+    Raises AssertionError when a near drone is not in the box that the truth gives it, or anything differs
+    outside these boxes and those of the drones' shadows.
     """
     world = load_world(str(folder / "episode.json"))
     poses, bare = true_poses(folder, world), Renderer(world.scene, CAMERA)
@@ -67,21 +80,22 @@ def check(folder: Path, truth) -> tuple[int, int]:
         view = bare.render(camera_pose(place, attitude, CAMERA), world.moved(frame["t"]))
         without = cv2.resize(view.rgb, SIZE, interpolation=cv2.INTER_AREA)
         differs = np.abs(pictures.read(file)[..., ::-1].astype(int) - without).max(axis=2) > DIFFERS
-        allowed = np.zeros_like(differs)
+        allowed, eye = np.zeros_like(differs), np.array(place) + axes @ CAMERA.offset_frd
         for other in poses.keys() - {mine}:
             at = min(poses[other], key=lambda time: abs(time - time_us))
-            found = box_around(
-                poses[other][at][0], poses[other][at][2], np.array(place) + axes @ CAMERA.offset_frd, axes
-            )
-            if found is None:
-                continue
-            (left, top, right, bottom), depth = found
-            rows = slice(max(int(top) - 3, 0), max(int(bottom) + 4, 0))
-            columns = slice(max(int(left) - 3, 0), max(int(right) + 4, 0))
-            allowed[rows, columns] = True
-            if depth < NEAR_M and left > 0 and top > 0 and right < SIZE[0] and bottom < SIZE[1]:
-                assert differs[rows, columns].mean() > 0.05, f"drone {other} is not in {file.name}"
-                seen += 1
+            points = enclosing(poses[other][at][0], poses[other][at][2])
+            for of_drone, shape in ((True, points), (False, shadow_of(points, world))):
+                found = box_around(shape, eye, axes)
+                if found is None:
+                    continue
+                (left, top, right, bottom), depth = found
+                rows = slice(max(int(top) - 3, 0), max(int(bottom) + 4, 0))
+                columns = slice(max(int(left) - 3, 0), max(int(right) + 4, 0))
+                allowed[rows, columns] = True
+                inside = left > 0 and top > 0 and right < SIZE[0] and bottom < SIZE[1]
+                if of_drone and depth < NEAR_M and inside:
+                    assert differs[rows, columns].mean() > 0.05, f"drone {other} is not in {file.name}"
+                    seen += 1
         assert (differs & ~allowed).mean() < 0.001, f"{file.name} shows what is not there"
         empty += not allowed.any()
     bare.close()

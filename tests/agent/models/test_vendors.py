@@ -193,9 +193,9 @@ def test_anthropic(monkeypatch):
             temperature=temperature, thinking=lifted,
         )  # fmt: skip
         assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path), case
-        assert (
-            sent.headers["x-api-key"] == KEY
-        ), case  # the API takes both; its documents show this one, the client sends a bearer
+        assert sent.headers["x-api-key"] == KEY, (
+            case
+        )  # the API takes both; its documents show this one, the client sends a bearer
         assert theirs.headers["authorization"] == f"Bearer {KEY}", case
         assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-api-key"}), case
         if temperature is None:
