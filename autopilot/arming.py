@@ -1,5 +1,6 @@
 """What must be true before the motors may start."""
 
+import math
 from dataclasses import dataclass
 
 from autopilot.accuracy import required
@@ -36,6 +37,18 @@ def sensor_health(state: EstimatedState) -> SensorHealth:
     )
 
 
+def attitude_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
+    """Return in which axes the vehicle leans beyond FD_FAIL_R and FD_FAIL_P (°, 0 = off), in PX4's words."""
+    if not state.attitude_valid:
+        return []
+    limits = {"roll": parameters["FD_FAIL_R"], "pitch": parameters["FD_FAIL_P"]}
+    return [
+        f"Attitude failure ({axis})"
+        for (axis, limit), angle in zip(limits.items(), state.euler[:2], strict=True)
+        if 0.0 < math.radians(limit) < abs(angle)
+    ]
+
+
 def preflight_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
     """Return the reasons, short enough for one STATUSTEXT each, why no mode could fly now; empty when ready."""
     health, p = sensor_health(state), parameters
@@ -48,6 +61,7 @@ def preflight_failures(state: EstimatedState, parameters: ParameterTable) -> lis
         reasons.append("no barometer data")
     if not state.attitude_valid:
         reasons.append("attitude not converged")
+    reasons += attitude_failures(state, parameters)
     if not state.altitude_valid:
         reasons.append("altitude not converged")
     if not state.velocity_valid or state.velocity_std_h > required(p, "COM_VEL_FS_EVH"):

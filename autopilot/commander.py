@@ -6,7 +6,7 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 
 import math
 
-from autopilot.arming import NO_ARMING_MODES, STICK_MODES, mode_failures, preflight_failures
+from autopilot.arming import NO_ARMING_MODES, STICK_MODES, attitude_failures, mode_failures, preflight_failures
 from autopilot.auto_disarm import AutoDisarm
 from autopilot.estimated_state import EstimatedState
 from autopilot.failsafe import QUIET, Failsafe, Reaction, reaction
@@ -179,12 +179,18 @@ class Commander:
         return result
 
     def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
-        """Go to ORBIT; nan coordinates of the centre mean the present place. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR."""
+        """Go to ORBIT; nan coordinates of the centre mean the present place. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
+
+        Refused on the ground to a vehicle that has fallen over.
+        """
         here = self.flight.state.position_ned
         n, e, z = (w if math.isfinite(w) else h for w, h in zip(centre_ned, here, strict=True))
         limit = float(self.parameters["MC_ORBIT_RAD_MAX"])
         if self.armed and not 1.0 <= abs(radius) <= limit:
             return DENIED
+        if self.landed and (fallen := attitude_failures(self.flight.state, self.parameters)):
+            self._say(dialect.MAV_SEVERITY_CRITICAL, f"Orbit denied: {fallen[0]}")
+            return REJECTED
         self.orbit.around((n, e, z), radius, speed, yaw_behaviour)
         if self.mode == "ORBIT" and self.armed:
             return ACCEPTED

@@ -161,10 +161,10 @@ def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
     estimate.velocity_std_v = deviation(P[5, 5])
     estimate.tilt_std = deviation(P[0, 0] + P[1, 1])
     estimate.yaw_std = deviation(P[2, 2])
-    estimate.ratio_gps_position = state.ratio_gps_position
-    estimate.ratio_gps_velocity = state.ratio_gps_velocity
-    estimate.ratio_baro = state.ratio_baro
-    estimate.ratio_mag = state.ratio_mag
+    estimate.ratio_gps_position = math.sqrt(state.ratio_gps_position)
+    estimate.ratio_gps_velocity = math.sqrt(state.ratio_gps_velocity)
+    estimate.ratio_baro = math.sqrt(state.ratio_baro)
+    estimate.ratio_mag = math.sqrt(state.ratio_mag)
 
 
 @njit(cache=True)

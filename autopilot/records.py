@@ -56,7 +56,7 @@ ESTIMATE = np.dtype(
         ("velocity_std_v", "f8"),  # m/s
         ("tilt_std", "f8"),  # rad
         ("yaw_std", "f8"),  # rad
-        ("ratio_gps_position", "f8"),  # innovation test ratios: 1 = at the gate
+        ("ratio_gps_position", "f8"),  # innovation over its gate, as PX4 has the test ratios
         ("ratio_gps_velocity", "f8"),
         ("ratio_baro", "f8"),
         ("ratio_mag", "f8"),

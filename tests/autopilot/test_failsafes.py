@@ -185,6 +185,22 @@ def test_arming_outside_the_geofence_is_refused(bench: Bench) -> None:
     assert said(bench, "outside the geofence")
 
 
+@pytest.mark.parametrize(
+    ("attitude", "axis"), [((0.0, 1.0, 0.0, 0.0), "roll"), ((0.8, 0.0, 0.6, 0.0), "pitch")], ids=["back", "nose"]
+)
+def test_a_vehicle_that_lies_is_not_fit(bench: Bench, attitude: tuple[float, ...], axis: str) -> None:
+    bench.core.estimate["attitude"] = attitude
+    bench.run(0.1)
+    assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    assert said(bench, f"Attitude failure ({axis})")
+    orbit = bench.client.command(dialect.MAV_CMD_DO_ORBIT, 10.0, 2.0, 0, math.nan, math.nan, math.nan, math.nan)
+    assert orbit == dialect.MAV_RESULT_TEMPORARILY_REJECTED
+    assert not bench.commander.armed
+    bench.core.estimate["attitude"] = (1.0, 0.0, 0.0, 0.0)
+    bench.run(0.1)
+    assert bench.client.arm() == 0
+
+
 def test_position_loss_lands(bench: Bench) -> None:
     bench.fly()
     bench.core.estimate["position_valid"] = 0
