@@ -178,6 +178,22 @@ def _verdict(result: dict[str, Any]) -> str:
     return f"FAILURE: {result['ne_m']:.2f} m from the target at the last action"
 
 
+def _hits(run: Path) -> list[str]:
+    """Return one line about what the drones flew into; nothing when they touched nothing."""
+    from dronecats.metrics.flown_episode import flown_episode
+    from dronecats.metrics.trajectories import contact_time
+    from dronecats.rundir.reading import episode_folder
+
+    flown = flown_episode(episode_folder(run))
+    hardest: dict[str, float] = {}
+    for hit in flown.logs.hits:
+        hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)
+    if not hardest:
+        return []
+    things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
+    return [f"{len(flown.logs.hits)} hits ({things}), {contact_time(flown) or 0.0:.1f} s in contact"]
+
+
 def _report(result: dict[str, Any], as_json: bool) -> int:
     reason, status = result.pop("reason"), result.pop("status")
     if result.get("error"):
@@ -190,6 +206,8 @@ def _report(result: dict[str, Any], as_json: bool) -> int:
             f"{'' if result['declarations'] == 1 else 's'},"
             f" {result['sim_seconds']:.1f} s of flight at {result['real_time_factor']:.1f} × real time"
         )
+        for line in _hits(Path(result["run_dir"])):
+            print(line)
     print(f"run folder: {result['run_dir']}", flush=True)
     if as_json:
         print(json.dumps(result), flush=True)

@@ -8,9 +8,10 @@ from typing import overload
 
 from dronecats.logger.measure import Measure, TruthMeasurement
 from dronecats.rundir import layout
-from dronecats.rundir.rows import Begin, End, FrameTruth, InPicture, Pose
+from dronecats.rundir.rows import Begin, Clear, End, FrameTruth, Hit, InPicture, Pose
 from dronecats.rundir.writing import LineLog, TelemetryLog
 from foundation.camera import CameraModel
+from foundation.contact_report import hit_of, seconds_of
 from foundation.frames import Vec3, quat_yaw
 from foundation.mavlink import Parser, dialect, frame_of
 from foundation.protocol import POSE_PERIOD_S
@@ -53,7 +54,7 @@ class Recorder:
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         """The episode's clock is zero at this vehicle time; it is flown for `cap_s` seconds at most."""
         self._t0_us = t0_us
-        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s))
+        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True))
 
     def end(self, reason: str, error: str | None = None) -> None:
         """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""
@@ -73,6 +74,8 @@ class Recorder:
                 self._pose(HeardTruth(message, self._origin))
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
                 self._frame(message)
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._t0_us is not None:
+                self._contact(message)
             self._tlog.write(self._time_us, frame_of(message))
         self._tlog.flush()
 
@@ -149,6 +152,13 @@ class Recorder:
                 target_box=_box(m.target_box),
             )
         )
+
+    def _contact(self, message: dialect.MAVLink_message) -> None:
+        t, drone = self._t(self._time_us), message.get_srcSystem() - 1
+        if hit := hit_of(message.text):
+            self._rows.write(Hit(t=t, drone=drone, what=hit.what, closing_speed=hit.closing_speed, crash=hit.crash))
+        elif (seconds := seconds_of(message.text)) is not None:
+            self._rows.write(Clear(t=t, drone=drone, contact_s=seconds))
 
     def _measured(self, sample: TruthSample) -> TruthMeasurement:
         others = [nearest(heard, sample.time_us).sample for k, heard in self._samples.items() if k != sample.drone]

@@ -8,12 +8,51 @@ from collections.abc import Callable
 from dronecats.metrics.flown_episode import FlownEpisode
 from dronecats.metrics.metric import Metric, MetricValue
 from dronecats.rundir.results import Diagnostics
+from dronecats.rundir.rows import Hit
 
 
 def min_distance_box(flown: FlownEpisode) -> float | None:
     """Return the least distance (m) from a drone to the target's box, of the frames within the cap; 0 is inside."""
     told = (row.distance_box_m for row in flown.logs.frames.values() if row.t <= flown.cap_s)
     return min((m for m in told if m is not None), default=None)
+
+
+def hits(flown: FlownEpisode) -> int | None:
+    """Return how often a drone flew into something within the cap; None where hits were not written."""
+    return len(_hits(flown)) if _contacts(flown) else None
+
+
+def crashes(flown: FlownEpisode) -> int | None:
+    """Return how many drones hit something hard enough to break; None where hits were not written."""
+    return sum(hit.crash for hit in _hits(flown)) if _contacts(flown) else None
+
+
+def hardest_hit(flown: FlownEpisode) -> float | None:
+    """Return the fastest closing speed (m/s) of a hit; None without one."""
+    return max((hit.closing_speed for hit in _hits(flown) if hit.closing_speed is not None), default=None)
+
+
+def contact_time(flown: FlownEpisode) -> float | None:
+    """Return the seconds in contact with anything, of all drones; a contact that the end cut off lasts until then."""
+    if not _contacts(flown):
+        return None
+    total, open_since = 0.0, dict[int, float]()
+    for row in sorted([*_hits(flown), *flown.logs.clears], key=lambda row: row.t):
+        if isinstance(row, Hit):
+            open_since.setdefault(row.drone, row.t)
+        elif (since := open_since.pop(row.drone, None)) is not None:
+            total += min(row.contact_s, flown.cap_s - since)
+    end_s = min(flown.cap_s, flown.logs.end.t if flown.logs.end else flown.cap_s)
+    return round(total + sum(max(end_s - since, 0.0) for since in open_since.values()), 2)
+
+
+def _contacts(flown: FlownEpisode) -> bool:
+    begin = flown.logs.begin
+    return begin is not None and begin.contacts is True
+
+
+def _hits(flown: FlownEpisode) -> list[Hit]:
+    return [hit for hit in flown.logs.hits if hit.t <= flown.cap_s]
 
 
 def _told(value: Callable[[Diagnostics], MetricValue]) -> Callable[[FlownEpisode], MetricValue]:
@@ -80,5 +119,25 @@ METRICS = (
         name="flown_s", title="Flown", unit="s", level="episode", better=None,
         definition="time of the last sample within the cap",
         paper="", of=flown_time,
+    ),
+    Metric(
+        name="hits", title="Hits", unit="count", level="episode", better="less",
+        definition="times a drone flew into something; of one contact each thing counts once",
+        paper="", of=hits,
+    ),
+    Metric(
+        name="crashes", title="Crashes", unit="count", level="episode", better="less",
+        definition="drones that hit something faster than 1 m/s, their feet the ground faster than 5 m/s",
+        paper="", of=crashes,
+    ),
+    Metric(
+        name="hardest_hit_mps", title="Hardest hit", unit="m/s", level="episode", better="less",
+        definition="fastest speed with which a contact began",
+        paper="", of=hardest_hit,
+    ),
+    Metric(
+        name="contact_s", title="In contact", unit="s", level="episode", better="less",
+        definition="time in contact with obstacles or other drones, of a fleet all together",
+        paper="", of=contact_time,
     ),
 )  # fmt: skip

@@ -18,6 +18,7 @@ from dronecats.rundir.rows import (
     ESTIMATE_ROWS,
     TRUTH_ROWS,
     Begin,
+    Clear,
     Decision,
     End,
     EstimatedFrame,
@@ -26,6 +27,7 @@ from dronecats.rundir.rows import (
     Exchange,
     FlownRecord,
     FrameTruth,
+    Hit,
     Pose,
 )
 from foundation.errors import UsageError
@@ -33,7 +35,7 @@ from foundation.errors import UsageError
 SCHEMA = 1  # version of the run folder's files; counts up when a field changes its meaning, which adding one does not
 
 Row = TypeVar("Row")
-TruthRow = Begin | Pose | FrameTruth | End
+TruthRow = Begin | Pose | FrameTruth | Hit | Clear | End
 EstimateRow = EstimateHead | EstimatedPose | EstimatedFrame
 
 
@@ -57,6 +59,8 @@ class Logs:
     end: End | None
     estimate: Estimate | None = None  # None: not derived, or not needed because the truth was known
     record: FlownRecord | None = None  # None: there is none that can be read
+    hits: tuple[Hit, ...] = ()
+    clears: tuple[Clear, ...] = ()
 
     @property
     def true(self) -> bool:
@@ -76,6 +80,8 @@ def read(folder: Path) -> Logs:
         poses=tuple(told[Pose]),
         begin=next(iter(told[Begin]), None),
         end=next(iter(told[End]), None),
+        hits=tuple(told[Hit]),
+        clears=tuple(told[Clear]),
         record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))

@@ -172,6 +172,7 @@ class Begin:
     t0_us: Annotated[int, _of("µs, the vehicle's clock at t = 0, whatever that counts from")]
     cap_s: Annotated[Cap | None, _of("s, the length of the flight")] = None
     source: Annotated[TraceSource | UnsetType | None, _of("estimate: all that follows is an autopilot's own")] = UNSET
+    contacts: Annotated[bool, _of("whether hits are written; missing: they are not")] | UnsetType = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,6 +215,28 @@ class FrameTruth:
         InPicture | None,
         _of("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
     ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hit:
+    """A drone flew into something, in truth.jsonl. Of one contact each thing is written once."""
+
+    kind: Literal["hit"] = "hit"
+    t: Seconds
+    drone: DroneNumber
+    what: Annotated[str, _of("its name on the map, 'another drone' or 'the ground'")]
+    closing_speed: Annotated[Number | None, _of("m/s, with which the contact began; null: of the ground")] = None
+    crash: Annotated[bool, _of("it was the first that was hard enough to break something")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clear:
+    """A drone has touched nothing for half a second, in truth.jsonl."""
+
+    kind: Literal["clear"] = "clear"
+    t: Seconds
+    drone: DroneNumber
+    contact_s: Annotated[Number, _of("s, from the first hit of the contact to its last touch")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,5 +309,5 @@ class FlownRecord:
     candidates: tuple[FlownThing, ...] = ()
 
 
-TRUTH_ROWS = {"begin": Begin, "pose": Pose, "frame": FrameTruth, "end": End}  # by `kind`
+TRUTH_ROWS = {"begin": Begin, "pose": Pose, "frame": FrameTruth, "hit": Hit, "clear": Clear, "end": End}  # by `kind`
 ESTIMATE_ROWS = {"estimate": EstimateHead, "pose": EstimatedPose, "frame": EstimatedFrame}

@@ -3,13 +3,14 @@
 import itertools
 from collections.abc import Callable, Sequence
 
+from foundation.contact_report import SaidHit, clear_text, hit_text
 from foundation.frames import Vec3, wrap_pi
 from foundation.mavlink import dialect
 from vehicles.collision import BOX
 from vehicles.encounter import DRONE, ball, girth, meet
 from vehicles.multirotor import Multirotor
 
-SAID_AGAIN_US = 1_000_000  # µs, a vehicle that scrapes along a wall says so once a second
+APART_US = 500_000  # µs without any contact after which a contact is over
 TOLD_US = 50_000  # µs
 AHEAD_S = 0.05  # s, over which the target's velocity is taken
 
@@ -64,29 +65,47 @@ class Encounters:
 
 
 class CollisionReport:
-    """Puts into words what a vehicle ran into."""
+    """Puts into words what a vehicle ran into, and when it was free again."""
 
     def __init__(self, vehicle: Multirotor) -> None:
         self._vehicle = vehicle
-        self._hits, self._crashed, self._silent_until_us = 0, False, 0
+        self._hits, self._crashed = 0, False
+        self._since_us: int | None = None  # when the present contact began
+        self._last_us = 0  # when anything touched last
+        self._said: set[str] = set()  # what the present contact is known to be with
 
     def message(self) -> dialect.MAVLink_message | None:
-        """Return a STATUSTEXT when something was hit since the last one, or the vehicle crashed; None otherwise."""
+        """Return a STATUSTEXT (`foundation.contact_report`) about what is new since the last call, None for nothing.
+
+        Of one contact each thing that is hit is said once; it ends when nothing has been touched for half a second.
+        """
         state = self._vehicle.state
-        hits, crashed = int(state["hits"]), bool(state["crashed"])
-        time_us = int(state["time_us"])
-        newly = crashed and not self._crashed
-        if not newly and (hits == self._hits or time_us < self._silent_until_us):
-            return None
-        struck = hits > self._hits
-        self._hits, self._crashed, self._silent_until_us = hits, crashed, time_us + SAID_AGAIN_US
-        what = f"{self._name(int(state['hit_owner']))} at {state['hit_speed']:.1f} m/s" if struck else "the ground"
-        severity = dialect.MAV_SEVERITY_CRITICAL if newly else dialect.MAV_SEVERITY_WARNING
-        text = f"{'Crash' if newly else 'Collision'}: hit {what}"
-        return dialect.MAVLink_statustext_message(severity, text.encode()[:50], 0, 0)
+        hits, crashed, time_us = int(state["hits"]), bool(state["crashed"]), int(state["time_us"])
+        struck, newly = hits > self._hits, crashed and not self._crashed
+        self._hits, self._crashed = hits, crashed
+        touched_us = int(self._vehicle.near["touched_us"].max())
+        if struck or touched_us > self._last_us:
+            self._last_us = time_us if struck else touched_us
+        if struck or newly:
+            what = self._name(int(state["hit_owner"])) if struck else "the ground"
+            if newly or what not in self._said:
+                self._since_us = time_us if self._since_us is None and struck else self._since_us
+                self._said.add(what)
+                severity = dialect.MAV_SEVERITY_CRITICAL if newly else dialect.MAV_SEVERITY_WARNING
+                return _text(severity, hit_text(SaidHit(what, float(state["hit_speed"]) if struck else None, newly)))
+        elif self._since_us is not None and time_us - self._last_us > APART_US:
+            seconds = max(self._last_us - self._since_us, 0) / 1e6
+            self._since_us = None
+            self._said.clear()
+            return _text(dialect.MAV_SEVERITY_INFO, clear_text(seconds))
+        return None
 
     def _name(self, owner: int) -> str:
         obstacles = self._vehicle.obstacles
         if owner == BOX and obstacles.moving:
             return obstacles.moving.name
         return "another drone" if owner == DRONE else obstacles.names[owner]
+
+
+def _text(severity: int, text: str) -> dialect.MAVLink_message:
+    return dialect.MAVLink_statustext_message(severity, text.encode(), 0, 0)

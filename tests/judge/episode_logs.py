@@ -43,6 +43,8 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
         poses=tuple(row(r, TRUTH_ROWS["pose"]) for r in truth if r["kind"] == "pose"),
         begin=begin and row(begin, TRUTH_ROWS["begin"]),
         end=end and row(end, TRUTH_ROWS["end"]),
+        hits=tuple(row(r, TRUTH_ROWS["hit"]) for r in truth if r["kind"] == "hit"),
+        clears=tuple(row(r, TRUTH_ROWS["clear"]) for r in truth if r["kind"] == "clear"),
         record=record and row(record, FlownRecord),
     )
 

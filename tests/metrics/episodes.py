@@ -17,7 +17,7 @@ RECORD = {
     "candidates": [{"position_ned": [20.0, 8.0, 0.5]}, {"position_ned": [20.0, -8.0, 0.5]}],
 }
 TARGET = [20.0, 0.0, -0.5]
-BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
+BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S, "contacts": True}
 
 number = st.integers(0, 1000).map(float) | st.sampled_from([0.0, 100.0, 128.0, 164.0, 72.0, 52.0, 500.0])
 go = st.builds(
@@ -38,6 +38,22 @@ box = st.tuples(*[st.sampled_from([0.0, 100.0, 300.0, 480.0])] * 2, *[st.sampled
 def away(here: tuple[float, float, float]) -> float:
     """Return how far a place is from the target, as it is logged."""
     return round(math.dist(here, TARGET), 4)
+
+
+@st.composite
+def contacts(draw: Any, drone: int) -> list[dict[str, Any]]:
+    """Return the rows of a drone's contacts, one after the other; the last may not have ended."""
+    rows, at = [], draw(st.sampled_from([0.0, 3.0, 12.0]))
+    for last in [False] * draw(st.integers(0, 2)) + [True]:
+        length = draw(st.sampled_from([0.0, 0.25, 9.0]))
+        for k in range(draw(st.integers(1, 2))):
+            speed, crash = draw(st.sampled_from([None, 0.5, 1.2])), draw(st.booleans())
+            rows.append({"kind": "hit", "t": at + k * TICK_S * (length > 0), "drone": drone, "what": f"thing-{k}",
+                         "closing_speed": speed, "crash": crash})  # fmt: skip
+        if not last or draw(st.booleans()):
+            rows.append({"kind": "clear", "t": at + length + 0.5, "drone": drone, "contact_s": length})
+        at += length + 1.0
+    return rows if draw(st.booleans()) else []
 
 
 @st.composite
@@ -74,6 +90,8 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
         ):
             truth.append(pose(at, away(where), seen, drone, list(where), yaw_deg=yaw_deg, target_ned=TARGET))
             at += draw(st.sampled_from([0.5, 0.5, 1.0]))
+    for drone in range(drones):
+        truth += draw(contacts(drone))
     record = {**RECORD, "cell": "commanding" if commanding else "approaching"} if draw(maybe) else None
     return decisions, truth, record
 

@@ -256,7 +256,28 @@ def one_candidate(e):
     return sum(len(set(s.nears)) == 1 and s.nears[0] is not None for s in steps) / len(steps)
 
 
+def struck(e):
+    return [row for row in e.truth if row["kind"] == "hit" and row["t"] <= e.cap_s]
+
+
+def contact_s(e):
+    """Count the sixteenths of a second in which a drone touches something."""
+    ticks = 0
+    for drone in {row["drone"] for row in struck(e)}:
+        mine = [row for row in e.truth if row.get("drone") == drone]
+        clears = [row["t"] for row in mine if row["kind"] == "clear"]
+        times = [(c["t"] - 0.5 - c["contact_s"], c["t"] - 0.5) for c in mine if c["kind"] == "clear"]
+        late = [row["t"] for row in mine if row["kind"] == "hit" and row["t"] > max(clears, default=-1.0)]
+        times += [(min(late), e.cap_s)] if late else []
+        ticks += sum(any(a <= k / 16 < b for a, b in times) for k in range(round(16 * e.cap_s)))
+    return ticks / 16
+
+
 METRICS = {
+    "hits": lambda e: len(struck(e)),
+    "crashes": lambda e: sum(row["crash"] for row in struck(e)),
+    "hardest_hit_mps": lambda e: max((r["closing_speed"] for r in struck(e) if r["closing_speed"]), default=None),
+    "contact_s": contact_s,
     "success": scored(lambda e: e.won),
     "oracle_success": lambda e: any(r["distance_m"] <= 5.0 for r in e.samples) if e.samples else None,
     "declared": scored(lambda e: bool(e.claims)),

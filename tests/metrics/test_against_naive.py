@@ -1,11 +1,15 @@
 """Every metric of the registry beside a second, naive implementation, over random logs."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.metrics.failure_mode import MODES, failure_mode
+from dronecats.metrics.flown_episode import FlownEpisode
 from dronecats.metrics.registry import METRICS
+from tests.judge.episode_logs import logs
 from tests.metrics import naive
 from tests.metrics.episodes import CAP_S, flights, flown
 
@@ -33,6 +37,12 @@ def test_every_metric_is_as_its_definition_has_it(rows):
             assert told == (expected if expected is None else pytest.approx(expected, abs=ROUNDED)), name
         for value in told if isinstance(told, list) else [told]:
             assert value is None or type(value) is bool or metric.unit != "share", name
+
+
+def test_where_no_hits_were_written_none_is_told():
+    begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
+    episode = FlownEpisode(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
+    assert [METRICS[name].of(episode) for name in ("hits", "crashes", "hardest_hit_mps", "contact_s")] == [None] * 4
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

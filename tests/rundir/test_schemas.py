@@ -26,6 +26,9 @@ ROWS: dict[str, list[tuple[dict[str, Any], Any]]] = {
         ({"kind": "pose", **MEASURED}, TRUTH_ROWS["pose"]),
         ({"kind": "frame", "frame_id": 7, **MEASURED, "distance_box_m": 2.0, "target_frd": PLACE,
           "target_box": [400.0, 410.5, 600.0, 600.0]}, TRUTH_ROWS["frame"]),
+        ({"kind": "hit", "t": 7.5, "drone": 1, "what": "house-25", "closing_speed": 1.2, "crash": True},
+          TRUTH_ROWS["hit"]),
+        ({"kind": "clear", "t": 9.5, "drone": 1, "contact_s": 1.5}, TRUTH_ROWS["clear"]),
         ({"kind": "end", "t": 300.0, "reason": "cap", "error": None}, TRUTH_ROWS["end"]),
     ],
     "estimate": [

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.sitl.collisions import CollisionReport, Encounters
+from foundation.contact_report import hit_of, seconds_of
 from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
 from vehicles.airframe import names
 from vehicles.encounter import DRONE, Ball, _first_touch, girth
@@ -85,8 +86,10 @@ def test_it_is_said_once_and_what_it_was() -> None:
             message = report.message()
             if message:
                 said.append(message.text)
-    assert len(said) == 2
-    assert all(text.startswith("Crash") and "drone" in text for text in said)
+    hits, ends = [hit_of(text) for text in said[:2]], [seconds_of(text) for text in said[2:]]
+    assert all(hit and hit.crash and hit.what == "another drone" for hit in hits)
+    assert len(ends) == 2
+    assert all(seconds is not None and seconds < 0.1 for seconds in ends)
 
 
 COORDINATE, SPEED = st.floats(-3.0, 3.0), st.floats(-40.0, 40.0)
