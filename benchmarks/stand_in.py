@@ -59,7 +59,7 @@ class _Handler(BaseHTTPRequestHandler):
 def main() -> None:
     """Serve until standard input ends."""
     server = StandIn(float(sys.argv[1]), sys.argv[2])
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     sys.stdout.write(f"http://127.0.0.1:{server.server_port}\n")
     sys.stdout.flush()
     sys.stdin.read()

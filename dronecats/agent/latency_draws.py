@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import gammaincinv
 
 LONGEST_S = 300.0  # an episode
 STEADY_CV = 1e-3  # below this a gamma is as good as its mean
@@ -30,6 +29,8 @@ def gamma_s(seed: Seed, step: int, drone: int, mean_s: float, cv: float) -> floa
     """Return a draw of a mean and a coefficient of variation (standard deviation / mean); 1 is the exponential."""
     if cv < STEADY_CV:
         return mean_s
+    from scipy.special import gammaincinv  # a base dependency, but slow to import, and most flights draw no gamma
+
     shape = 1.0 / (cv * cv)
     return min(mean_s / shape * float(gammaincinv(shape, _share(seed, step, drone, GAMMA))), LONGEST_S)
 

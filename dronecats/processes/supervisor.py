@@ -111,12 +111,12 @@ class ChildProcess:
         self._process.wait()
 
     def close(self) -> None:
-        """End the process: its standard input closes, which it obeys; a deaf one is killed."""
+        """End the process: its standard input closes, which it obeys. A deaf one is killed, one that hangs at once."""
         if self._process.stdin:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
         try:
-            self._process.wait(CLOSE_S)
+            self._process.wait(0.0 if self._silent_s else CLOSE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -40,7 +40,7 @@ class CameraPart:
         except OSError as error:
             raise bind_error(error, "TCP", host, port) from None
         self._server.daemon_threads = True
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
     def _announce(self, data: bytes) -> None:
         self._bus.send(data)

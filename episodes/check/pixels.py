@@ -8,7 +8,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from episodes.scene import Instance
+from episodes.once import once
+from episodes.scene import Instance, Mesh
 from episodes.visibility import NEAR_M, Hides, turn
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, rotate
@@ -42,9 +43,7 @@ def patch(
     x = (across + 0.5 - camera.width / 2) / camera.focal_px
     y = (down + 0.5 - camera.height / 2) / camera.focal_px
     way = (axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3)
-    own = EmbreeScene()
-    corners = np.ascontiguousarray(target.mesh.vertices[target.mesh.triangles].reshape(-1, 3), dtype=np.float32)
-    TriangleMesh(own, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    own = _traced(target.mesh)
     local_eye = ((eye - np.array(place)) @ to_world).astype(np.float32)
     start = np.ascontiguousarray(np.broadcast_to(local_eye, way.shape))
     hit = own.run(start, np.ascontiguousarray((way @ to_world).astype(np.float32)), output=1)
@@ -60,6 +59,15 @@ def patch(
     edges = {int(across[column].min()), int(across[column].max()) + 1 - camera.width}
     edges |= {int(down[row].min()), int(down[row].max()) + 1 - camera.height}
     return Patch(len(met), len(met) / whole, box / whole, cut=0 in edges)
+
+
+@once(16)  # a record's checks and a search for places ask about the same few things over and over
+def _traced(mesh: Mesh) -> EmbreeScene:
+    """Return a mesh for rays, in the asset's axes."""
+    scene = EmbreeScene()
+    corners = np.ascontiguousarray(mesh.vertices[mesh.triangles].reshape(-1, 3), dtype=np.float32)
+    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    return scene
 
 
 def _reach(

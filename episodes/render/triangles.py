@@ -77,13 +77,13 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
     triangles.position[part.triangles] = position
     triangles.normal[part.triangles] = part.normal @ turn
     triangles.face[part.triangles] = part.face @ turn
-    first = part.triangles.start
-    for chunk in range(part.chunks.start, part.chunks.stop):
-        start = int(triangles.chunk_first[chunk]) - first
-        corners = position[start : start + int(triangles.chunk_count[chunk])].reshape(-1, 3)
-        center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-        triangles.chunk_center[chunk] = center
-        triangles.chunk_radius[chunk] = np.sqrt(((corners - center) ** 2).sum(axis=1).max()) * 1.0001 + 1e-3
+    starts = triangles.chunk_first[part.chunks] - part.triangles.start
+    low, high = np.minimum.reduceat(position.min(axis=1), starts), np.maximum.reduceat(position.max(axis=1), starts)
+    center = 0.5 * (low + high)
+    away = position - np.repeat(center, triangles.chunk_count[part.chunks], axis=0)[:, None]
+    far = np.maximum.reduceat((away**2).sum(axis=2).max(axis=1), starts)
+    triangles.chunk_center[part.chunks] = center
+    triangles.chunk_radius[part.chunks] = np.sqrt(far) * 1.0001 + 1e-3
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:

@@ -1,15 +1,14 @@
-"""The suite under Inspect: flown by its own model, scored by our verifier, errors left unscored."""
+"""The suite under Inspect: flown by its own model, scored by our verifier, errors left unscored.
+
+Tests import Inspect, which takes seconds that only the worker that runs them shall pay.
+"""
 
 import json
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from inspect_ai import eval as evaluate
-from inspect_ai.log import read_eval_log
-from inspect_ai.model import ModelOutput, ModelUsage, get_model
 
-from dronecats.bridges.inspect_task import dronecats
 from foundation.errors import UsageError
 
 EPISODES = "residential-approaching-03,blocks-commanding-01"
@@ -18,6 +17,8 @@ FLEET = "[" + ", ".join([GO] * 4) + "]"
 
 
 def said(text):
+    from inspect_ai.model import ModelOutput, ModelUsage
+
     usage = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
     output = ModelOutput.from_content("mockllm/model", text)
     output.usage = usage
@@ -25,6 +26,12 @@ def said(text):
 
 
 def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0, **options):
+    from inspect_ai import eval as evaluate
+    from inspect_ai.log import read_eval_log
+    from inspect_ai.model import get_model
+
+    from dronecats.bridges.inspect_task import dronecats
+
     model = get_model("mockllm/model", custom_outputs=answer, memoize=False)
     task = dronecats(episodes, seconds=seconds, out=str(tmp_path / "runs"), **options)
     (log,) = evaluate(task, model=model, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False,
@@ -75,6 +82,8 @@ def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, li
 
 
 def test_an_effort_that_inspect_does_not_know_is_refused():
+    from dronecats.bridges.inspect_task import dronecats
+
     with pytest.raises(UsageError, match=r"-T lifted .*minimal, .*'much'"):
         dronecats("quick", lifted=cast(Any, "much"))
 

@@ -29,9 +29,9 @@ from tests.support.children import children
 from tests.support.command_line import last_object
 
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
-SHORT = dataclasses.replace(ORACLE, seconds=3.0, full=True)
+SHORT = dataclasses.replace(ORACLE, seconds=2.0, full=True)
 EASY = "residential-approaching-01"
-TWO = (EASY, "residential-searching-01")
+TWO = ("blocks-commanding-01", "blocks-commanding-02")  # each worker builds its map, and blocks is built at once
 
 
 def audit(out, *arguments):
@@ -106,8 +106,9 @@ def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
 
 
 def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
-    pinned, charged = (dataclasses.replace(SHORT, latency=policy) for policy in ("rate:2", "fixed:0.5"))
-    two = [flown_bytes(fly_once(dataclasses.replace(spec, episode=EASY)).run / EASY) for spec in (pinned, charged)]
+    alone = dataclasses.replace(SHORT, episode=TWO[0], drones=1, seconds=3.0)
+    pinned, charged = (dataclasses.replace(alone, latency=policy) for policy in ("rate:2", "fixed:0.5"))
+    two = [flown_bytes(fly_once(spec).run / TWO[0]) for spec in (pinned, charged)]
     assert two[0] == two[1]
     assert b'"latency_s": 0.5' in two[0]["decisions.jsonl"]
 
@@ -118,7 +119,7 @@ def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
     lost = TWO[1]
     batch._records[lost] = dataclasses.replace(batch._record(lost), map="nowhere")
     results = fly(batch, SHORT, TWO, jobs=2, workers=1)
-    assert results[EASY].outcome == "failure"
+    assert results[TWO[0]].outcome == "failure"
     assert results[lost].outcome == "error"
     assert "nowhere" in str(results[lost].error)
 
@@ -156,8 +157,8 @@ def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
             super()._turn(worker, fresh, flying)
 
     results = fly(batch, SHORT, TWO, engine=Frozen, answer_s=3.0)
-    assert results[EASY].outcome == "error"
-    assert "hangs" in str(results[EASY].error)
+    assert results[TWO[0]].outcome == "error"
+    assert "hangs" in str(results[TWO[0]].error)
     assert results[TWO[1]].outcome == "failure"
     assert not psutil.pid_exists(stopped[0])
     assert not workers()
@@ -180,7 +181,8 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
 
     threading.Thread(target=swallow, daemon=True).start()
     silent = ModelSpec(provider="local", name="silent", base_url=f"http://127.0.0.1:{server.getsockname()[1]}/v1")
-    flight = FlightSpec(model=silent, simulated=Simulated(speed=None), latency="fixed:0.5", seconds=6.0)
+    seen = Simulated(speed=None)
+    flight = FlightSpec(model=silent, simulated=seen, latency="fixed:0.5", seconds=6.0, drones=1)
     batch = batch_of(tmp_path / "run", flight)
 
     class Impatient(LocalEngine):
@@ -191,11 +193,11 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
                 self._hang_s = 1.0
             super()._turn(worker, fresh, flying)
 
-    results = fly(batch, flight, [EASY], engine=Impatient)
+    results = fly(batch, flight, TWO[:1], engine=Impatient)
     server.close()
-    assert results[EASY].outcome == "error"
-    assert re.search(r"\bhangs\b.*\b1 s", str(results[EASY].error))
-    assert batch.left([EASY]) == [EASY]
+    assert results[TWO[0]].outcome == "error"
+    assert re.search(r"\bhangs\b.*\b1 s", str(results[TWO[0]].error))
+    assert batch.left(TWO[:1]) == [TWO[0]]
     assert not workers()
 
 

@@ -20,7 +20,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.rundir.folder import prepare
 from foundation.turn import COMPUTING
 
-EPISODES = ("residential-approaching-01", "residential-searching-01")
+EPISODES = ("blocks-commanding-01", "blocks-commanding-02")  # the map that is built at once
 PATIENCE_S = 60.0  # s for the other flight's question; two that wait for one another never ask together
 REPLY = {
     "choices": [{"message": {"content": '{"action": "rotate", "angle_deg": 5}'}}],
@@ -36,7 +36,7 @@ class Together(ThreadingHTTPServer):
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Question)
         self.asked, self.met, self.lock = 0, threading.Event(), threading.Lock()
-        threading.Thread(target=self.serve_forever, daemon=True).start()
+        threading.Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()
 
     @property
     def spec(self):
@@ -76,7 +76,7 @@ class Question(BaseHTTPRequestHandler):
 @pytest.mark.parametrize("latency", ["fixed:1", "tokens:0.5,100"], ids=["beside", "inline"])
 def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
     server = Together()
-    flight = FlightSpec(model=server.spec, simulated=Simulated(speed=None), latency=latency, seconds=3.0, full=True)
+    flight = FlightSpec(model=server.spec, simulated=Simulated(speed=None), latency=latency, seconds=3.0, drones=1)
     batch = Batch(tmp_path / "run", {"flight": as_kept(flight)})
     run = OpenRun(entry=BenchEntry(name="run", flight=flight, episodes=EPISODES), batch=batch, part=EPISODES)
     came: list[Came] = []

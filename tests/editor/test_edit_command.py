@@ -23,8 +23,9 @@ def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
         lines = [process.stdout.readline(), process.stdout.readline()]
         assert f"http://127.0.0.1:{port}" in lines[1], process.stderr
         assert str(out) in lines[1]
-        page = urllib.request.urlopen(f"http://127.0.0.1:{port}")
-        assert "text/html" in page.headers["Content-Type"]
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}") as page:
+            assert "text/html" in page.headers["Content-Type"]
+            assert page.read()  # a page half read would hold the server at its end
         process.send_signal(signal.SIGINT)
         rest, errors = process.communicate(timeout=60)
         late.cancel()

@@ -1,6 +1,7 @@
 """Episodes of one process share what is laid out of their map, and are, byte for byte, those laid out alone."""
 
 import dataclasses
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -168,6 +169,7 @@ def test_what_reaches_beyond_the_map_makes_its_own_grid():
 
 def test_one_flight_keeps_nothing(monkeypatch):
     """What is kept for the next costs memory, and a process that flies once has no next."""
+    monkeypatch.setattr("episodes.once._expects_more", threading.Event())
     kept, of_map = [], renderer._shadows_of_map
 
     def keeping(*arguments):

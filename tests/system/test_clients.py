@@ -11,7 +11,7 @@ from pymavlink import mavutil
 from tests.support.command_line import last_object
 from tests.support.simulated_vehicle import simulated_vehicle
 
-SPEED = 2.0
+SPEED = 4.0
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from functools import partial
 import jsonschema
 import pytest
 
+from dronecats.agent.models import turns
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.open import open_model
@@ -34,6 +35,7 @@ LOCKSTEP = Simulated(speed=None)
 @pytest.fixture
 def serve(monkeypatch):
     monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     opened = []
 
     def start(reply, *faults):

@@ -121,7 +121,7 @@ class DeafModel(BaseHTTPRequestHandler):
 def test_a_model_that_hangs_leaves_the_vehicle_standing_and_then_landing(field, tap, tmp_path):
     server = ThreadingHTTPServer(("127.0.0.1", 0), DeafModel)
     server.daemon_threads = True
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     model = ("--model", "local/deaf", "--base-url", f"http://127.0.0.1:{server.server_port}/v1", "--patience", "6")
     flight = fly(tap, field[1], tmp_path, "--arm", *model)
     _, err = flight.communicate("ARM\n", timeout=240)

@@ -45,7 +45,7 @@ def holds(folder, share=0.95):
 @pytest.mark.parametrize(
     ("latency", "seed", "seconds"),
     [
-        ("fixed:0.1", 1, 120),
+        ("fixed:0.1", 1, 90),
         pytest.param("fixed:1", 2, 160, marks=pytest.mark.slow),
         pytest.param("fixed:4", 3, 300, marks=pytest.mark.slow),
     ],

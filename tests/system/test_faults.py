@@ -48,7 +48,8 @@ def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(f
     assert b"pw777" not in everything
 
 
-def test_unreadable_replies_are_the_models_failures_and_fly_on(fly):
+def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch):
+    monkeypatch.setattr("dronecats.agent.models.endpoint.pause_asked_for", lambda headers: 0.0)
     replies = ["\ud800 no json", "", '{"action":"land"}', '{"action":"go","point":[9],"depth_m":1}']
 
     def pilot(prompt, images):

@@ -79,7 +79,7 @@ class Told(ThreadingHTTPServer):
 @pytest.mark.parametrize("end", ENDS)
 def test_a_key_in_the_address_is_told_nowhere(tmp_path, monkeypatch, capfdbinary, end):
     server = Told(end)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     path = f"/{IN_THE_PATH}/v1"
     query = f"api_key={quote(IN_THE_QUERY, safe='')}"
     url = f"http://me:{IN_THE_USER}@127.0.0.1:{server.server_port}{path}?{query}"
@@ -140,7 +140,7 @@ class Seen(ThreadingHTTPServer):
 def test_a_child_that_asks_no_model_does_not_get_the_key(tmp_path):
     server = Seen(("127.0.0.1", 0), Looking)
     server.seen = {}
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     command = [*DRONECATS, "fly", "--sitl", "--model", "openai/x", "--base-url", f"http://127.0.0.1:{server.server_port}/v1",
                "--out", str(tmp_path / "run")]  # fmt: skip
     environment = {**os.environ, "OPENAI_API_KEY": IN_THE_ENVIRONMENT, "MINE": "not-a-secret"}

@@ -116,7 +116,7 @@ class Snapshot(http.server.BaseHTTPRequestHandler):
 @pytest.mark.slow
 def test_a_camera_is_looked_through_and_an_absent_one_fails(vehicle, tmp_path):
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Snapshot)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     url = f"http://127.0.0.1:{server.server_port}/picture.jpg"
     seen = preflight("--connect", vehicle, "--camera", url, "--json", folder=tmp_path)
     camera = next(row for row in json.loads(seen.stdout)["rows"] if row["name"] == "camera")

@@ -34,7 +34,7 @@ class KnownModel(ThreadingHTTPServer):
     def __init__(self, dies_after=None, reply=ROTATE):
         super().__init__(("127.0.0.1", 0), _Handler)
         self.took_s, self.refused_s, self.dies_after, self.reply = [], [], dies_after, reply
-        threading.Thread(target=self.serve_forever, daemon=True).start()
+        threading.Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()
 
     @property
     def words(self):

@@ -7,6 +7,7 @@ from functools import partial
 
 import pytest
 
+from dronecats.agent.models import turns
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
@@ -67,6 +68,7 @@ def replayed(capsys, folder, out, *words):
 
 def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     result, whole = flown(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())
     hurt, folder = flown(asking(broken), tmp_path / "broken")

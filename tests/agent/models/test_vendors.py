@@ -1,4 +1,7 @@
-"""The same question, asked by us and by the vendor's own client: the requests are equal, field by field."""
+"""The same question, asked by us and by the vendor's own client: the requests are equal, field by field.
+
+Tests import the clients, which takes seconds that only the worker that runs them shall pay.
+"""
 
 import base64
 import re
@@ -7,14 +10,7 @@ from dataclasses import asdict, replace
 from itertools import product
 from typing import Any
 
-import anthropic
-import openai
 import pytest
-from anthropic import transform_schema
-from anthropic.types.model import Model
-from google import genai
-from google.genai import types
-from openai.types.shared.reasoning_effort import ReasoningEffort
 
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
@@ -76,6 +72,8 @@ SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 
 def test_openai(monkeypatch):
+    import openai
+
     for case in product(SWITCHES, PICTURES, LIFTED, [None, "array", "object"]):
         provider, pictures, thinking, schema = case
         asked = request(pictures, thinking)
@@ -122,6 +120,9 @@ def camel(value: Any) -> Any:
 
 def test_gemini(monkeypatch):
     """Without a row nothing is said of reasoning; the row is as one of the models up to 2.5 would have it."""
+    from google import genai
+    from google.genai import types
+
     for case in product(PICTURES, LIFTED, [None, {"type": "array", "items": action_schema()}], [False, True]):
         pictures, thinking, schema, row = case
         asked = request(pictures, thinking)
@@ -164,6 +165,9 @@ def test_anthropic(monkeypatch):
 
     Lifted as a row of the older models would have it, who know a temperature and a budget.
     """
+    import anthropic
+    from anthropic import transform_schema
+
     for case in product(PICTURES, LIFTED, [None, "object"], [0.4, None]):
         pictures, thinking, schema, temperature = case
         asked = request(pictures, thinking)
@@ -219,6 +223,9 @@ def sent_for(monkeypatch: pytest.MonkeyPatch, name: str, asked: Request, base: s
 @pytest.mark.parametrize("thinking", LIFTED)
 def test_the_rows_of_openai(monkeypatch, name, thinking):
     """The client refuses to build what its types do not know, so that an effort of another name would be found here."""
+    import openai
+    from openai.types.shared.reasoning_effort import ReasoningEffort
+
     spec = ROWS[name]
     options: Any = spec.thinking if thinking else spec.quick
     assert options.get("reasoning_effort") in (None, *typing.get_args(typing.get_args(ReasoningEffort)[0]))
@@ -242,6 +249,9 @@ def test_the_rows_of_openai(monkeypatch, name, thinking):
 @pytest.mark.parametrize("name", of("gemini"))
 @pytest.mark.parametrize("thinking", LIFTED)
 def test_the_rows_of_gemini(monkeypatch, name, thinking):
+    from google import genai
+    from google.genai import types
+
     spec = ROWS[name]
     switch = (spec.thinking if thinking else spec.quick) or {}
     config = types.GenerateContentConfig(temperature=0.4, top_p=0.95, top_k=40, max_output_tokens=8192)
@@ -260,6 +270,9 @@ def test_the_rows_of_gemini(monkeypatch, name, thinking):
 @pytest.mark.parametrize("name", of("anthropic"))
 @pytest.mark.parametrize("thinking", LIFTED)
 def test_the_rows_of_anthropic(monkeypatch, name, thinking):
+    import anthropic
+    from anthropic.types.model import Model
+
     spec = ROWS[name]
     assert spec.name in typing.get_args(typing.get_args(Model)[0])
     options: Any = spec.thinking if thinking else spec.quick
@@ -281,6 +294,8 @@ def test_the_rows_of_anthropic(monkeypatch, name, thinking):
 @pytest.mark.parametrize("provider", ["openai", "vllm", "gemini", "anthropic"])
 def test_a_commander_is_held_to_its_own_reply(monkeypatch, provider):
     """Whichever root the pilots are held to; in the place where each vendor's client has its schema, as above."""
+    from anthropic import transform_schema
+
     asked = replace(request(4, False), role="commander")
     answers = {"gemini": CONTENT, "anthropic": MESSAGE}
     root = "object" if provider == "anthropic" else "array"

@@ -82,7 +82,7 @@ def test_motion_jpeg_gives_the_newest_picture_however_long_nobody_asked(serve, l
     camera = open_camera(server.url(), host_us)
     assert isinstance(camera, StreamCamera)
     camera.newest()
-    threading.Event().wait(2.0)  # forty pictures that nobody asks for: a buffer would now be two seconds deep
+    threading.Event().wait(1.0)  # twenty pictures that nobody asks for: a buffer would now be a second deep
     now, asked_us = server.number_now(), host_us()
     frame = camera.newest()
     # a picture without a length is known to be complete when the next begins

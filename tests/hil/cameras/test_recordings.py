@@ -32,11 +32,11 @@ def shown(camera):
 
 @pytest.fixture
 def video(tmp_path):
-    """Return the path of a video of two seconds, its pictures numbered."""
+    """Return the path of a video of a second, its pictures numbered."""
     path = tmp_path / "flight.mp4"
     size = (picture_code.WIDTH, picture_code.HEIGHT)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE_HZ, size)
-    for number in range(40):
+    for number in range(20):
         writer.write(np.frombuffer(picture_code.drawn(number), np.uint8).reshape(size[1], size[0], 3))
     writer.release()
     return path
@@ -49,7 +49,7 @@ def test_a_video_is_shown_at_its_own_pace_and_then_it_is_over(video, form):
     assert picture_code.read(first.image_rgb) == 0
     numbers = [picture_code.read(frame.image_rgb) for frame in seen]
     assert numbers == sorted(set(numbers))
-    assert numbers[-1] >= 35  # a busy computer misses some; it is never behind
+    assert numbers[-1] >= 15  # a busy computer misses some; it is never behind
     seconds = (seen[-1].time_us - first.time_us) / 1e6
     assert seconds == pytest.approx((numbers[-1] - numbers[0]) / RATE_HZ, abs=0.25)
     camera.close()

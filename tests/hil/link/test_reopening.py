@@ -11,6 +11,12 @@ from hil.link.reopening import Reopening
 from hil.link.transport import connect
 
 
+@pytest.fixture(autouse=True)
+def soon(monkeypatch):
+    """Try again after a tenth of a second, where a user's wire takes half of one."""
+    monkeypatch.setattr("hil.link.reopening.RETRY_S", 0.1)
+
+
 def test_a_tcp_wire_that_breaks_is_opened_again():
     listener = socket.create_server(("127.0.0.1", 0))
     url = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
@@ -23,7 +29,7 @@ def test_a_tcp_wire_that_breaks_is_opened_again():
         peer.close()
         assert wire.receive(2.0) == b""  # the end of the connection, no exception
         wire.send(b"lost")
-        assert wire.receive(1.0) == b""  # opened again on the way
+        assert wire.receive(0.2) == b""  # opened again on the way
     wire.close()
     listener.close()
 
@@ -38,11 +44,11 @@ def test_a_serial_device_that_is_plugged_in_again_is_used_again(tmp_path):
     device.unlink()
     os.close(far)
     os.close(line)
-    assert wire.receive(0.2) == b""
-    assert wire.receive(0.6) == b""  # not back yet
+    assert wire.receive(0.05) == b""
+    assert wire.receive(0.2) == b""  # not back yet
     line, far = pty.openpty()
     device.symlink_to(os.ttyname(far))
-    assert wire.receive(1.0) == b""
+    assert wire.receive(0.2) == b""
     os.write(line, b"after")
     assert wire.receive(2.0) == b"after"
     assert wire.reopened == 1

@@ -3,6 +3,7 @@
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.review.figures import style
 from tests.review.conftest import reader as reader
 from tests.study.studies import APPROACHING, TRACKING, write_study
 
@@ -26,5 +27,7 @@ def flown(tmp_path_factory):
 def report(flown, tmp_path_factory):
     """Its report."""
     out = tmp_path_factory.mktemp("reports") / "report"
-    assert main(["study", "report", str(flown), "--out", str(out)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(style.SETTINGS, "savefig.dpi", 50)  # the time that a PNG takes grows with its pixels
+        assert main(["study", "report", str(flown), "--out", str(out)]) == 0
     return out
