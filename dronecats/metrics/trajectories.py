@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dronecats.metrics.flown_episode import FlownEpisode
 from dronecats.metrics.metric import Metric, MetricValue
 from dronecats.rundir.results import Diagnostics
-from dronecats.rundir.rows import Hit
+from dronecats.rundir.rows import Clear, Hit
 
 
 def min_distance_box(flown: FlownEpisode) -> float | None:
@@ -37,7 +37,8 @@ def contact_time(flown: FlownEpisode) -> float | None:
     if not _contacts(flown):
         return None
     total, open_since = 0.0, dict[int, float]()
-    for row in sorted([*_hits(flown), *flown.logs.clears], key=lambda row: row.t):
+    rows: list[Hit | Clear] = [*_hits(flown), *flown.logs.clears]
+    for row in sorted(rows, key=lambda row: row.t):
         if isinstance(row, Hit):
             open_since.setdefault(row.drone, row.t)
         elif (since := open_since.pop(row.drone, None)) is not None:
