@@ -38,4 +38,4 @@ def drain(params: Record, state: Record) -> None:
     current = power / max(state.voltage, 0.5 * rest, 0.1) if rest > 0.0 else 0.0
     state.current = current
     state.voltage = max(rest - current * params.resistance_ohm, 0.0)
-    state.charge_ah = max(state.charge_ah - current * PERIOD_US / 3.6e9, COLLAPSE * params.capacity_ah)
+    state.charge_ah = max(state.charge_ah - current * PERIOD_US / 3.6e9, params.charge_least_ah)

@@ -13,8 +13,8 @@ from foundation.obstacles import OPEN, Obstacles
 from foundation.sensors import ACTUATORS, SENSORS, TRUTH
 from foundation.terrain import FLAT, HeightField
 from vehicles import ground
+from vehicles.battery import COLLAPSE, drain, open_circuit
 from vehicles.battery import PERIOD_US as BATTERY_PERIOD_US
-from vehicles.battery import drain, open_circuit
 from vehicles.collision import fresh_near, meet, solids_record
 from vehicles.collision_records import NEAR, SOLIDS, SolidTriangles
 from vehicles.compiled_frames import rotate_inverse
@@ -169,7 +169,20 @@ class Multirotor:
                 f"airframe '{airframe.name}' reaches {self.solids['reach']:.2f} m from its origin, but the obstacles "
                 f"are sorted for {obstacles.reach_m:g} m: build them with a larger reach"
             )
-        self._place(terrain, position_ned, yaw)
+        self._boot = terrain, position_ned, yaw
+        self._place(*self._boot)
+
+    def restore(self) -> None:
+        """Stand where it was put at first, upright, whole and with a full battery. Its time and sensors go on."""
+        time_us, plant = int(self.state["time_us"]), self.record
+        plant["state"] = np.zeros(1, STATE)[0]
+        plant["near"] = fresh_near()
+        self.state["time_us"] = time_us
+        self._place(*self._boot)
+
+    def keep_charge(self, share: float) -> None:
+        """From now on the battery is never drained below this share of its capacity."""
+        self.params["charge_least_ah"] = share * self.airframe.battery.capacity_ah
 
     def advance(self, steps: int) -> None:
         """Live through `steps` milliseconds with the actuators as they are."""
@@ -250,6 +263,7 @@ def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
     record["contact_damping"] = 2.0 * ground.DAMPING_RATIO * airframe.mass_kg * ground.RESONANCE / 4.0
     record["reach"] = max(math.dist(point, (0.0, 0.0, 0.0)) for point in points)
     record["cells"], record["capacity_ah"] = pack.cells, pack.capacity_ah
+    record["charge_least_ah"] = COLLAPSE * pack.capacity_ah
     record["resistance_ohm"], record["avionics_w"] = pack.resistance_ohm, pack.avionics_w
     record["ground_north"], record["ground_east"] = terrain.origin_north, terrain.origin_east
     record["ground_cell"] = terrain.cell_m

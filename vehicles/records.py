@@ -47,6 +47,7 @@ PARAMS = np.dtype(
         ("reach", "f8"),  # m, farthest contact point from the body origin
         ("cells", "f8"),
         ("capacity_ah", "f8"),
+        ("charge_least_ah", "f8"),  # below which the pack is not drained
         ("resistance_ohm", "f8"),
         ("avionics_w", "f8"),
         ("ground_north", "f8"),  # m, NED origin and cell of the height field

@@ -10,6 +10,7 @@ from dronecats.cli import signals
 from dronecats.cli.view_options import add_view, view_of
 
 WIND_MAX = 40.0  # m/s, a hurricane
+LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
 PX4_INSTANCES = 10  # further ones all send to port 14549
 
 
@@ -100,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
 
     config = SimulatorConfig(
         episode=episode,
+        least_charge=LEAST_CHARGE,
         airframe=args.airframe,
         seed=args.seed,
         speed=factor,

@@ -21,6 +21,7 @@ class SimulatorConfig:
     instance: int | None = None  # added to every port; None: ports that the system chose
     count: int | None = None  # vehicles; None: as many as the record has starts
     payload_kg: float = 0.0
+    least_charge: float | None = None  # 0 … 1, below which no battery is drained; None: as real ones
     conditions: FlightConditions = AS_EVER  # from boot
     disturbed: FlightConditions | None = None  # from the episode's beginning on; None: the same
     stalls: HostStalls = NO_STALLS  # of a simulator that is paced

@@ -76,9 +76,10 @@ class SimulatedVehicle(Vehicle):
         self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
 
     def _reboot(self) -> None:
-        """Start estimator and autopilot anew where the vehicle is; its clock, which a fleet shares, goes on."""
+        """Stand the vehicle on its start place and boot its autopilot; its clock, which a fleet shares, goes on."""
         former = self.autopilot
         former.close()
+        self.plant.restore()
         self._boot()
         self.autopilot.adopt(former)  # with a file or without
         for port in self._ports:

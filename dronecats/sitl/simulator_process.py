@@ -32,6 +32,9 @@ class Simulator:
             disturbed=config.disturbed,
             faults=fault_script.load(Path(script), rotors) if script else (),
         )
+        if config.least_charge is not None:
+            for vehicle in self.simulation.vehicles:
+                vehicle.plant.keep_charge(config.least_charge)
         self.simulation.advance()  # compiles, on the first run of an installation
         self.ports = Ports(self.simulation, config.instance)
         self.speed = 1.0 if config.speed is None else config.speed

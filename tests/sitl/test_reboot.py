@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from autopilot.mavlink.streams import BY_NAME
@@ -85,6 +86,48 @@ def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a
         vehicle.close()
         again = SimulatedVehicle(0, airframe.load("x500"), place, seed=4, origin=origin, state_dir=folder)
         assert repr(again.autopilot.commander.flight.plans.items) == repr(flight.plans.items)
+
+
+def test_a_restart_stands_a_fallen_vehicle_up():
+    vehicle = SimulatedVehicle(
+        0, airframe.load("x500"), BootPose((3.0, -2.0, 0.0), 1.0), seed=4, origin=(47.4, 8.5, 488.0)
+    )
+    transport = Lockstep(Simulation([vehicle])).transport(0)
+    link = Link(transport)
+    link.connect()
+    link.wait(12.0)
+    stood, state = vehicle.plant.truth["position_ned"].copy(), vehicle.plant.state
+    state["position"], state["attitude"] = (9.0, 9.0, -0.3), (0.0, 1.0, 0.0, 0.0)
+    state["charge_ah"] *= 0.01
+    state["rotor_health"][1] = 0.0
+    link.wait(4.0)
+    assert vehicle.autopilot.commander.arming_failures()
+    now = vehicle.time_us
+    link.send(
+        dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0)
+    )
+    link = Link(transport)
+    link.connect()
+    assert vehicle.time_us > now
+    assert vehicle.plant.truth["position_ned"] == pytest.approx(stood, abs=1e-3)
+    assert vehicle.plant.state["upside_down"] == 0
+    assert (vehicle.plant.state["rotor_health"][:4] == 1.0).all()
+    link.wait(15.0)
+    assert vehicle.autopilot.commander.arming_failures() == []
+    assert vehicle.plant.sensors["battery_remaining"] > 0.98
+
+
+def test_a_pack_that_is_kept_charged_is_not_drained_below():
+    vehicle = SimulatedVehicle(
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=4, origin=(47.4, 8.5, 488.0)
+    )
+    vehicle.plant.keep_charge(0.5)
+    capacity = float(vehicle.plant.params["capacity_ah"])
+    for share, stays in ((0.52, False), (0.5, True)):
+        vehicle.plant.state["charge_ah"] = share * capacity
+        for _ in range(100):
+            vehicle.advance()
+        assert (vehicle.plant.state["charge_ah"] == share * capacity) is np.bool_(stays)
 
 
 def test_a_vehicle_in_flight_does_not_restart():
