@@ -11,7 +11,7 @@ import argparse
 import json
 import math
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -237,10 +237,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=1, help="flights of each press")
     parser.add_argument("--only", default="", help="presses whose thing has this in its name")
+    parser.add_argument("--short", action="store_true", help="two presses of five seconds, to see that it runs")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args()
-    flights = list(product([each for each in PRESSES if arguments.only in each.thing], range(arguments.seeds)))
+    presses = [each for each in PRESSES if arguments.only in each.thing]
+    if arguments.short:
+        presses = [replace(each, seconds=5.0) for each in presses if each.episode == BLOCKS][:2]
+    flights = list(product(presses, range(arguments.seeds)))
     outcomes = []
     with ProcessPoolExecutor(arguments.jobs) as pool:
         for outcome in pool.map(fly, *zip(*flights, strict=True)):

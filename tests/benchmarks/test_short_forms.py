@@ -47,6 +47,12 @@ def test_every_benchmark_is_looked_at_here():
     assert {path.stem for path in (ROOT / "benchmarks").glob("[a-z]*.py")} - PARTS <= tested
 
 
+def test_presses():
+    (found,) = printed("presses")
+    assert_figures(found["presses"][0], {"hits", "speed", "attitude_deg", "left_m"})
+    assert found["of"] == len(found["presses"]) == 2
+
+
 @needs("browser")
 def test_page():
     for embed in ((), ("--embed",)):
