@@ -253,9 +253,8 @@ def main() -> None:
                 print(_told(outcome), flush=True)
     good = sum(not outcome.beyond for outcome in outcomes)
     if arguments.json:
-        print(
-            json.dumps({"within": good, "of": len(outcomes), "presses": [asdict(each) for each in outcomes]}, indent=2)
-        )
+        figures = {"within": good, "of": len(outcomes), "presses": [asdict(each) for each in outcomes]}
+        print(json.dumps(figures))
     else:
         print(f"{good} of {len(outcomes)} within all limits")
 
