@@ -10,6 +10,7 @@ names of the limits that it exceeds:
 import argparse
 import json
 import math
+import statistics
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import product
@@ -232,6 +233,18 @@ def _told(outcome: Outcome) -> str:
     )
 
 
+def _summary(outcomes: list[Outcome]) -> list[str]:
+    """Return a line for each limit: the median and the worst of all presses, and how many exceed it."""
+    lines = []
+    for name, most in LIMITS.items():
+        values = [float(getattr(outcome, name)) for outcome in outcomes]
+        beyond = sum(not value <= most for value in values)
+        lines.append(f"{name:16} limit {most:4.1f}  median {statistics.median(values):5.2f}  worst {max(values):6.2f}"
+                     f"  beyond {beyond}")  # fmt: skip
+    resets = sum(outcome.resets for outcome in outcomes)
+    return [*lines, f"resets of the estimator: {resets}; clipped milliseconds: {sum(o.clipped for o in outcomes)}"]
+
+
 def main() -> None:
     """Fly the presses and print them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -256,6 +269,7 @@ def main() -> None:
         figures = {"within": good, "of": len(outcomes), "presses": [asdict(each) for each in outcomes]}
         print(json.dumps(figures))
     else:
+        print(*_summary(outcomes), sep="\n")
         print(f"{good} of {len(outcomes)} within all limits")
 
 

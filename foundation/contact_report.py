@@ -18,10 +18,11 @@ CLEAR = re.compile(r"Collision: clear after ([\d.]+) s")
 
 
 def hit_text(hit: SaidHit) -> str:
-    """Return the text of a hit, at most 50 characters: MAVLink takes no more."""
+    """Return the text of a hit, at most 50 bytes of UTF-8: MAVLink takes no more."""
     speed = "" if hit.closing_speed is None else f" at {hit.closing_speed:.1f} m/s"
     begin = f"{'Crash' if hit.crash else 'Collision'}: hit "
-    return begin + hit.what[: 50 - len(begin) - len(speed)] + speed
+    name = hit.what.encode()[: 50 - len(begin) - len(speed)].decode(errors="ignore")
+    return begin + name + speed
 
 
 def clear_text(seconds: float) -> str:

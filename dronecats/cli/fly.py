@@ -182,16 +182,16 @@ def _hits(run: Path) -> list[str]:
     """Return one line about what the drones flew into; nothing when they touched nothing."""
     from dronecats.metrics.flown_episode import flown_episode
     from dronecats.metrics.trajectories import contact_time
-    from dronecats.rundir.reading import episode_folder
 
-    flown = flown_episode(episode_folder(run))
+    flown = flown_episode(run)
     hardest: dict[str, float] = {}
     for hit in flown.logs.hits:
         hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)
     if not hardest:
         return []
     things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
-    return [f"{len(flown.logs.hits)} hits ({things}), {contact_time(flown) or 0.0:.1f} s in contact"]
+    count = len(flown.logs.hits)
+    return [f"{count} hit{'' if count == 1 else 's'} ({things}), {contact_time(flown) or 0.0:.1f} s in contact"]
 
 
 def _report(result: dict[str, Any], as_json: bool) -> int:

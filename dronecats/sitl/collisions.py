@@ -77,7 +77,7 @@ class CollisionReport:
     def message(self) -> dialect.MAVLink_message | None:
         """Return a STATUSTEXT (`foundation.contact_report`) about what is new since the last call, None for nothing.
 
-        Of one contact each thing that is hit is said once; it ends when nothing has been touched for half a second.
+        Each thing that one contact hits is reported once. The contact ends after half a second without a touch.
         """
         state = self._vehicle.state
         hits, crashed, time_us = int(state["hits"]), bool(state["crashed"]), int(state["time_us"])

@@ -25,6 +25,9 @@ def test_a_hit_is_read_back(hit):
 def test_a_long_name_fits_into_a_message():
     text = hit_text(SaidHit("x" * 80, 12.3, True))
     assert len(text) == 50
+    accented = hit_text(SaidHit("é" * 40, 12.3, True))
+    assert len(accented.encode()) <= 50
+    assert accented.endswith(" at 12.3 m/s")
     assert hit_of(text) == SaidHit(text[11:].partition(" at ")[0], 12.3, True)
     assert seconds_of(clear_text(7.25)) == 7.25
     assert hit_of("Collision of interests") is None
