@@ -1,8 +1,9 @@
 """The constants of a multirotor: read by the physics, and by the autopilot's design step that turns them into gains."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
-from foundation.frames import Vec3
+from foundation.frames import GRAVITY, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class RotorCurve:
     inertia: float  # kg·m², rotor and bell about the spin axis
     radius_m: float  # m
     drag_coefficient: float  # N / ((rad/s)·(m/s)), in-plane (blade) drag
+    rotating_kg: float = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: it does not shake
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,15 @@ class Airframe:
     def thrust_max(self) -> float:
         """N, all rotors at full speed."""
         return len(self.rotors) * self.curve.thrust_coefficient * self.curve.speed_max**2
+
+    @property
+    def hover_speed(self) -> float:
+        """rad/s, of each rotor in still air."""
+        return math.sqrt(self.mass_kg * GRAVITY / (len(self.rotors) * self.curve.thrust_coefficient))
+
+    def balanced(self) -> "Airframe":
+        """Return the airframe with rotors that do not shake it."""
+        return replace(self, curve=replace(self.curve, rotating_kg=0.0))
 
     @property
     def standing_m(self) -> float:

@@ -19,6 +19,7 @@ _VECTORS = ("position_frd", "inertia_frd", "drag_linear_frd", "drag_quadratic_fr
 _MAY_BE_ZERO = (
     "speed_idle",
     "drag_coefficient",
+    "rotating_kg",
     "avionics_w",
     "resistance_ohm",
     "drag_linear_frd",

@@ -10,7 +10,7 @@ from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3, quat_from_euler
 from foundation.obstacles import OPEN, Obstacles
-from foundation.sensors import ACTUATORS, SENSORS, TRUTH
+from foundation.sensors import ACTUATORS, MAX_ROTORS, SENSORS, TRUTH
 from foundation.terrain import FLAT, HeightField
 from vehicles import ground
 from vehicles.battery import COLLAPSE, drain, open_circuit
@@ -23,7 +23,7 @@ from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, 
 from vehicles.noise import streams
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE, STEP_S, STEP_US
 from vehicles.rigid_body import move
-from vehicles.rotor import ground_gain, push
+from vehicles.rotor import FIRST_TURN, IMBALANCE_SPEED, ground_gain, push
 from vehicles.sensors import SUITE, Suite, fresh_memory, grow, sample, suite_record
 from vehicles.wind import CALM, Wind, gust
 from vehicles.wind import PERIOD_US as WIND_PERIOD_US
@@ -231,6 +231,7 @@ class Multirotor:
         state["position"] = (north, east, down)
         state["attitude"] = quat_from_euler(0.0, 0.0, yaw)
         state["rotor_health"] = 1.0
+        state["rotor_turn"] = FIRST_TURN * np.arange(MAX_ROTORS)
         state["height"] = below - down
         state["charge_ah"] = self.airframe.battery.capacity_ah
         state["voltage"] = self.airframe.battery.cells * open_circuit(1.0)
@@ -254,6 +255,7 @@ def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
     record["gain_down"] = 1.0 - math.exp(-STEP_S / curve.time_constant_down_s)
     record["rotor_inertia"], record["rotor_radius"] = curve.inertia, curve.radius_m
     record["blade_drag"] = curve.drag_coefficient
+    record["imbalance"] = curve.rotating_kg * IMBALANCE_SPEED / airframe.hover_speed
     record["contacts"] = len(points)
     record["contact_position"][: len(points)] = points
     lowest = max(point[2] for point in points)

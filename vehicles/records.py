@@ -39,6 +39,7 @@ PARAMS = np.dtype(
         ("rotor_inertia", "f8"),  # kg·m²
         ("rotor_radius", "f8"),  # m
         ("blade_drag", "f8"),  # N / ((rad/s)·(m/s))
+        ("imbalance", "f8"),  # kg·m, of one rotor
         ("contacts", "i8"),
         ("contact_position", "f8", (MAX_CONTACTS, 3)),  # m, FRD
         ("contact_is_foot", "i8", (MAX_CONTACTS,)),  # bool
@@ -67,6 +68,7 @@ STATE = np.dtype(
         ("specific_force", "f8", (3,)),  # m/s², FRD, mean over the last step
         ("mean_rates", "f8", (3,)),  # rad/s, FRD, mean over the last step
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
+        ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, where its heavy side is, from forward, the way it turns
         ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 sound … 0 dead: scales the commanded speed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
         ("charge_ah", "f8"),
@@ -109,7 +111,8 @@ MEMORY = np.dtype(
         ("gyro_scale", "f8", (3,)),
         ("mag_bias", "f8", (3,)),  # gauss
         ("baro_drift", "f8"),  # hPa
-        ("gps_error", "f8", (3,)),  # m, NED, correlated part
+        ("gps_error", "f8", (3,)),  # m, NED, of the atmosphere
+        ("gps_multipath", "f8", (3,)),  # m, NED
         ("accel_sum", "f8", (3,)),  # m/s² times steps, of the inertial sample under way
         ("gyro_sum", "f8", (3,)),  # rad/s times steps
         ("imu_steps", "i8"),  # steps in these sums

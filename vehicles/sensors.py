@@ -15,7 +15,7 @@ from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
 from vehicles.noise import normal
-from vehicles.records import GPS_QUEUE, MEMORY, STEP_US
+from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, RandomStream
 
 BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
 BATTERY_PERIOD_US = 100_000
@@ -24,11 +24,17 @@ TEMPERATURE_0 = 288.15  # K, ISA sea level
 LAPSE = 0.0065  # K/m, ISA
 EXPONENT = 5.255876  # ISA: g·M / (R·LAPSE)
 KELVIN = 273.15
-GPS_ERRORS = ("gps_error_h", "gps_error_v", "gps_noise", "gps_velocity_noise_h", "gps_velocity_noise_v")
+GPS_ERRORS = (
+    "gps_error_h", "gps_error_v", "gps_multipath_h", "gps_multipath_v", "gps_noise", "gps_velocity_noise_h",
+    "gps_velocity_noise_v",
+)  # fmt: skip
 NOISE = (
     "accel_noise_density", "accel_random_walk", "gyro_noise_density", "gyro_random_walk", "mag_noise", "baro_noise_hpa",
     "baro_drift_hpa",
 )  # fmt: skip
+
+
+BOOT_ERRORS = ("accel_bias", "accel_scale", "gyro_bias", "gyro_scale", "mag_bias")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +68,13 @@ class Suite:
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
     # s: the atmosphere's delay wanders over 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of their
-    # troposphere model); short multipath is in the white part
+    # troposphere model)
     gps_error_time_s: float = 1800.0
+    # m per horizontal axis: estimate of what reflections add in the open. They change within a minute: there the
+    # autocorrelation of recorded positions bends (D. L. Wilson, GPS accuracy page); PX4's Gazebo receiver has 60 s
+    gps_multipath_h: float = 0.25
+    gps_multipath_v: float = 0.5  # m
+    gps_multipath_time_s: float = 60.0
     gps_noise: float = 0.02  # m, white, on top
     gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
@@ -107,6 +118,8 @@ class Suite:
         )
 
 
+PERFECT = replace(Suite(), **dict.fromkeys((*BOOT_ERRORS, *NOISE, *GPS_ERRORS, "range_noise_m"), 0.0))  # late, but true
+
 SUITE = np.dtype(
     [(name, "i8" if kind in (int, "int") else "f8") for name, kind in Suite.__annotations__.items()]
     + [
@@ -147,6 +160,8 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
     memory["mag_bias"] = suite.mag_bias * draw.standard_normal(3)
     memory["baro_drift"] = suite.baro_drift_hpa * draw.standard_normal()
     memory["gps_error"] = np.array([suite.gps_error_h, suite.gps_error_h, suite.gps_error_v]) * draw.standard_normal(3)
+    multipath = (suite.gps_multipath_h, suite.gps_multipath_h, suite.gps_multipath_v)
+    memory["gps_multipath"] = np.array(multipath) * draw.standard_normal(3)
     for i, name in enumerate(("imu", "mag", "baro", "gps", "range", "battery", "bias")):
         memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step pays for all of them
     return memory
@@ -154,8 +169,9 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
 
 def grow(memory: np.void, before: np.void, after: np.void) -> None:
     """Scale what wanders now by what it wanders after and before, of two SUITE records; what did not wander stays."""
-    for i, name in enumerate(("gps_error_h", "gps_error_h", "gps_error_v")):
-        memory["gps_error"][i] *= _ratio(before[name], after[name])
+    for kind in ("gps_error", "gps_multipath"):
+        for i, axis in enumerate("hhv"):
+            memory[kind][i] *= _ratio(before[f"{kind}_{axis}"], after[f"{kind}_{axis}"])
     memory["baro_drift"] *= _ratio(before["baro_drift_hpa"], after["baro_drift_hpa"])
 
 
@@ -246,11 +262,17 @@ def _magnetic(suite: Record, memory: Record, faults: Record, state: Record, atti
 
 
 @njit(cache=True)
+def _wandered(value: float, sigma: float, share: float, rng: RandomStream) -> float:
+    """Return a Gauss-Markov process of this 1σ after `share` of its correlation time."""
+    keep = math.exp(-share)
+    return keep * value + math.sqrt(1.0 - keep * keep) * sigma * normal(rng)
+
+
+@njit(cache=True)
 def _barometric(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
     altitude = suite.origin_alt_m - state.position[2]
-    keep = math.exp(-suite.baro_period_us * 1e-6 / suite.baro_drift_time_s)
-    fresh = suite.baro_drift_hpa * math.sqrt(1.0 - keep * keep)
-    memory.baro_drift = keep * memory.baro_drift + fresh * normal(memory.rng)
+    share = suite.baro_period_us * 1e-6 / suite.baro_drift_time_s
+    memory.baro_drift = _wandered(memory.baro_drift, suite.baro_drift_hpa, share, memory.rng)
     fault, row = active(faults, BARO, state.time_us)
     if fault == FAIL:
         return
@@ -266,11 +288,15 @@ def _barometric(suite: Record, memory: Record, faults: Record, state: Record, se
 def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record) -> None:
     """Take a fix that is valid now and put it on its way."""
     rng = memory.rng
-    keep = math.exp(-suite.gps_period_us * 1e-6 / suite.gps_error_time_s)
-    fresh = math.sqrt(1.0 - keep * keep)
+    period_s = suite.gps_period_us * 1e-6
     for i in range(3):
-        error = suite.gps_error_h if i < 2 else suite.gps_error_v
-        memory.gps_error[i] = keep * memory.gps_error[i] + fresh * error * normal(rng)
+        error, reflected = suite.gps_error_h, suite.gps_multipath_h
+        if i == 2:
+            error, reflected = suite.gps_error_v, suite.gps_multipath_v
+        memory.gps_error[i] = _wandered(memory.gps_error[i], error, period_s / suite.gps_error_time_s, rng)
+        memory.gps_multipath[i] = _wandered(
+            memory.gps_multipath[i], reflected, period_s / suite.gps_multipath_time_s, rng
+        )
     fault, row = active(faults, GPS, state.time_us)
     if fault == FAIL:
         return
@@ -290,7 +316,8 @@ def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record)
             continue
         noise = suite.gps_velocity_noise_h if i < 2 else suite.gps_velocity_noise_v
         bias = faults.value[row, i] if fault == BIAS else 0.0
-        memory.queue_position[slot, i] = state.position[i] + memory.gps_error[i] + suite.gps_noise * normal(rng) + bias
+        error = memory.gps_error[i] + memory.gps_multipath[i] + suite.gps_noise * normal(rng)
+        memory.queue_position[slot, i] = state.position[i] + error + bias
         memory.queue_velocity[slot, i] = state.velocity[i] + noise * normal(rng)
 
 

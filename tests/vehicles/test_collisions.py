@@ -9,11 +9,12 @@ from episodes.obstacles import sorted_into_cells
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, quat_from_euler, quat_integrate, quat_to_euler, rotate
 from foundation.obstacles import OPEN, MovingBox, Obstacles
-from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
+from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
 from vehicles.collision import BOX, REBOUND_SPEED
 from vehicles.multirotor import Multirotor
 from vehicles.nearest import in_box, in_triangle
+from vehicles.sensors import PERFECT
 
 CAMERA = (0.5, 0.0, 0.1)
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -120,7 +121,7 @@ def test_half_on_the_edge_of_a_roof_it_tips_over() -> None:
 def test_a_hard_hit_breaks_a_propeller_and_says_what_was_hit() -> None:
     wall = solid(block((-30.0, 0.0, 0.0), (1.0, 1.0, 1.0)), block((6.0, 0.0, -4.0), (1.0, 8.0, 5.0)))
     craft = vehicle(obstacles=wall, position_ned=(4.2, 0.0, -3.0))
-    spin(craft, hover_speed(craft))
+    spin(craft, craft.airframe.hover_speed)
     craft.state["velocity"] = (4.0, 0.0, 0.0)
     craft.advance(300)
     assert craft.state["crashed"] == 1
@@ -131,7 +132,7 @@ def test_a_hard_hit_breaks_a_propeller_and_says_what_was_hit() -> None:
 
 def test_a_gentle_touch_breaks_nothing() -> None:
     craft = vehicle(obstacles=WALL, camera_frd=CAMERA, position_ned=(4.3, 0.0, -3.0))
-    spin(craft, hover_speed(craft))
+    spin(craft, craft.airframe.hover_speed)
     craft.state["velocity"] = (0.5, 0.0, 0.0)
     craft.advance(500)
     assert craft.state["hits"] >= 1
@@ -155,7 +156,7 @@ def test_the_inertial_sensors_feel_all_that_a_contact_does(
     place = (4.35, 0.2, -3.0) if velocity[0] else (0.0, 0.0, -1.6)
     suite = replace(PERFECT, imu_period_us=period_us, accel_range=1e4)
     craft = vehicle(name, obstacles=STONES, camera_frd=CAMERA, position_ned=place, suite=suite)
-    spin(craft, hover_speed(craft))
+    spin(craft, craft.airframe.hover_speed)
     craft.state["velocity"] = velocity
     ahead = np.array(velocity) / np.linalg.norm(velocity)
     craft.state["external_force"] = 0.4 * craft.airframe.mass_kg * GRAVITY * ahead
@@ -203,7 +204,7 @@ def test_far_obstacles_change_no_byte_of_a_flight() -> None:
     flown = []
     for obstacles in (OPEN, WALL):
         craft = vehicle(position_ned=(-5.0, 0.0, -8.0), obstacles=obstacles)
-        spin(craft, hover_speed(craft))
+        spin(craft, craft.airframe.hover_speed)
         craft.state["velocity"] = (0.0, 1.0, 0.0)
         craft.advance(2000)
         flown.append(craft.state.tobytes())

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from dronecats.sitl.collisions import CollisionReport, Encounters
 from foundation.contact_report import hit_of, seconds_of
-from tests.vehicles.fleet import PERFECT, hover_speed, spin, vehicle
+from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
 from vehicles.encounter import DRONE, Ball, _first_touch, girth
 from vehicles.multirotor import Multirotor
+from vehicles.sensors import PERFECT
 
 TICK = 10
 
@@ -20,7 +21,7 @@ def pair(name: str, apart: float, aside: float, speed: float) -> tuple[Multiroto
     found = []
     for sign in (-1.0, 1.0):
         craft = vehicle(name, position_ned=(sign * apart / 2, sign * aside / 2, -60.0), suite=PERFECT)
-        spin(craft, hover_speed(craft))
+        spin(craft, craft.airframe.hover_speed)
         craft.state["velocity"] = (-sign * speed, 0.0, 0.0)
         found.append(craft)
     return found[0], found[1]

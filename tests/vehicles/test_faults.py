@@ -7,8 +7,9 @@ import pytest
 
 from foundation.frames import geodetic_to_ned
 from tests.support.refusal import refusal
-from tests.vehicles.fleet import HIGH, ORIGIN, PERFECT, vehicle
+from tests.vehicles.fleet import HIGH, ORIGIN, vehicle
 from vehicles.faults import Fault
+from vehicles.sensors import PERFECT
 
 TIMES = {"accel": "imu", "gyro": "imu", "mag": "mag", "baro": "baro", "gps": "gps", "range": "range"}
 VALUES = {

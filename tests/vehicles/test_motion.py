@@ -5,7 +5,7 @@ import pytest
 
 from foundation.airframe import Airframe
 from foundation.frames import GRAVITY, quat_to_euler, rotate
-from tests.vehicles.fleet import HIGH, hover_speed, spin, vehicle
+from tests.vehicles.fleet import HIGH, spin, vehicle
 from vehicles import rotor
 from vehicles.airframe import names
 from vehicles.multirotor import Multirotor
@@ -21,7 +21,7 @@ def steady(craft: Multirotor, speed: float | np.ndarray, steps: int) -> None:
 @pytest.mark.parametrize("name", names())
 def test_hover_thrust_equals_weight_and_stays_put(name: str) -> None:
     craft = vehicle(name, position_ned=HIGH)
-    steady(craft, hover_speed(craft), 1000)
+    steady(craft, craft.airframe.hover_speed, 1000)
     assert craft.truth["position_ned"] == pytest.approx(HIGH, abs=2e-3)
     assert craft.truth["accel_frd"] == pytest.approx((0.0, 0.0, -GRAVITY), abs=1e-3)
     assert craft.truth["rates_frd"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
@@ -87,7 +87,7 @@ def test_projectile_without_drag_keeps_its_energy() -> None:
 def test_faster_counter_clockwise_rotors_yaw_clockwise(name: str) -> None:
     craft = vehicle(name, position_ned=HIGH)
     spins = np.array([r.spin for r in craft.airframe.rotors])
-    steady(craft, hover_speed(craft) * (1.0 + 0.02 * spins), 50)
+    steady(craft, craft.airframe.hover_speed * (1.0 + 0.02 * spins), 50)
     assert craft.truth["rates_frd"][2] > 1e-3
     assert abs(craft.truth["rates_frd"][0]) < 1e-9
 
@@ -96,18 +96,18 @@ def test_faster_counter_clockwise_rotors_yaw_clockwise(name: str) -> None:
 def test_motor_differences_roll_and_pitch_the_way_they_should(name: str) -> None:
     craft = vehicle(name, position_ned=HIGH)
     left = np.array([-np.sign(r.position_frd[1]) for r in craft.airframe.rotors])
-    steady(craft, hover_speed(craft) * (1.0 + 0.02 * left), 50)
+    steady(craft, craft.airframe.hover_speed * (1.0 + 0.02 * left), 50)
     assert craft.truth["rates_frd"][0] > 1e-2  # left side up: rolls right
     craft = vehicle(name, position_ned=HIGH)
     front = np.array([np.sign(r.position_frd[0]) for r in craft.airframe.rotors])
-    steady(craft, hover_speed(craft) * (1.0 + 0.02 * front), 50)
+    steady(craft, craft.airframe.hover_speed * (1.0 + 0.02 * front), 50)
     assert craft.truth["rates_frd"][1] > 1e-2  # nose up
 
 
 def test_roll_acceleration_is_torque_over_inertia() -> None:
     craft = vehicle(position_ned=HIGH)
     frame: Airframe = craft.airframe
-    speeds = hover_speed(craft) * np.array([0.98, 1.02, 1.02, 0.98])
+    speeds = craft.airframe.hover_speed * np.array([0.98, 1.02, 1.02, 0.98])
     thrust = frame.curve.thrust_coefficient * speeds**2
     torque = -sum(t * r.position_frd[1] for t, r in zip(thrust, frame.rotors, strict=True))
     steady(craft, speeds, 5)
@@ -184,7 +184,7 @@ def test_ground_effect_fades_with_height() -> None:
 def test_blades_and_frame_slow_level_flight() -> None:
     craft = vehicle(position_ned=HIGH)
     craft.state["velocity"] = (8.0, 0.0, 0.0)
-    speed = hover_speed(craft)
+    speed = craft.airframe.hover_speed
     steady(craft, speed, 1)
     frame = craft.airframe
     blades = 4.0 * frame.curve.drag_coefficient * speed * 8.0

@@ -5,20 +5,22 @@ import pytest
 
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY
-from tests.vehicles.fleet import HIGH, ORIGIN, PERFECT, hover_speed, spin
+from tests.vehicles.fleet import HIGH, ORIGIN, spin
 from vehicles.airframe import load, names
 from vehicles.multirotor import Multirotor
 from vehicles.payload import HOVER_MAX, laden, liftable_kg
+from vehicles.sensors import PERFECT
 
 
 def craft(payload_kg: float) -> Multirotor:
-    return Multirotor(laden(load("x500"), payload_kg), seed=1, origin=ORIGIN, position_ned=HIGH, suite=PERFECT)
+    frame = laden(load("x500").balanced(), payload_kg)
+    return Multirotor(frame, seed=1, origin=ORIGIN, position_ned=HIGH, suite=PERFECT)
 
 
 def test_hovering_takes_thrust_by_the_ratio_of_the_masses() -> None:
     empty, full = craft(0.0), craft(0.5)
-    assert hover_speed(full) ** 2 / hover_speed(empty) ** 2 == pytest.approx(2.5 / 2.0)
-    for speed, lift in ((hover_speed(empty), 2.0 / 2.5 * GRAVITY), (hover_speed(full), GRAVITY)):
+    assert full.airframe.hover_speed**2 / empty.airframe.hover_speed**2 == pytest.approx(2.5 / 2.0)
+    for speed, lift in ((empty.airframe.hover_speed, 2.0 / 2.5 * GRAVITY), (full.airframe.hover_speed, GRAVITY)):
         spin(full, speed)
         full.advance(1)
         assert full.truth["accel_frd"][2] == pytest.approx(-lift, rel=0.001)

@@ -7,9 +7,9 @@ import pytest
 
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, geodetic_to_ned, quat_from_euler
-from tests.vehicles.fleet import HIGH, ORIGIN, PERFECT, vehicle
+from tests.vehicles.fleet import HIGH, ORIGIN, vehicle
 from vehicles.multirotor import Multirotor
-from vehicles.sensors import Suite, pressure
+from vehicles.sensors import PERFECT, Suite, pressure
 
 
 def record(craft: Multirotor, field: str, count: int, every: int = 1) -> np.ndarray:
@@ -96,15 +96,23 @@ def test_the_error_of_the_fix_is_correlated_and_as_large_as_configured() -> None
     errors, velocities = [], []
     for seed in range(40):
         craft = vehicle(seed=seed)
-        for _ in range(3):
-            craft.advance(1000)
+        for seconds in (1, 1, 30):
+            craft.advance(1000 * seconds)
             fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
             errors.append(np.array(geodetic_to_ned(*ORIGIN, *fix)) - craft.truth["position_ned"])
             velocities.append(craft.sensors["gps_velocity_ned"].copy())
     grid = np.array(errors).reshape(40, 3, 3)
-    assert np.std(grid[..., :2]) == pytest.approx(suite.gps_error_h, rel=0.25)
-    assert np.std(grid[..., 2]) == pytest.approx(suite.gps_error_v, rel=0.3)
-    assert np.std(np.diff(grid, axis=1)) < 0.4 * np.std(grid)  # a second changes it little
+    assert np.std(grid[..., :2]) == pytest.approx(np.hypot(suite.gps_error_h, suite.gps_multipath_h), rel=0.25)
+    assert np.std(grid[..., 2]) == pytest.approx(np.hypot(suite.gps_error_v, suite.gps_multipath_v), rel=0.3)
+    for index, seconds in ((0, 1.0), (1, 30.0)):
+        variance = 2.0 * suite.gps_noise**2
+        for sigma, time_s in (
+            (suite.gps_error_h, suite.gps_error_time_s),
+            (suite.gps_multipath_h, suite.gps_multipath_time_s),
+        ):
+            variance += 2.0 * sigma**2 * (1.0 - np.exp(-seconds / time_s))
+        moved = grid[:, index + 1, :2] - grid[:, index, :2]
+        assert np.std(moved) == pytest.approx(np.sqrt(variance), rel=0.25)
     assert np.std(np.array(velocities)[:, :2]) == pytest.approx(suite.gps_velocity_noise_h, rel=0.2)
 
 

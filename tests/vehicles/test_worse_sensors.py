@@ -5,9 +5,9 @@ import pytest
 
 from foundation.errors import UsageError
 from foundation.frames import geodetic_to_ned
-from tests.vehicles.fleet import HIGH, ORIGIN, PERFECT, vehicle
+from tests.vehicles.fleet import HIGH, ORIGIN, vehicle
 from vehicles.multirotor import Multirotor
-from vehicles.sensors import Suite
+from vehicles.sensors import PERFECT, Suite
 from vehicles.wind import Wind
 
 

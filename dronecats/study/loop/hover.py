@@ -13,7 +13,7 @@ from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RAT
 from foundation.airframe import Airframe
 from foundation.frames import quat_from_euler
 from vehicles.multirotor import Multirotor
-from vehicles.sensors import Suite
+from vehicles.sensors import PERFECT, Suite
 
 Array = NDArray[np.float64]
 
@@ -23,14 +23,6 @@ HEIGHT_M = 30.0
 CLIMB = 2.0  # m/s
 BOOT_S, SETTLE_S = 10.0, 12.0
 STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # before a step: the loop hangs on its own setpoint
-# noise and bias hide a margin, the estimator's part in the loop does not depend on them
-TRUE_SENSORS = Suite(
-    accel_noise_density=0.0, accel_random_walk=0.0, accel_bias=0.0, accel_scale=0.0,
-    gyro_noise_density=0.0, gyro_random_walk=0.0, gyro_bias=0.0, gyro_scale=0.0,
-    mag_noise=0.0, mag_bias=0.0, baro_noise_hpa=0.0, baro_drift_hpa=0.0,
-    gps_error_h=0.0, gps_error_v=0.0, gps_noise=0.0, gps_velocity_noise_h=0.0, gps_velocity_noise_v=0.0,
-    range_noise_m=0.0,
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +37,12 @@ class StepAnswer:
 class Hover:
     """A vehicle that hovers, kept as records that each trial copies."""
 
-    def __init__(self, airframe: Airframe, suite: Suite = TRUE_SENSORS, seed: int = 1) -> None:
-        """Boot, climb and settle. Raises UsageError for an airframe that cannot be controlled."""
-        self.airframe = airframe
+    def __init__(self, airframe: Airframe, suite: Suite = PERFECT, seed: int = 1) -> None:
+        """Boot, climb and settle with balanced rotors: noise, bias and vibration hide a margin.
+
+        Raises UsageError for an airframe that cannot be controlled.
+        """
+        self.airframe = airframe = airframe.balanced()
         vehicle = Multirotor(airframe, seed=seed, origin=ORIGIN, suite=suite)
         core = FlightCore(airframe)
         self.gains = core.gains
