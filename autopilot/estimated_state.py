@@ -68,10 +68,9 @@ class EstimatedState:
     velocity_std_v: float
     tilt_std: float
     yaw_std: float
-    ratio_gps_position: float
-    ratio_gps_velocity: float
-    ratio_baro: float
-    ratio_mag: float
+    innovation: tuple[float, ...]
+    innovation_variance: tuple[float, ...]
+    test_ratio: tuple[float, ...]
     attitude_setpoint: Quat
     rates_setpoint: Vec3
     thrust_setpoint: float
@@ -112,6 +111,10 @@ class EstimatedState:
     def yaw(self) -> float:
         """rad, 0 = north."""
         return self.euler[2]
+
+    def innovation_over_gate(self, first: int, count: int = 1) -> float:
+        """Return the largest innovation over its gate of `count` tests from `first` on; above 1: not used."""
+        return math.sqrt(max(self.test_ratio[first : first + count]))
 
     @property
     def global_valid(self) -> bool:

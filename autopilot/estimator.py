@@ -12,6 +12,7 @@ from autopilot.estimator_covariance import deviation, propagate
 from autopilot.estimator_fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness, pressure_altitude
 from autopilot.estimator_records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
 from autopilot.kernels import quat_advance, rotate
+from autopilot.records import TESTS
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY
 
@@ -161,10 +162,10 @@ def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
     estimate.velocity_std_v = deviation(P[5, 5])
     estimate.tilt_std = deviation(P[0, 0] + P[1, 1])
     estimate.yaw_std = deviation(P[2, 2])
-    estimate.ratio_gps_position = math.sqrt(state.ratio_gps_position)
-    estimate.ratio_gps_velocity = math.sqrt(state.ratio_gps_velocity)
-    estimate.ratio_baro = math.sqrt(state.ratio_baro)
-    estimate.ratio_mag = math.sqrt(state.ratio_mag)
+    for i in range(TESTS):
+        estimate.innovation[i] = state.innovation[i]
+        estimate.innovation_variance[i] = state.innovation_variance[i]
+        estimate.test_ratio[i] = state.test_ratio[i]
 
 
 @njit(cache=True)

@@ -1,7 +1,7 @@
 """What each sensor tells the filter: magnetic heading, pressure altitude, delayed GNSS fixes, standing still.
 
-Every function fuses scalars one after the other and returns nothing; it leaves its test ratio, innovation² over
-(gate² · variance), and the time of the last accepted sample in the state.
+Every function fuses scalars one after the other and returns nothing; it leaves its innovations with their variances and
+test ratios, and the time of the last accepted sample, in the state.
 """
 
 import math
@@ -10,6 +10,7 @@ from autopilot import estimator_covariance
 from autopilot.estimator_alignment import level
 from autopilot.estimator_records import HISTORY, MOTION, STATES
 from autopilot.kernels import geodetic_to_ned, quat_yaw, rotate, wrap_pi
+from autopilot.records import HEADING_TEST, HEIGHT_TEST, POSITION_TEST, VELOCITY_TEST
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
@@ -20,6 +21,17 @@ innovation_variance = estimator_covariance.innovation_variance
 symmetrize = estimator_covariance.symmetrize
 
 SHOCK_DEAF_US = 1_000_000  # a vehicle that scrapes along a wall is aided by late fixes rather than by none
+
+
+@njit(cache=True)
+def passes(state: Record, test: int, innovation: float, variance: float, gate: float) -> bool:
+    """Note an innovation with its variance, and return whether it is within `gate` (σ)."""
+    state.innovation[test] = innovation
+    state.innovation_variance[test] = variance
+    ratio = innovation * innovation / (gate * gate * variance)
+    state.test_ratio[test] = ratio
+    good: bool = ratio <= 1.0
+    return good
 
 
 @njit(cache=True)
@@ -58,8 +70,7 @@ def fuse_heading(
     for n in range(STATES):
         work[n] += forward * P[MOTION, n] + right * P[MOTION + 1, n]
     variance += forward * work[MOTION] + right * work[MOTION + 1]
-    state.ratio_mag = innovation * innovation / (params.gate_mag**2 * variance)
-    if state.ratio_mag <= 1.0:
+    if passes(state, HEADING_TEST, innovation, variance, params.gate_mag):
         apply(P, state, innovation, variance)
         state.mag_fused_us = time_us
         return
@@ -88,8 +99,7 @@ def fuse_height(params: Record, state: Record, P: Grid, pressure_hpa: float, tim
     down = state.baro_reference_m - pressure_altitude(pressure_hpa)
     innovation = down - state.position[2]
     variance = innovation_variance(P, state.work, 8, 1.0, 8, 0.0, 8, 0.0, params.baro_noise**2)
-    state.ratio_baro = innovation * innovation / (params.gate_baro**2 * variance)
-    if state.ratio_baro <= 1.0:
+    if passes(state, HEIGHT_TEST, innovation, variance, params.gate_baro):
         apply(P, state, innovation, variance)
         state.baro_fused_us = time_us
         return
@@ -214,7 +224,6 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
 
     speed_variance = max(sensors.gps_speed_accuracy, params.gps_velocity_noise) ** 2
     force = (dv[0], dv[1], dv[2] - GRAVITY * age)
-    state.ratio_gps_velocity = 0.0
     rejected = False
     for axis in range(3):
         if axis == 0:
@@ -225,9 +234,7 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
             i, hi, j, hj = 1, force[0], 0, -force[1]
         innovation = v[axis] - (state.velocity[axis] - dv[axis])
         variance = innovation_variance(P, state.work, 3 + axis, 1.0, i, hi, j, hj, speed_variance)
-        ratio = innovation * innovation / (params.gate_velocity**2 * variance)
-        state.ratio_gps_velocity = max(state.ratio_gps_velocity, ratio)
-        if ratio <= 1.0:
+        if passes(state, VELOCITY_TEST + axis, innovation, variance, params.gate_velocity):
             apply(P, state, innovation, variance)
         else:
             rejected = True
@@ -241,13 +248,12 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
         state.resets += 1
 
     place_variance = max(sensors.gps_eph_m, params.gps_position_noise) ** 2
-    state.ratio_gps_position = 0.0
+    good = True
     for axis in range(2):
         innovation = local[axis] - (p[axis] - dp[axis])
         variance = innovation_variance(P, state.work, 6 + axis, 1.0, 3 + axis, -age, 0, 0.0, place_variance)
-        ratio = innovation * innovation / (params.gate_position**2 * variance)
-        state.ratio_gps_position = max(state.ratio_gps_position, ratio)
-    if state.ratio_gps_position <= 1.0:
+        good = passes(state, POSITION_TEST + axis, innovation, variance, params.gate_position) and good
+    if good:
         for axis in range(2):
             innovation = local[axis] - (p[axis] - dp[axis])
             variance = innovation_variance(P, state.work, 6 + axis, 1.0, 3 + axis, -age, 0, 0.0, place_variance)

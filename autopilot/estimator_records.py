@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from autopilot.records import TESTS
+
 MOTION = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
 STATES = MOTION + 2  # and the magnetometer's hard iron along the vehicle's forward and right axes
 HISTORY = 128  # entries of the delay buffer: 512 ms at one entry every 4 ms
@@ -84,10 +86,9 @@ ESTIMATOR_STATE = np.dtype(
         ("baro_fused_us", "i8"),
         ("mag_fused_us", "i8"),
         ("still_fused_us", "i8"),
-        ("ratio_gps_position", "f8"),
-        ("ratio_gps_velocity", "f8"),
-        ("ratio_baro", "f8"),
-        ("ratio_mag", "f8"),
+        ("innovation", "f8", (TESTS,)),  # of the newest samples, m/s, m and rad
+        ("innovation_variance", "f8", (TESTS,)),
+        ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance), as in PX4's logs
         ("resets", "i8"),  # times position or velocity was set to the receiver's
         ("rejected", "i8"),  # samples beyond their gate
         ("bad_samples", "i8"),  # samples that were not finite

@@ -32,6 +32,13 @@ SETPOINT = np.dtype(
     align=True,
 )
 
+# what is tested of a sample: places in the arrays of innovations
+VELOCITY_TEST = 0  # and the two after it: a fix's velocity, NED
+POSITION_TEST = 3  # and the one after it: a fix's position, north and east
+HEIGHT_TEST = 5  # barometer, down
+HEADING_TEST = 6  # magnetometer
+TESTS = 7
+
 ESTIMATE = np.dtype(
     [
         ("time_us", "i8"),  # µs, vehicle clock
@@ -56,10 +63,9 @@ ESTIMATE = np.dtype(
         ("velocity_std_v", "f8"),  # m/s
         ("tilt_std", "f8"),  # rad
         ("yaw_std", "f8"),  # rad
-        ("ratio_gps_position", "f8"),  # innovation over its gate, as PX4 has the test ratios
-        ("ratio_gps_velocity", "f8"),
-        ("ratio_baro", "f8"),
-        ("ratio_mag", "f8"),
+        ("innovation", "f8", (TESTS,)),  # m/s, m and rad: of the newest sample of each kind, less what was expected
+        ("innovation_variance", "f8", (TESTS,)),
+        ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance): a sample above 1 is not used
         ("attitude_setpoint", "f8", (4,)),  # what the cascade asks for, published as ATTITUDE_TARGET
         ("rates_setpoint", "f8", (3,)),  # rad/s
         ("thrust_setpoint", "f8"),  # 0 … 1

@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 
 from autopilot.modes.setpoint import FREE, CascadeSetpoint
+from autopilot.records import VELOCITY_TEST
 from dronecats.sitl.flight_conditions import FlightConditions
 from dronecats.sitl.scenario import build, load_world, origin
 from dronecats.sitl.simulation import BootPose
@@ -204,7 +205,7 @@ def fly(press: Press, seed: int) -> Outcome:
             "position_error_m": float(np.linalg.norm(truth["position_ned"] - where)),
             "speed": float(np.linalg.norm(truth["velocity_ned"])),
             "tilt_deg": math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2))))),
-            "ratio": float(estimate["ratio_gps_velocity"]),
+            "ratio": float(np.sqrt(estimate["test_ratio"][VELOCITY_TEST : VELOCITY_TEST + 3].max())),
         }
         worst = {name: max(worst[name], now[name]) for name in worst}
     away = float(np.linalg.norm((truth["position_ned"] - left)[:2]))

@@ -12,7 +12,7 @@ from typing import Any
 from autopilot.logging.readings import Readings
 from autopilot.mavlink.motion_makers import estimator_status
 from autopilot.mavlink.telemetry_source import TelemetrySource
-from autopilot.records import KIND_TRAJECTORY
+from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate
 
 GRAVITY = 9.80665  # m/s²
@@ -175,9 +175,22 @@ def _land(s: Sources) -> tuple[Any, ...]:
 def _estimator(s: Sources) -> tuple[Any, ...]:
     v = s.vehicle.state
     return (
-        v.time_us, v.position_std_h, v.position_std_v, v.ratio_mag, v.ratio_gps_velocity, v.ratio_gps_position,
-        v.ratio_baro, estimator_status(s.vehicle).flags, 0,
+        v.time_us, v.position_std_h, v.position_std_v, v.innovation_over_gate(HEADING_TEST),
+        v.innovation_over_gate(VELOCITY_TEST, 3), v.innovation_over_gate(POSITION_TEST, 2),
+        v.innovation_over_gate(HEIGHT_TEST), estimator_status(s.vehicle).flags, 0,
     )  # fmt: skip
+
+
+def _innovations(s: Sources) -> tuple[Any, ...]:
+    return (s.vehicle.state.time_us, *s.vehicle.state.innovation)
+
+
+def _innovation_variances(s: Sources) -> tuple[Any, ...]:
+    return (s.vehicle.state.time_us, *s.vehicle.state.innovation_variance)
+
+
+def _innovation_test_ratios(s: Sources) -> tuple[Any, ...]:
+    return (s.vehicle.state.time_us, *s.vehicle.state.test_ratio)
 
 
 def _bias(s: Sources) -> tuple[Any, ...]:
@@ -197,6 +210,7 @@ def _home(s: Sources) -> tuple[Any, ...] | None:
 
 
 _SAMPLE = "uint64_t timestamp_sample;"
+_INNOVATIONS = _SAMPLE + "float[2] gps_hvel;float gps_vvel;float[2] gps_hpos;float baro_vpos;float heading"
 TABLE: tuple[Topic, ...] = (
     Topic("vehicle_attitude", 50, _SAMPLE + "float[4] q", _attitude),
     Topic("vehicle_angular_velocity", 50, _SAMPLE + "float[3] xyz", _angular_velocity),
@@ -264,6 +278,9 @@ TABLE: tuple[Topic, ...] = (
         "float pos_test_ratio;float hgt_test_ratio;uint16_t solution_status_flags;uint32_t filter_fault_flags",
         _estimator,
     ),
+    Topic("estimator_innovations", 10, _INNOVATIONS, _innovations),
+    Topic("estimator_innovation_variances", 10, _INNOVATIONS, _innovation_variances),
+    Topic("estimator_innovation_test_ratios", 10, _INNOVATIONS, _innovation_test_ratios),
     Topic("estimator_sensor_bias", 1, _SAMPLE + "float[3] gyro_bias;float[3] accel_bias", _bias),
     Topic("hover_thrust_estimate", 1, _SAMPLE + "float hover_thrust;bool valid", _hover_thrust),
     Topic(

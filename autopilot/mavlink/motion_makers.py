@@ -4,7 +4,7 @@ import math
 
 from autopilot.estimated_state import EstimatedState
 from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, heading_cdeg, int16, int32, whole
-from autopilot.records import KIND_TRAJECTORY
+from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate_inverse
 from foundation.mavlink import dialect
 
@@ -127,7 +127,9 @@ def estimator_flags(s: EstimatedState) -> int:
 def estimator_status(v: TelemetrySource) -> Message:
     s = v.state
     return dialect.MAVLink_estimator_status_message(
-        s.time_us, estimator_flags(s), s.ratio_gps_velocity, s.ratio_gps_position, s.ratio_baro, s.ratio_mag, 0.0, 0.0,
+        s.time_us, estimator_flags(s),
+        s.innovation_over_gate(VELOCITY_TEST, 3), s.innovation_over_gate(POSITION_TEST, 2),
+        s.innovation_over_gate(HEIGHT_TEST), s.innovation_over_gate(HEADING_TEST), 0.0, 0.0,
         s.position_std_h, s.position_std_v,
     )  # fmt: skip
 

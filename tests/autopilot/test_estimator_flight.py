@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from autopilot.records import POSITION_TEST
 from foundation.frames import GRAVITY
 from tests.autopilot.core_flight import Flight
 
@@ -71,12 +72,12 @@ def test_a_jump_of_the_receiver_is_rejected_and_forgotten():
     before = flight.estimate["position_ned"].copy()
     flight.upset["gps_north_deg"] = 40.0 / 111_195.0  # 40 m
     flight.run(3.0)
-    assert 5.0 < flight.estimate["ratio_gps_position"] < 20.0  # 40 m over a gate of 5 × (0.7 to 1.2 m)
+    assert 25.0 < flight.estimate["test_ratio"][POSITION_TEST] < 400.0  # 40 m over a gate of 5 × (0.7 to 1.2 m)
     assert np.linalg.norm(flight.estimate["position_ned"] - before) < 1.0
     assert flight.estimate["position_valid"] == 1
     flight.upset["gps_north_deg"] = 0.0
     flight.run(2.0)
-    assert flight.estimate["ratio_gps_position"] < 1.0
+    assert flight.estimate["test_ratio"][POSITION_TEST] < 1.0
     assert flight.core.filter_state["resets"] == 0
     assert np.linalg.norm(flight.estimate["position_ned"] - before) < 1.5
 

@@ -13,7 +13,7 @@ from autopilot import estimator, estimator_covariance
 from autopilot.estimator_fusion import pressure_altitude
 from autopilot.estimator_records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
 from autopilot.kernels import quat_advance, rotate, rotate_inverse
-from autopilot.records import ESTIMATE
+from autopilot.records import ESTIMATE, HEADING_TEST, HEIGHT_TEST
 from foundation import frames
 from foundation.frames import GRAVITY
 from foundation.sensors import SENSORS
@@ -157,10 +157,10 @@ def world(
             sensors.gps_fix_type = 3
         estimator.update(params, state, covariance, history, sensors, estimate, landed)
         if late and baro:
-            baro_sum += state.ratio_baro * params.gate_baro**2
+            baro_sum += state.test_ratio[HEIGHT_TEST] * params.gate_baro**2
             baro_count += 1
         if late and mag:
-            mag_sum += state.ratio_mag * params.gate_mag**2
+            mag_sum += state.test_ratio[HEADING_TEST] * params.gate_mag**2
             mag_count += 1
     return baro_sum / max(baro_count, 1), mag_sum / max(mag_count, 1)
 

@@ -7,11 +7,14 @@ autopilot's local frame begins.
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
+from pyulog import ULog
 from scipy.stats import chi2
 
+from autopilot.records import HEADING_TEST, HEIGHT_TEST, VELOCITY_TEST
 from dronecats.sitl.flight_conditions import FlightConditions
 from dronecats.sitl.lockstep import Lockstep
 from dronecats.sitl.simulation import BootPose, SimulatedVehicle, Simulation
@@ -54,9 +57,10 @@ class Flight:
     tilt_deg: list[float] = field(default_factory=list)
     gated: int = 0  # samples beyond their gate, resets and restarts of the filter
     seconds: float = 0.0
+    log: Path = Path()
 
 
-def fly(seed: int) -> Flight:
+def fly(seed: int, folder: Path) -> Flight:
     """Return the notes of one flight: take-off, hover, laps, a position hold."""
     vehicle = SimulatedVehicle(
         0,
@@ -65,6 +69,7 @@ def fly(seed: int) -> Flight:
         seed=seed,
         origin=ORIGIN,
         conditions=WIND,
+        state_dir=folder,
     )
     lockstep = Lockstep(Simulation([vehicle]))
     home = vehicle.plant.truth["position_ned"].copy()
@@ -106,6 +111,8 @@ def fly(seed: int) -> Flight:
     inner = vehicle.core.filter_state
     flight.gated = int(inner["rejected"] + inner["resets"] + inner["restarts"])
     flight.seconds = (link.time_us - began) / 1e6
+    vehicle.autopilot.close()
+    (flight.log,) = (folder / "log").rglob("*.ulg")
     return flight
 
 
@@ -129,10 +136,10 @@ def note(flight: Flight, vehicle: SimulatedVehicle, home: np.ndarray) -> None:
     flight.position.append(float(np.linalg.norm(estimate["position_ned"] - (truth["position_ned"] - home))))
     q = truth["attitude"]
     flight.tilt_deg.append(math.degrees(math.acos(min(1.0, 1 - 2 * (q[1] ** 2 + q[2] ** 2)))))
-    gates = vehicle.core.filter_params
-    flight.nis["baro"].append(inner["ratio_baro"] * gates["gate_baro"] ** 2)
-    flight.nis["mag"].append(inner["ratio_mag"] * gates["gate_mag"] ** 2)
-    flight.nis["gps"].append(inner["ratio_gps_velocity"] * gates["gate_velocity"] ** 2)
+    normalized = inner["innovation"] ** 2 / np.maximum(inner["innovation_variance"], 1e-12)
+    flight.nis["baro"].append(normalized[HEIGHT_TEST])
+    flight.nis["mag"].append(normalized[HEADING_TEST])
+    flight.nis["gps"].append(normalized[VELOCITY_TEST : VELOCITY_TEST + 3].max())
 
 
 def rms(values: list[float]) -> float:
@@ -141,8 +148,8 @@ def rms(values: list[float]) -> float:
 
 # these two magnetometers' hard iron turns the compass by 1 to 2°
 @pytest.fixture(scope="module", params=[8, pytest.param(23, marks=pytest.mark.slow)])
-def flown(request: pytest.FixtureRequest) -> Flight:
-    return fly(request.param)
+def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    return fly(request.param, tmp_path_factory.mktemp("flown"))
 
 
 def test_the_vehicle_knows_its_motion(flown: Flight) -> None:
@@ -170,3 +177,38 @@ def test_innovations_are_no_larger_than_the_filter_expects(flown: Flight) -> Non
         samples = flown.seconds * 1e6 / each_us
         assert np.mean(flown.nis[name]) < expected * chi2.ppf(0.999, samples) / samples
     assert flown.gated == 0  # no sample was thrown away, nothing reset
+
+
+def test_the_log_holds_the_innovations_under_px4s_names(flown: Flight) -> None:
+    log = ULog(str(flown.log))
+    innovations, variances, ratios = (
+        log.get_dataset(f"estimator_{name}").data
+        for name in ("innovations", "innovation_variances", "innovation_test_ratios")
+    )
+    assert len(innovations["timestamp"]) > 9 * flown.seconds  # 10 Hz
+    for field_name, gate in (("gps_hvel[0]", 5.0), ("gps_vvel", 5.0), ("gps_hpos[1]", 5.0), ("heading", 3.0)):
+        squared = innovations[field_name] ** 2 / variances[field_name]
+        assert ratios[field_name] == pytest.approx(squared / gate**2, rel=1e-4)
+    for field_name, kind in (("baro_vpos", "baro"), ("heading", "mag")):  # those that the log shows, of all
+        logged = np.mean(innovations[field_name] ** 2 / variances[field_name])
+        assert logged == pytest.approx(np.mean(flown.nis[kind]), rel=0.25)
+
+
+def test_what_the_sensors_say_looks_like_a_real_flight(flown: Flight) -> None:
+    """A receiver's position wanders for many seconds and its velocity does not; a frame with rotors shakes."""
+    log = ULog(str(flown.log))
+    innovations = log.get_dataset("estimator_innovations").data
+    for axis in range(2):
+        place, speed = innovations[f"gps_hpos[{axis}]"], innovations[f"gps_hvel[{axis}]"]
+        assert 0.05 < np.std(place) < 0.6
+        assert correlation(place, 10) > 0.6  # after a second
+        assert correlation(speed, 10) < 0.3
+    felt = log.get_dataset("sensor_combined").data
+    for axis in range(3):
+        jumps = np.diff(felt[f"accelerometer_m_s2[{axis}]"], n=2)  # what changes slower than 10 Hz is small in these
+        assert 0.1 < np.std(jumps) / math.sqrt(6.0) < 2.0  # m/s²; of white samples it would be their deviation
+
+
+def correlation(values: np.ndarray, lag: int) -> float:
+    centred = values - np.mean(values)
+    return float(np.mean(centred[lag:] * centred[:-lag]) / np.var(values))
