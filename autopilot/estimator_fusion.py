@@ -254,9 +254,11 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
         variance = innovation_variance(P, state.work, 6 + axis, 1.0, 3 + axis, -age, 0, 0.0, place_variance)
         good = passes(state, POSITION_TEST + axis, innovation, variance, params.gate_position) and good
     if good:
+        # what a receiver errs by stays for many fixes: all of them together say as much as one
+        shared_variance = place_variance * params.gps_fixes_alike
         for axis in range(2):
             innovation = local[axis] - (p[axis] - dp[axis])
-            variance = innovation_variance(P, state.work, 6 + axis, 1.0, 3 + axis, -age, 0, 0.0, place_variance)
+            variance = innovation_variance(P, state.work, 6 + axis, 1.0, 3 + axis, -age, 0, 0.0, shared_variance)
             apply(P, state, innovation, variance)
         state.position_fused_us = time_us
     else:

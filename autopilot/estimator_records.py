@@ -27,6 +27,7 @@ ESTIMATOR_PARAMS = np.dtype(
         ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
         ("gps_velocity_noise", "f8"),  # m/s, least (EKF2_GPS_V_NOISE)
         ("gps_position_noise", "f8"),  # m, least (EKF2_GPS_P_NOISE)
+        ("gps_fixes_alike", "f8"),  # fixes in a row that err alike in position
         ("gate_mag", "f8"),  # σ (EKF2_HDG_GATE)
         ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
         ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
@@ -117,6 +118,7 @@ def default_parameters(declination_rad: float) -> np.void:
     params["baro_noise"] = 1.0
     params["gps_velocity_noise"] = 0.15
     params["gps_position_noise"] = 0.5
+    params["gps_fixes_alike"] = 18.0  # 1.8 s: a minute would be best for strides, and slow after a blow
     params["gate_mag"] = 3.0
     params["gate_baro"] = 5.0
     params["gate_velocity"] = 5.0

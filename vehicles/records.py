@@ -112,7 +112,8 @@ MEMORY = np.dtype(
         ("mag_bias", "f8", (3,)),  # gauss
         ("baro_drift", "f8"),  # hPa
         ("gps_error", "f8", (3,)),  # m, NED, of the atmosphere
-        ("gps_multipath", "f8", (3,)),  # m, NED
+        ("gps_reflected", "f8", (3,)),  # m, NED, of reflections, as they are
+        ("gps_multipath", "f8", (3,)),  # m, NED, of reflections, as the receiver's filter lets them in
         ("accel_sum", "f8", (3,)),  # m/s² times steps, of the inertial sample under way
         ("gyro_sum", "f8", (3,)),  # rad/s times steps
         ("imu_steps", "i8"),  # steps in these sums

@@ -70,11 +70,12 @@ class Suite:
     # s: the atmosphere's delay wanders over 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of their
     # troposphere model)
     gps_error_time_s: float = 1800.0
-    # m per horizontal axis: estimate of what reflections add in the open. They change within a minute: there the
-    # autocorrelation of recorded positions bends (D. L. Wilson, GPS accuracy page); PX4's Gazebo receiver has 60 s
+    # m per horizontal axis: estimate of what reflections do to the ranges in the open. They change within a minute: the
+    # autocorrelation of recorded positions bends there (D. L. Wilson, GPS accuracy page); PX4's Gazebo has 60 s
     gps_multipath_h: float = 0.25
     gps_multipath_v: float = 0.5  # m
     gps_multipath_time_s: float = 60.0
+    gps_smoothing_s: float = 10.0  # of the receiver's own filter, which goes by the carrier's Doppler: estimate
     gps_noise: float = 0.02  # m, white, on top
     gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
@@ -161,7 +162,7 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
     memory["baro_drift"] = suite.baro_drift_hpa * draw.standard_normal()
     memory["gps_error"] = np.array([suite.gps_error_h, suite.gps_error_h, suite.gps_error_v]) * draw.standard_normal(3)
     multipath = (suite.gps_multipath_h, suite.gps_multipath_h, suite.gps_multipath_v)
-    memory["gps_multipath"] = np.array(multipath) * draw.standard_normal(3)
+    memory["gps_reflected"] = memory["gps_multipath"] = np.array(multipath) * draw.standard_normal(3)
     for i, name in enumerate(("imu", "mag", "baro", "gps", "range", "battery", "bias")):
         memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step pays for all of them
     return memory
@@ -169,9 +170,10 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
 
 def grow(memory: np.void, before: np.void, after: np.void) -> None:
     """Scale what wanders now by what it wanders after and before, of two SUITE records; what did not wander stays."""
-    for kind in ("gps_error", "gps_multipath"):
+    for kind, wanders in (("gps_error", ("gps_error",)), ("gps_multipath", ("gps_reflected", "gps_multipath"))):
         for i, axis in enumerate("hhv"):
-            memory[kind][i] *= _ratio(before[f"{kind}_{axis}"], after[f"{kind}_{axis}"])
+            for each in wanders:
+                memory[each][i] *= _ratio(before[f"{kind}_{axis}"], after[f"{kind}_{axis}"])
     memory["baro_drift"] *= _ratio(before["baro_drift_hpa"], after["baro_drift_hpa"])
 
 
@@ -289,14 +291,16 @@ def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record)
     """Take a fix that is valid now and put it on its way."""
     rng = memory.rng
     period_s = suite.gps_period_us * 1e-6
+    smoothing = 1.0 - math.exp(-period_s / suite.gps_smoothing_s)
     for i in range(3):
         error, reflected = suite.gps_error_h, suite.gps_multipath_h
         if i == 2:
             error, reflected = suite.gps_error_v, suite.gps_multipath_v
         memory.gps_error[i] = _wandered(memory.gps_error[i], error, period_s / suite.gps_error_time_s, rng)
-        memory.gps_multipath[i] = _wandered(
-            memory.gps_multipath[i], reflected, period_s / suite.gps_multipath_time_s, rng
+        memory.gps_reflected[i] = _wandered(
+            memory.gps_reflected[i], reflected, period_s / suite.gps_multipath_time_s, rng
         )
+        memory.gps_multipath[i] += (memory.gps_reflected[i] - memory.gps_multipath[i]) * smoothing
     fault, row = active(faults, GPS, state.time_us)
     if fault == FAIL:
         return

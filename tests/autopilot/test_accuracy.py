@@ -119,11 +119,11 @@ def test_without_a_receiver_the_smaller_of_accuracy_and_timeout_decides(demanded
 
     commander, parameters = vehicle.autopilot.commander, vehicle.autopilot.parameters
     live(15.0)
-    parameters.set("COM_POS_FS_EPH", demanded)
     assert commander.arm() == dialect.MAV_RESULT_ACCEPTED
     commander.take_off(-5.0)
     live(10.0)
     assert commander.mode == "HOLD"
+    parameters.set("COM_POS_FS_EPH", demanded)
     parameters.set("SYS_FAILURE_EN", 1)
     assert vehicle._failures.inject(GPS, OFF, 0)
     began = vehicle.time_us

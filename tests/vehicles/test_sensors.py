@@ -104,15 +104,14 @@ def test_the_error_of_the_fix_is_correlated_and_as_large_as_configured() -> None
     grid = np.array(errors).reshape(40, 3, 3)
     assert np.std(grid[..., :2]) == pytest.approx(np.hypot(suite.gps_error_h, suite.gps_multipath_h), rel=0.25)
     assert np.std(grid[..., 2]) == pytest.approx(np.hypot(suite.gps_error_v, suite.gps_multipath_v), rel=0.3)
+    slow, long, short = suite.gps_error_time_s, suite.gps_multipath_time_s, suite.gps_smoothing_s
     for index, seconds in ((0, 1.0), (1, 30.0)):
-        variance = 2.0 * suite.gps_noise**2
-        for sigma, time_s in (
-            (suite.gps_error_h, suite.gps_error_time_s),
-            (suite.gps_multipath_h, suite.gps_multipath_time_s),
-        ):
-            variance += 2.0 * sigma**2 * (1.0 - np.exp(-seconds / time_s))
+        # a Gauss-Markov process through a first-order filter: (T exp(-t/T) - τ exp(-t/τ)) / (T - τ)
+        alike = (long * np.exp(-seconds / long) - short * np.exp(-seconds / short)) / (long - short)
+        variance = suite.gps_noise**2 + suite.gps_error_h**2 * (1.0 - np.exp(-seconds / slow))
+        variance += suite.gps_multipath_h**2 * long / (long + short) * (1.0 - alike)
         moved = grid[:, index + 1, :2] - grid[:, index, :2]
-        assert np.std(moved) == pytest.approx(np.sqrt(variance), rel=0.25)
+        assert np.std(moved) == pytest.approx(np.sqrt(2.0 * variance), rel=0.25)
     assert np.std(np.array(velocities)[:, :2]) == pytest.approx(suite.gps_velocity_noise_h, rel=0.2)
 
 
