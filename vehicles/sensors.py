@@ -5,6 +5,7 @@ The default suite is that of a small autopilot board of today. Every number can 
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -119,7 +120,8 @@ class Suite:
         )
 
 
-PERFECT = replace(Suite(), **dict.fromkeys((*BOOT_ERRORS, *NOISE, *GPS_ERRORS, "range_noise_m"), 0.0))  # late, but true
+_TRUE: dict[str, Any] = dict.fromkeys((*BOOT_ERRORS, *NOISE, *GPS_ERRORS, "range_noise_m"), 0.0)
+PERFECT = replace(Suite(), **_TRUE)  # late, but true
 
 SUITE = np.dtype(
     [(name, "i8" if kind in (int, "int") else "f8") for name, kind in Suite.__annotations__.items()]
