@@ -31,15 +31,15 @@ class Px4Vehicle(Vehicle):
     """One vehicle and the PX4 that flies it."""
 
     def __init__(
-        self, index: int, airframe: Airframe, pose: BootPose, *, port: int, **physics: Unpack[Physics]
+        self, index: int, airframe: Airframe, pose: BootPose, *, server: SimulatorServer, **physics: Unpack[Physics]
     ) -> None:
-        """`port`: TCP port to listen on, 0 for any. Raises UsageError."""
+        """`server` is where PX4 connects; it is closed with the vehicle."""
         physics.setdefault("suite", SUITE)
         super().__init__(index, airframe, pose, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
         self._rotors = len(self.plant.airframe.rotors)
-        self.server = SimulatorServer(port)
+        self.server = server
         self.released = False  # set by another thread to end a wait for good
         self.in_step = False  # whether PX4 answers each sensor message, and is waited for
         self.answers = 0

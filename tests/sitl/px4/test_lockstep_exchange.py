@@ -9,6 +9,7 @@ from dronecats.sitl.px4 import vehicle as px4_vehicle
 from dronecats.sitl.px4.vehicle import EXCHANGE_US, Px4Vehicle
 from dronecats.sitl.vehicle import TICK_US, BootPose
 from hil.simulator.interface import ACCEL, BARO, GYRO, MAG
+from hil.simulator.server import SimulatorServer
 from tests.hil.simulator.stand_in import Replay, StandIn, always, controls, recorded, silent
 from vehicles import airframe
 
@@ -17,7 +18,9 @@ ORIGIN = (47.3977, 8.5456, 488.0)
 
 @pytest.fixture
 def vehicle():
-    vehicle = Px4Vehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=0, origin=ORIGIN, port=0)
+    vehicle = Px4Vehicle(
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=0, origin=ORIGIN, server=SimulatorServer(0)
+    )
     yield vehicle
     vehicle.close()
 
@@ -210,7 +213,9 @@ def test_the_same_answers_give_the_same_flight(connect):
     outputs = [m.controls[:4] for m in recorded("px4-takeoff.bin")]
 
     def flown():
-        vehicle = Px4Vehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=7, origin=ORIGIN, port=0)
+        vehicle = Px4Vehicle(
+            0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=7, origin=ORIGIN, server=SimulatorServer(0)
+        )
         client = StandIn(
             vehicle.server.port,
             lambda sensor: controls(sensor.time_usec, outputs[min(sensor.time_usec // 4000, len(outputs) - 1)], True),
