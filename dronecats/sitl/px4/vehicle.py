@@ -25,6 +25,10 @@ PATIENCE_S = 0.2  # wall seconds between two looks at whether waiting still make
 # PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. One inertial sample per exchange, over its time.
 SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
 ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
+# µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, and the specific force is up to 3 m/s² off
+# for 0.2 s. PX4's EKF2 takes its first tilt from the first samples: a tilt that begins 16° wrong becomes a wrong gyro
+# bias, PX4 does not find itself at rest, and its heading may be wrong when it arms.
+SETTLED_US = 500_000
 
 
 class Px4Vehicle(Vehicle):
@@ -59,6 +63,8 @@ class Px4Vehicle(Vehicle):
         self.server.close()
 
     def _exchange(self) -> None:
+        if self.time_us <= SETTLED_US:
+            return
         if self.server.accept():
             self.in_step = False
         if not self.server.connected:
