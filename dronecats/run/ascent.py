@@ -36,8 +36,19 @@ def start_of(record_start: Any, ground_down: float, standing_m: float = 0.0) -> 
     return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
 
 
-def ascend(links: Sequence[Link], starts: Sequence[StartOffset], say: Callable[[str], None]) -> None:
+def unchecked(links: Sequence[Link]) -> None:
+    """Let drones take off whose truth nobody knows."""
+
+
+def ascend(
+    links: Sequence[Link],
+    starts: Sequence[StartOffset],
+    say: Callable[[str], None],
+    check: Callable[[Sequence[Link]], None] = unchecked,
+) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in offboard, all at a time. Raises LinkError.
+
+    `check`, called when all are ready to arm, raises where one of them may not take off.
 
     Where the heading matters, every drone turns round once on the way: the iron that turns with its compass shows
     itself in a full circle only, and is worth up to two degrees.
@@ -53,6 +64,7 @@ def ascend(links: Sequence[Link], starts: Sequence[StartOffset], say: Callable[[
     for link in links[:1]:  # the others are kept up with
         link.wait(AVERAGE_S)
     grounds = [_ground(link) for link in links]
+    check(links)
     say("arming and taking off …")
     for link in links:
         _on_the_ground(link)

@@ -1,5 +1,7 @@
 """A vehicle that simulates itself flies one of our episodes, and is judged, or on one of our maps."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,13 +9,14 @@ from dronecats.flight.flight import CAMERA, look_up
 from dronecats.flight.spec import Connected, FlightSpec
 from dronecats.pilots import roster
 from dronecats.report.intent import draw as draw_intent
-from dronecats.run.ascent import StartOffset, start_of
+from dronecats.run.ascent import start_of
 from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
 from dronecats.run.oracle import opened_in
 from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
 from dronecats.run.settings import settings
 from dronecats.run.simulated import draw
+from dronecats.run.true_start import TrueStart
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
 from dronecats.sitl.truth_bridge import TruthSource
@@ -21,6 +24,7 @@ from dronecats.stages.world import WorldStage
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.frames import wrap_pi
 from hil.link.envelope import Limits
 
 
@@ -58,12 +62,18 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
         stage = WorldStage(link, drawn, truth, folder, say, frame_s=frame_s, judged=judged)
         try:
             ground = world.ground_down(*record.starts[0].position_ned[:2])
-            start = StartOffset(start_of(record.starts[0], ground).offset_ned, stage.yaw)
-            with opened_in(world, flight, stage, folder) as pilot:
+            start = start_of(record.starts[0], ground)
+            # the heading that the vehicle has where it flies, before it is turned onto the map
+            start = replace(start, yaw=wrap_pi(math.radians(record.starts[0].yaw_deg) - stage.placement.turn))
+            with (
+                TrueStart(stage, world, stage.placement) as true_start,
+                opened_in(world, flight, stage, folder) as pilot,
+            ):
                 return fly(
                     stage, [start], pilot.agent(flight), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
                     check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
+                    true_start=true_start if judged else None,
                 )  # fmt: skip
         finally:
             stage.close()

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decisions import Decision, DecisionLog
@@ -11,7 +12,7 @@ from dronecats.agent.host_pace import HostPace
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
-from dronecats.run.ascent import StartOffset, ascend
+from dronecats.run.ascent import StartOffset, ascend, unchecked
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.rundir import layout
@@ -24,6 +25,18 @@ from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
 
 EVERYTHING = Authority()
+
+
+class StartCheck(Protocol):
+    """Compares the drones with the truth. Raises InfrastructureError for an episode that may not begin."""
+
+    def check_estimates(self, links: Sequence[Link]) -> None:
+        """On the ground, before arming."""
+        ...
+
+    def check_starts(self, links: Sequence[Link]) -> None:
+        """At the start poses, before the first question."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +64,11 @@ def fly(
     check: Callable[[], None] = lambda: None,
     on_step: Callable[[Decision], None] = lambda decision: None,
     say: Callable[[str], None] = lambda line: None,
+    true_start: StartCheck | None = None,
 ) -> Flown:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
-    `pictures`: what is done to those of the camera on purpose.
+    `pictures`: what is done to those of the camera on purpose. `true_start` decides whether the episode may begin.
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
     Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
     """
@@ -70,7 +84,9 @@ def fly(
         if authority.dry or not authority.arm:
             take_over(stage.links, authority, say)
         else:
-            ascend(stage.links, starts, say)
+            ascend(stage.links, starts, say, true_start.check_estimates if true_start else unchecked)
+        if true_start:
+            true_start.check_starts(stage.links)
         for link in stage.links:
             link.settle_envelope()
             if link.limits and (what := unwatched(link.state, link.limits)):

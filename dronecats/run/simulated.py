@@ -1,7 +1,7 @@
 """A flight of our own simulation, from its spec to a judged folder."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,7 @@ def _record(flight: Flight) -> EpisodeRecord:
 
 def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: dict[str, Any]) -> Flown:
     from dronecats.run.oracle import opened_in
+    from dronecats.run.true_start import TrueStart
     from dronecats.sitl.scenario import world_of
     from dronecats.stages.stage import TruthfulStage
     from episodes.world import World
@@ -95,12 +96,14 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
     try:
         standing_m = airframes.load(simulated.airframe).standing_m
         starts = [start_of(s, world.ground_down(*s.position_ned[:2]), standing_m) for s in record.starts]
-        with opened_in(world, flight, stage, folder) as pilot:
+        # a PX4 only: our own autopilot is calibrated to its start
+        checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
+        with checked as true_start, opened_in(world, flight, stage, folder) as pilot:
             return fly(
                 stage, starts, pilot.agent(flight), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
                 pictures=_pictures(spec.disturbances.frame, recall),
-                check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
+                check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say, true_start=true_start,
             )  # fmt: skip
     finally:
         try:

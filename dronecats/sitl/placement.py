@@ -6,7 +6,7 @@ Only what is drawn and measured is moved. The vehicle flies where it is, over th
 import math
 from dataclasses import dataclass
 
-from foundation.frames import Vec3, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
+from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
 from foundation.mavlink import dialect
 from foundation.truth import Origin, TruthSample, truth_sample
 
@@ -23,14 +23,21 @@ class Placement:
         """Return where on the map a HIL_STATE_QUATERNION says that the vehicle is."""
         there = truth_sample(message, self.home)
         turned = quat_from_euler(0.0, 0.0, self.turn)
-        north, east, down = rotate(turned, there.position_ned)
         return TruthSample(
             drone,
             time_us,
-            (self.place_ned[0] + north, self.place_ned[1] + east, self.place_ned[2] + down),
+            self._moved(there.position_ned),
             rotate(turned, there.velocity_ned),
             quat_multiply(turned, there.attitude),
         )
+
+    def on_map(self, place: Origin) -> Vec3:
+        """Return the place on the map (m, NED) of a place where the vehicle is (lat °, lon °, alt m)."""
+        return self._moved(geodetic_to_ned(*self.home, *place))
+
+    def _moved(self, position_ned: Vec3) -> Vec3:
+        north, east, down = rotate(quat_from_euler(0.0, 0.0, self.turn), position_ned)
+        return (self.place_ned[0] + north, self.place_ned[1] + east, self.place_ned[2] + down)
 
 
 def standing(message: dialect.MAVLink_message, place_ned: Vec3, yaw: float) -> Placement:

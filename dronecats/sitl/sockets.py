@@ -31,7 +31,7 @@ class UdpPort:
             self._socket.bind(local)
         except OSError as error:
             self._socket.close()
-            raise bind_error(error, "UDP", *local) from None
+            raise bind_error(error, "UDP", *local, instead="choose another --instance") from None
         self._socket.setblocking(False)
         self._peers: list[SocketAddress] = [remote] if remote else []
         self._take, self._give = take, give

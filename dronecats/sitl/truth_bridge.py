@@ -4,12 +4,13 @@ Camera, logger and oracle listen on that bus as they do on our simulator's.
 """
 
 import time
+from dataclasses import asdict
 from typing import Any
 
 from dronecats.processes.bus_listener import Listener
 from dronecats.sitl.bus import TruthBus
 from dronecats.sitl.config import TruthBridgeConfig
-from dronecats.sitl.placement import Placement, TruthClock, own_yaw, speed, standing
+from dronecats.sitl.placement import Placement, TruthClock, speed, standing
 from dronecats.sitl.scenario import boot_poses, load_world, origin
 from dronecats.sitl.sockets import UdpPort
 from foundation.errors import UsageError
@@ -75,7 +76,6 @@ class TruthBridge:
         place = boot_poses(world)[0]
         self._source = TruthSource(config.truth)
         _, message = self._source.first()
-        self._yaw = own_yaw(message)
         self._placement: Placement = standing(message, place.position_ned, place.yaw)
         self._packer = Packer(1, TRUTH_COMPONENT)
         self._bus = TruthBus()
@@ -83,8 +83,8 @@ class TruthBridge:
         self._port = UdpPort(("127.0.0.1", 0), None, tap.take, tap.receive, shared=True)
 
     def ready(self) -> dict[str, Any]:
-        """Return the bus's port, and the heading (rad) of the vehicle as it stands, in its own frame."""
-        return {"truth": self._port.port, "yaw": self._yaw}
+        """Return the bus's port, and how the vehicle is moved onto the map, as the fields of a `Placement`."""
+        return {"truth": self._port.port, "placement": asdict(self._placement)}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         return None

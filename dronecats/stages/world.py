@@ -8,6 +8,7 @@ from dronecats.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.processes.bus_listener import Listener
 from dronecats.processes.supervisor import Supervisor
 from dronecats.sitl.config import CameraConfig, TruthBridgeConfig
+from dronecats.sitl.placement import Placement
 from dronecats.stages import parts
 from dronecats.stages.realtime import Copy, Patience
 from foundation.camera import CameraModel
@@ -56,7 +57,7 @@ class WorldStage:
         patience, link = Patience(say), self.links[0]
         bridge = self._supervisor.start(parts.TRUTH_BRIDGE, TruthBridgeConfig(episode=episode, truth=truth))
         told = bridge.ready(patience)
-        self.yaw: float = told["yaw"]  # rad, of the vehicle as it stands, which is the episode's first heading
+        self.placement = Placement(**told["placement"])
         bus = self._bus = f"udpout://127.0.0.1:{told['truth']}"
         self._camera_process = self._supervisor.start(parts.CAMERA, CameraConfig(episode=episode, truth=bus))
         if judged:

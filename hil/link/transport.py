@@ -267,12 +267,13 @@ def connect(url: str) -> Transport:
     raise UsageError(f"--connect {url!r} is no link; use {FORMS}")
 
 
-def bind_error(error: OSError, protocol: str, host: str, port: int) -> UsageError:
-    """Return the sentence for a port that cannot be bound: which, and by whom it is held if that can be known."""
+def bind_error(error: OSError, protocol: str, host: str, port: int, instead: str = "choose another port") -> UsageError:
+    """Return the error for a port that cannot be bound. It names the program that holds the port if that is known.
+
+    `instead` is the advice to a user who needs that program.
+    """
     holder = port_holder(protocol, port)
     by = f" by {holder}" if holder else ""
     if error.errno in (98, 48):  # EADDRINUSE on Linux and macOS
-        return UsageError(
-            f"{protocol} port {port} is in use{by}; stop that program, or choose another port or --instance"
-        )
+        return UsageError(f"{protocol} port {port} is in use{by}; stop that program, or {instead}")
     return UsageError(f"{protocol} port {port} on {host} cannot be opened: {error.strerror or error}")

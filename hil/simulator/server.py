@@ -14,16 +14,19 @@ SEND_S = 5.0  # wall seconds after which a PX4 that reads nothing any more is gi
 class SimulatorServer:
     """Listens for one PX4 at a time; a newer connection takes the place of the older."""
 
-    def __init__(self, port: int, host: str = "127.0.0.1") -> None:
-        """Listen. Port 0 is one that the system chooses. Raises UsageError for a port that cannot be had."""
+    def __init__(self, port: int, host: str = "127.0.0.1", instead: str = "choose another port") -> None:
+        """Listen. Port 0 is one that the system chooses.
+
+        Raises UsageError for a port that is in use, with the advice `instead`.
+        """
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # PX4 may come back within a minute
         try:
             self._listener.bind((host, port))
+            self._listener.listen(1)  # of two that have bound the same port, the second fails here
         except OSError as error:
             self._listener.close()
-            raise bind_error(error, "TCP", host, port) from None
-        self._listener.listen(1)
+            raise bind_error(error, "TCP", host, port, instead) from None
         self._listener.setblocking(False)
         self._peer: socket.socket | None = None
         self._parser = Parser()

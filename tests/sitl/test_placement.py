@@ -109,7 +109,8 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
     )
     try:
         ready = bridge.ready()
-        assert ready["yaw"] == pytest.approx(0.3, abs=1e-6)
+        turn = boot_poses(world)[0].yaw - 0.3
+        assert math.cos(ready["placement"]["turn"] - turn) == pytest.approx(1.0, abs=1e-9)
         camera, logger = (connect(f"udpout://127.0.0.1:{ready['truth']}") for _ in range(2))
         hello = Packer(246, 191)
         heartbeat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)

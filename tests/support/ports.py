@@ -8,3 +8,14 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def free_instance() -> int:
+    """Return an instance of PX4 whose ports nobody holds just now."""
+    from dronecats.sitl.px4.simulator import free_servers  # imports the flight core
+    from hil.simulator.server import PORT
+
+    [server] = free_servers(1)
+    instance = server.port - PORT
+    server.close()
+    return instance

@@ -11,11 +11,11 @@ import psutil
 import pytest
 from pymavlink import mavutil
 
-from dronecats.sitl.px4.simulator import free_instance
 from episodes import catalogue
 from foundation.frames import geodetic_to_ned
 from tests.needs import needs
 from tests.support.command_line import DRONECATS, last_object
+from tests.support.ports import free_instance
 from tests.system.courses import measured, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")
@@ -97,7 +97,7 @@ def test_the_same_decisions_fly_the_same_square(tmp_path):
 
 def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
     state = tmp_path / "state"
-    words = ["--autopilot", "px4", "--instance", str(free_instance(1)), "--speed", "4", "--state", str(state)]
+    words = ["--autopilot", "px4", "--instance", str(free_instance()), "--speed", "4", "--state", str(state)]
     simulator = subprocess.Popen(dronecats("sitl", *words), stdout=subprocess.PIPE, text=True)
 
     def until(text):

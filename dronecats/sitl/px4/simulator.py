@@ -4,6 +4,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
@@ -19,8 +20,8 @@ from dronecats.sitl.simulation import TICK_US, Simulation
 from dronecats.sitl.vehicle import BootPose, Physics
 from episodes.world import World
 from foundation.airframe import Airframe
-from foundation.errors import InfrastructureError
-from hil.simulator.server import PORT
+from foundation.errors import InfrastructureError, UsageError
+from hil.simulator.server import PORT, SimulatorServer
 from vehicles import airframe as airframes
 from vehicles import fault_script
 
@@ -29,21 +30,51 @@ UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instanc
 IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
 
 
-def free_instance(count: int) -> int:
-    """Return the first of `count` neighbouring instances of PX4 whose ports are free, 0 when there are none."""
-    free = [_is_free(instance) for instance in range(INSTANCES)]
-    return next((i for i in range(INSTANCES - count + 1) if all(free[i : i + count])), 0)
+def free_servers(count: int) -> list[SimulatorServer]:
+    """Return the servers of the first `count` neighbouring instances of PX4 whose ports are free.
+
+    The servers hold their TCP ports from now on, so that another flight that starts chooses other instances.
+    Raises UsageError when there are not as many.
+    """
+    for first in range(INSTANCES - count + 1):
+        servers: list[SimulatorServer] = []
+        for instance in range(first, first + count):
+            server = _free_server(instance)
+            if server is None:
+                break
+            servers.append(server)
+        if len(servers) == count:
+            return servers
+        for server in servers:
+            server.close()
+    raise UsageError(
+        f"PX4's instances 0 to {INSTANCES - 1} have no {count} neighbours with free ports (TCP {PORT} to"
+        f" {PORT + INSTANCES - 1}); stop another simulator or PX4"
+    )
 
 
-def _is_free(instance: int) -> bool:
+def _free_server(instance: int) -> SimulatorServer | None:
+    """Return the server of an instance, None when one of the instance's ports is in use."""
     try:
-        for kind, ports in ((socket.SOCK_STREAM, (PORT,)), (socket.SOCK_DGRAM, UDP_PORTS)):
-            for port in ports:
-                with socket.socket(type=kind) as trial:
-                    trial.bind(("", port + instance))
+        server = SimulatorServer(PORT + instance)
+    except UsageError:
+        return None
+    try:
+        for port in UDP_PORTS:
+            with socket.socket(type=socket.SOCK_DGRAM) as trial:
+                trial.bind(("", port + instance))
     except OSError:
-        return False
-    return True
+        server.close()
+        return None
+    return server
+
+
+def _servers(config: SimulatorConfig, count: int) -> list[SimulatorServer]:
+    """Return where the PX4s connect. Raises UsageError."""
+    if config.instance is None and INSTANCE in (config.px4 or ""):
+        return free_servers(count)
+    instead = f"write {INSTANCE} into --px4" if config.instance is None else "choose another --instance"
+    return [SimulatorServer(PORT + (config.instance or 0) + k, instead=instead) for k in range(count)]
 
 
 def _say(line: str) -> None:
@@ -62,48 +93,49 @@ class Px4Simulator:
         script, command = config.faults, config.px4
         rotors = len(airframes.quadrotor(airframes.load(config.airframe)).rotors)
         self._say, self._restarts = say, config.restart
-        self.instance = config.instance or 0
-        if config.instance is None and INSTANCE in (command or ""):
-            self.instance = free_instance(config.count or len(world.record.starts))
         self.speed: float | None = config.speed
-        self.simulation: Simulation[Px4Vehicle] = built_of(
-            self._vehicle,
-            world,
-            airframe=config.airframe,
-            seed=config.seed,
-            count=config.count,
-            payload_kg=config.payload_kg,
-            conditions=config.conditions,
-            disturbed=config.disturbed,
-            faults=fault_script.load(Path(script), rotors) if script else (),
-        )
-        self.vehicles = self.simulation.vehicles
-        for vehicle in self.vehicles:
-            vehicle.plant.advance(0)  # compiles, on the first run of an installation
-        self._truth = truth_port(self.simulation, config.instance)
-        self._in_step = [False] * len(self.vehicles)
-        self._started_at = [0] * len(self.vehicles)
-        self._processes: list[Px4Process] = []
-        self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
-        self._passing = TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True)
-        try:
+        with ExitStack() as parts:
+            self._passing = parts.enter_context(TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True))
+            self._servers = _servers(config, config.count or len(world.record.starts))
+            for server in self._servers:
+                parts.callback(server.close)
+            self.instance = self._servers[0].port - PORT
+            self.simulation: Simulation[Px4Vehicle] = built_of(
+                self._vehicle,
+                world,
+                airframe=config.airframe,
+                seed=config.seed,
+                count=config.count,
+                payload_kg=config.payload_kg,
+                conditions=config.conditions,
+                disturbed=config.disturbed,
+                faults=fault_script.load(Path(script), rotors) if script else (),
+            )
+            self.vehicles = self.simulation.vehicles
+            for vehicle in self.vehicles:
+                vehicle.plant.advance(0)  # compiles, on the first run of an installation
+            self._truth = truth_port(self.simulation, config.instance)
+            parts.callback(self._truth.close)
+            self._in_step = [False] * len(self.vehicles)
+            self._started_at = [0] * len(self.vehicles)
+            self._processes: list[Px4Process] = []
+            self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
             if command is not None:
                 for vehicle in self.vehicles:
                     self._processes.append(self._px4(command, vehicle.index, config))
-        except BaseException:
-            self.close()
-            raise
+                    parts.callback(self._processes[-1].close)
+            self._parts = parts.pop_all()
         self._reset_pace()
         if command is None:
-            ports = ", ".join(str(vehicle.server.port) for vehicle in self.vehicles)
+            ports = ", ".join(str(server.port) for server in self._servers)
             say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
 
     def _vehicle(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> Px4Vehicle:
-        return Px4Vehicle(index, airframe, pose, port=PORT + self.instance + index, **physics)
+        return Px4Vehicle(index, airframe, pose, server=self._servers[index], **physics)
 
     def _px4(self, command: str, index: int, config: SimulatorConfig) -> Px4Process:
         name = f"vehicle-{index + 1}"
-        folder = Path(config.state_dir or self._passing.name).absolute() / name
+        folder = Path(config.state_dir or self._passing).absolute() / name
         log = Path(config.log_dir).absolute() / f"px4-{name}.log" if config.log_dir else folder / "px4.log"
         return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
 
@@ -159,12 +191,7 @@ class Px4Simulator:
             vehicle.released = True
 
     def close(self) -> None:
-        for process in self._processes:
-            process.close()
-        for vehicle in self.vehicles:
-            vehicle.close()
-        self._truth.close()
-        self._passing.cleanup()
+        self._parts.close()
 
     def _look_after(self) -> None:
         """Say what has changed between us and the PX4s; start one that has ended anew, or raise InfrastructureError."""

@@ -25,21 +25,25 @@ PATIENCE_S = 0.2  # wall seconds between two looks at whether waiting still make
 # PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. One inertial sample per exchange, over its time.
 SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
 ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
+# µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, and the specific force is up to 3 m/s² off
+# for 0.2 s. PX4's EKF2 takes its first tilt from the first samples: a tilt that begins 16° wrong becomes a wrong gyro
+# bias, PX4 does not find itself at rest, and its heading may be wrong when it arms.
+SETTLED_US = 500_000
 
 
 class Px4Vehicle(Vehicle):
     """One vehicle and the PX4 that flies it."""
 
     def __init__(
-        self, index: int, airframe: Airframe, pose: BootPose, *, port: int, **physics: Unpack[Physics]
+        self, index: int, airframe: Airframe, pose: BootPose, *, server: SimulatorServer, **physics: Unpack[Physics]
     ) -> None:
-        """`port`: TCP port to listen on, 0 for any. Raises UsageError."""
+        """`server` is where PX4 connects; it is closed with the vehicle."""
         physics.setdefault("suite", SUITE)
         super().__init__(index, airframe, pose, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
         self._rotors = len(self.plant.airframe.rotors)
-        self.server = SimulatorServer(port)
+        self.server = server
         self.released = False  # set by another thread to end a wait for good
         self.in_step = False  # whether PX4 answers each sensor message, and is waited for
         self.answers = 0
@@ -59,6 +63,8 @@ class Px4Vehicle(Vehicle):
         self.server.close()
 
     def _exchange(self) -> None:
+        if self.time_us <= SETTLED_US:
+            return
         if self.server.accept():
             self.in_step = False
         if not self.server.connected:

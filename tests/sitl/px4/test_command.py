@@ -8,11 +8,14 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.sitl.config import SimulatorConfig
-from dronecats.sitl.px4.simulator import UDP_PORTS, Px4Simulator, free_instance
+from dronecats.sitl.px4 import simulator
+from dronecats.sitl.px4.simulator import INSTANCES, UDP_PORTS, Px4Simulator, free_servers
+from dronecats.sitl.scenario import built_of
 from dronecats.sitl.sockets import UdpPort
-from foundation.errors import InfrastructureError
+from foundation.errors import InfrastructureError, UsageError
 from hil.simulator.server import PORT, SimulatorServer
 from tests.support.command_line import DRONECATS
+from tests.support.ports import free_instance
 
 
 @pytest.mark.parametrize(
@@ -59,23 +62,79 @@ def test_a_px4_that_ends_before_it_answered_is_an_error_that_names_its_log(tmp_p
 
 
 def test_instances_in_use_are_passed_over():
-    first = free_instance(1)
-    server = SimulatorServer(PORT + first)
+    """A simulator on one instance's TCP port, and another program on a UDP port of the next."""
+    [server] = free_servers(1)
+    first, second = server.port - PORT, free_instance()
+    udp = UdpPort(("127.0.0.1", UDP_PORTS[1] + second), None, bytes, lambda data: None)
     try:
-        second = free_instance(1)
         assert second != first
-        udp = UdpPort(("127.0.0.1", UDP_PORTS[1] + second), None, bytes, lambda data: None)
-        try:
-            assert free_instance(1) not in (first, second)
-        finally:
-            udp.close()
+        assert free_instance() not in (first, second)
     finally:
+        udp.close()
         server.close()
+
+
+def test_two_simulators_that_start_at_the_same_time_choose_different_instances(tmp_path, monkeypatch):
+    """The second one starts while the first, which has chosen its instance, builds its vehicles."""
+    build, others = built_of, []
+
+    def build_later(*arguments, **words):
+        monkeypatch.setattr(simulator, "built_of", build)
+        others.append(waiting(tmp_path / "second"))
+        return build(*arguments, **words)
+
+    monkeypatch.setattr(simulator, "built_of", build_later)
+    first = waiting(tmp_path / "first")
+    try:
+        assert first.instance != others[0].instance
+    finally:
+        first.close()
+        others[0].close()
+
+
+def waiting(folder):
+    """Return a simulator whose PX4 never connects, on an instance that it has chosen."""
+    config = SimulatorConfig(
+        episode="blocks-commanding-01",
+        count=1,
+        state_dir=str(folder),
+        px4=f"{sys.executable} -c 'import time; time.sleep(600) # {{instance}}'",
+    )
+    return Px4Simulator(config, lambda line: None)
+
+
+def test_no_free_instance_is_one_sentence():
+    held = [server for server in map(hold, range(INSTANCES)) if server]
+    try:
+        with pytest.raises(UsageError, match=f"TCP {PORT} to {PORT + INSTANCES - 1}"):
+            free_servers(1)
+    finally:
+        for server in held:
+            server.close()
+
+
+def hold(instance):
+    try:
+        return SimulatorServer(PORT + instance)
+    except UsageError:  # another program has it
+        return None
+
+
+@pytest.mark.parametrize(("instance", "advice"), [(None, "{instance}"), (INSTANCES - 1, "--instance")])
+def test_a_port_in_use_comes_with_advice_that_the_command_can_follow(instance, advice, tmp_path):
+    held = hold(instance or 0)
+    config = SimulatorConfig(episode="blocks-commanding-01", count=1, instance=instance, state_dir=str(tmp_path))
+    try:
+        with pytest.raises(UsageError, match=advice):
+            Px4Simulator(config, lambda line: None)
+    finally:
+        if held:
+            held.close()
 
 
 def test_no_time_passes_until_px4_has_come(tmp_path):
     """The process as a user starts it: it says what it waits for, and an interrupt ends it with status 0."""
-    instance = str(free_instance(1))
+    instance = str(free_instance())
     words = [*DRONECATS, "sitl", "--autopilot", "px4", "--instance", instance]
     process = subprocess.Popen([*words, "--state", str(tmp_path)], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

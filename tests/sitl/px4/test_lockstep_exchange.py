@@ -6,18 +6,28 @@ import numpy as np
 import pytest
 
 from dronecats.sitl.px4 import vehicle as px4_vehicle
-from dronecats.sitl.px4.vehicle import EXCHANGE_US, Px4Vehicle
+from dronecats.sitl.px4.vehicle import EXCHANGE_US, SETTLED_US, Px4Vehicle
 from dronecats.sitl.vehicle import TICK_US, BootPose
+from foundation.terrain import HeightField
 from hil.simulator.interface import ACCEL, BARO, GYRO, MAG
+from hil.simulator.server import SimulatorServer
 from tests.hil.simulator.stand_in import Replay, StandIn, always, controls, recorded, silent
 from vehicles import airframe
 
 ORIGIN = (47.3977, 8.5456, 488.0)
 
 
+def settled(seed=0):
+    """Return a vehicle that stands at rest; the next exchange is the first one."""
+    pose, server = BootPose((0.0, 0.0, 0.0), 0.0), SimulatorServer(0)
+    vehicle = Px4Vehicle(0, airframe.load("x500"), pose, seed=seed, origin=ORIGIN, server=server)
+    fly(vehicle, SETTLED_US / 1e6)
+    return vehicle
+
+
 @pytest.fixture
 def vehicle():
-    vehicle = Px4Vehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=0, origin=ORIGIN, port=0)
+    vehicle = settled()
     yield vehicle
     vehicle.close()
 
@@ -26,8 +36,8 @@ def vehicle():
 def connect(vehicle):
     clients = []
 
-    def start(answer):
-        clients.append(StandIn(vehicle.server.port, answer))
+    def start(answer, port=vehicle.server.port):
+        clients.append(StandIn(port, answer))
         return clients[-1]
 
     yield start
@@ -65,12 +75,13 @@ def test_every_sensor_message_is_answered_before_time_goes_on(vehicle, connect):
 
 
 def test_until_the_first_answer_time_goes_on_and_sensors_flow(vehicle, connect):
-    client = connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec >= 200_000 else b"")
+    client = connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec >= SETTLED_US + 200_000 else b"")
     fly(vehicle, 0.15)
     assert not vehicle.in_step
-    assert vehicle.time_us == 150_000
+    assert vehicle.time_us == SETTLED_US + 150_000
     come_into_step(vehicle, client)
-    assert [m.time_usec for m in client.named("HIL_SENSOR")][:3] == [4000, 8000, 12000]
+    times = [m.time_usec for m in client.named("HIL_SENSOR")]
+    assert times[:3] == [SETTLED_US + 4000, SETTLED_US + 8000, SETTLED_US + 12000]
 
 
 def test_an_answer_to_an_earlier_message_is_not_taken_for_one_to_this(vehicle, connect):
@@ -107,8 +118,26 @@ def test_the_groups_come_at_their_sensors_rates(vehicle, connect):
     assert sum(u & (ACCEL | GYRO) == ACCEL | GYRO for u in updated) == 250
     assert sum(u & MAG == MAG for u in updated) == pytest.approx(100, abs=1)
     assert sum(u & BARO == BARO for u in updated) == pytest.approx(50, abs=1)
-    assert len(client.named("HIL_GPS")) == pytest.approx(20, abs=1)
+    fixes = [m for m in client.named("HIL_GPS") if m.time_usec > SETTLED_US]
+    assert len(fixes) == pytest.approx(20, abs=1)
     assert len(client.named("HIL_STATE_QUATERNION")) == pytest.approx(250, abs=25)
+
+
+def test_the_first_samples_are_those_of_a_vehicle_at_rest(connect):
+    """PX4 connects at boot, when the legs still drop onto a slope of one in fifty."""
+    pose, server = BootPose((0.0, 0.0, 0.0), 0.0), SimulatorServer(0)
+    slope = HeightField(-5.0, -5.0, 5.0, np.repeat([[-0.1], [0.0], [0.1]], 3, axis=1))
+    vehicle = Px4Vehicle(0, airframe.load("x500"), pose, seed=0, origin=ORIGIN, terrain=slope, server=server)
+    client = connect(always(armed=False), server.port)
+    try:
+        fly(vehicle, SETTLED_US / 1e6 + 0.2)
+        client.keep_up(SETTLED_US + 200_000)
+        sensors = client.named("HIL_SENSOR")
+        assert len(sensors) > 10
+        for sensor in sensors:
+            assert (sensor.xacc, sensor.yacc, sensor.zacc) == pytest.approx((-0.2, 0.0, -9.8), abs=0.3)
+    finally:
+        vehicle.close()
 
 
 def test_standing_on_the_ground_it_feels_gravity_and_knows_its_place(vehicle, connect):
@@ -155,7 +184,7 @@ def test_px4_dies_in_the_air_and_comes_back(vehicle, connect):
 def test_without_px4_time_goes_on_tick_by_tick(vehicle):
     vehicle.advance()
     vehicle.advance()
-    assert vehicle.time_us == 2 * TICK_US
+    assert vehicle.time_us == SETTLED_US + 2 * TICK_US
     assert not vehicle.server.connected
 
 
@@ -210,10 +239,12 @@ def test_the_same_answers_give_the_same_flight(connect):
     outputs = [m.controls[:4] for m in recorded("px4-takeoff.bin")]
 
     def flown():
-        vehicle = Px4Vehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=7, origin=ORIGIN, port=0)
+        vehicle = settled(seed=7)
         client = StandIn(
             vehicle.server.port,
-            lambda sensor: controls(sensor.time_usec, outputs[min(sensor.time_usec // 4000, len(outputs) - 1)], True),
+            lambda sensor: controls(
+                sensor.time_usec, outputs[min((sensor.time_usec - SETTLED_US) // 4000, len(outputs) - 1)], True
+            ),
         )
         try:
             while not vehicle.server.accept():
@@ -232,5 +263,5 @@ def test_the_same_answers_give_the_same_flight(connect):
 def test_silence_is_not_an_answer(vehicle, connect):
     connect(silent)
     fly(vehicle, 0.3)
-    assert vehicle.time_us == 300_000
+    assert vehicle.time_us == SETTLED_US + 300_000
     assert not vehicle.in_step
