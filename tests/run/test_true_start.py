@@ -2,6 +2,7 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -85,7 +86,8 @@ def test_a_vehicle_that_does_not_know_its_heading_is_not_armed():
     world, vehicle = load_world("v1-residential-searching-01"), ScriptedVehicle()
     vehicle.armed, vehicle.landed, vehicle.yaw = False, True, 0.0
     link = Link(vehicle.transport())
-    with TrueStart(SimpleNamespace(tap=lambda feed: Tap()), world) as check:
+    check: Any = TrueStart(SimpleNamespace(tap=lambda feed: Tap()), world)
+    with check:
         check._truth = SimpleNamespace(of=lambda drone: true(euler=(0.0, 0.0, math.radians(105.0))))
         with pytest.raises(InfrastructureError, match=r"does not begin.*heading is 105\.0° off"):
             ascend([link], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None, check.check_estimates)
