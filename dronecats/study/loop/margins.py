@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,7 +67,10 @@ def left_behind(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> Calla
 
     def oscillates(delay_s: float) -> Oscillation | None:
         value = hover.answer(loop, delay_s, seconds).value
-        return oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
+        left = oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
+        if left is not None and left.size > loop.step:
+            return replace(left, growth=abs(left.growth))  # it has grown; what is not linear keeps it from growing on
+        return left
 
     return oscillates
 
