@@ -79,13 +79,14 @@ def silent(sensor: dialect.MAVLink_message) -> bytes:
 
 
 class Replay:
-    """Answers with what a real PX4 sent when it had been told the same time, byte for byte."""
+    """Answers with what a real PX4 sent when it had been told the same time, or a time earlier by `later_us`."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, later_us: int = 0) -> None:
         self.frames: dict[int, bytes] = {}
         for message in recorded(name):
             if message.get_type() == "HIL_ACTUATOR_CONTROLS":
-                self.frames[message.time_usec] = bytes(message.get_msgbuf())
+                message.time_usec += later_us
+                self.frames[message.time_usec] = Packer(1, 1).pack(message)
 
     def __call__(self, sensor: dialect.MAVLink_message) -> bytes:
         return self.frames.get(sensor.time_usec, b"")

@@ -224,7 +224,7 @@ def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle,
 
 
 def test_a_recorded_boot_of_a_real_px4_brings_it_into_step(vehicle, connect):
-    replay = Replay("px4-boot.bin")
+    replay = Replay("px4-boot.bin", later_us=SETTLED_US)  # its first sensor message was sent at 0
     come_into_step(vehicle, connect(replay))
     assert vehicle.time_us < max(replay.frames)
     while vehicle.time_us < max(replay.frames) - TICK_US:
