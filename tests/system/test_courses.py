@@ -1,8 +1,10 @@
 """Where a go goes and what a rotate shows, judged by the truth and not by a pilot that aims again at every step."""
 
 import json
+import statistics
 
 import pytest
+from scipy import stats
 
 from dronecats.cli.main import main
 from tests.support.flight import fly_beginning
@@ -30,15 +32,20 @@ def fly(tmp_path, episode, seed, *words):
 
 
 def holds(folder, share=0.95):
-    """Assert that every decision that no host held up did what it said: gos within 3° of their pixels, turns of 2°."""
+    """Assert that every decision that no host held up did what it said: gos within 3° of their pixels, turns of 2°.
+
+    3° of the shortest stride are 6 cm. An autopilot's place wanders by 3.5 cm (one σ) in the four seconds between two
+    pictures, with its satellites' velocity noise and reflections, and nothing on board sees that. So one go in twenty may
+    be beyond 3°, and a flight of so few gos may have more of them by chance, though not more than one such flight in 200.
+    """
     gone, turned = measured(folder)
     assert len(gone) >= 15
     assert len(turned) >= 8
-    # 3° of the shortest stride are 6 cm. An autopilot's place wanders by 3 cm (one σ) in the four seconds between two
-    # pictures, with its satellites' velocity noise, and nothing on board sees that: a rare short stride is beyond
     gone = [go for go in gone if abs(go.off_deg) <= 3.0 or not go.held_up]
-    assert [go for go in gone if abs(go.off_deg) > 3.0 and go.across_m > 0.15] == []
-    assert sum(abs(go.off_deg) <= 3.0 for go in gone) >= share * len(gone)
+    assert [go for go in gone if abs(go.off_deg) > 5.0 or (abs(go.off_deg) > 3.0 and go.across_m > 0.15)] == []
+    beyond = [go for go in gone if abs(go.off_deg) > 3.0]
+    assert len(beyond) <= stats.binom.ppf(0.995, len(gone), 1.0 - share), beyond
+    assert abs(statistics.median(go.off_deg for go in gone)) <= 1.0
     assert [turn for turn in turned if abs(turn.off_deg) > 2.0 and not turn.held_up] == []
 
 
