@@ -28,6 +28,7 @@ class ExportedDrone:
 
     number: int  # 0 is the first
     estimate: FlownTrack | None  # as its autopilot thought; None: there is no tlog that tells
+    held: FlownTrack | None  # the estimate, with the sample before the episode that still held when it began
     truth: FlownTrack | None  # the judge's; None: nobody knew it
     setpoints: NDArray[np.float64] | None  # as in `FlownTracks`
 
@@ -152,15 +153,18 @@ def _drone(number: int, episode: FlownEpisode, heard: FlownTracks, end_s: float)
     return ExportedDrone(
         number=number,
         estimate=_flown(estimate, end_s),
+        held=_flown(estimate, end_s, held=True),
         truth=_flown(truth if logs.true else None, end_s),
         setpoints=setpoints,
     )
 
 
-def _flown(track: FlownTrack | None, end_s: float) -> FlownTrack | None:
-    """Return what of a track is of the episode; None where nothing is."""
-    kept = track.between(0.0, end_s) if track else None
-    return kept if kept is not None and len(kept) else None
+def _flown(track: FlownTrack | None, end_s: float, held: bool = False) -> FlownTrack | None:
+    """Return what of a track is of the episode, with the sample that `held` when it began; None where nothing is."""
+    if track is None:
+        return None
+    kept = track.between(min(0.0, float(track.t_s[track.at(0.0)])) if held else 0.0, end_s)
+    return kept if len(kept) else None
 
 
 def _frames(episode: FlownEpisode) -> Iterator[SeenFrame]:

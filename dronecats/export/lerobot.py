@@ -70,7 +70,7 @@ def _unfit(flight: ExportedFlight, dataset: "_Dataset") -> str | None:
     folder = flight.episode.folder
     if not flight.frames:
         return f"{folder} holds no pictures"
-    if any(drone.estimate is None for drone in flight.drones):
+    if any(drone.held is None for drone in flight.drones):
         return f"{folder} holds no telemetry of where an autopilot thought it was"
     if flight.verdict.success is None:
         return f"{folder} is nobody's score: {flight.verdict.error or flight.verdict.outcome}"
@@ -108,13 +108,13 @@ class _Dataset:
 
     def add(self, flight: ExportedFlight, drone: ExportedDrone) -> None:
         """Append a drone's part of a flight."""
-        assert drone.estimate is not None
+        assert drone.held is not None
         decisions = _steps(flight, drone)
         jpegs = {frame.frame_id: frame.jpeg for frame in flight.frames if frame.drone == drone.number}
         first_s, count, number = decisions[0].t_frame, len(decisions), len(self.episodes)
         task = self._tasks.setdefault(flight.instruction, len(self._tasks))
         columns: dict[str, Any] = {
-            "observation.state": np.array([state(drone.estimate, d.t_frame, first_s) for d in decisions]),
+            "observation.state": np.array([state(drone.held, d.t_frame, first_s) for d in decisions]),
             "action": np.array([four_action(d) for d in decisions]),
             "action.body_velocity": np.array([body_velocity(d, flight.camera) for d in decisions]),
             "time.frame_s": np.array([d.t_frame for d in decisions], np.float32),

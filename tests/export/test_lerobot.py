@@ -70,17 +70,11 @@ def test_every_decision_is_a_frame_with_the_pilots_own_picture(dataset):
 
 
 def told_by_the_autopilot(flight, number, decisions):
-    """Return the newest LOCAL_POSITION_NED of the episode at each picture, from the first one on (n, 3).
-
-    Where a picture is older than all of them, the first one.
-    """
+    """Return the newest LOCAL_POSITION_NED at each picture, less the one at the first picture: (n, 3)."""
     kind = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     sent = [m for m in tlog_messages(flight.episode.folder / "flight.tlog", {kind}) if m.get_srcSystem() == number + 1]
-    told = [m for m in sent if m.time_boot_ms * 1000 >= flight.t0_us]
     at_ms = [(flight.t0_us + round(d.t_frame * 1e6)) // 1000 for d in decisions]
-    newest = [
-        max((m for m in told if m.time_boot_ms <= at), key=lambda m: m.time_boot_ms, default=told[0]) for at in at_ms
-    ]
+    newest = [max((m for m in sent if m.time_boot_ms <= at), key=lambda m: m.time_boot_ms) for at in at_ms]
     places = np.array([(m.x, m.y, m.z) for m in newest])
     return places - places[0]
 

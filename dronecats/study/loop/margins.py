@@ -69,7 +69,8 @@ def left_behind(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> Calla
         value = hover.answer(loop, delay_s, seconds).value
         left = oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
         if left is not None and left.size > loop.step:
-            return replace(left, growth=abs(left.growth))  # it has grown; what is not linear keeps it from growing on
+            # beyond the margin, yet limits (of tilt, of the integrals) bound the oscillation: it no longer grows
+            return replace(left, growth=abs(left.growth))
         return left
 
     return oscillates

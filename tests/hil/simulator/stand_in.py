@@ -79,7 +79,7 @@ def silent(sensor: dialect.MAVLink_message) -> bytes:
 
 
 class Replay:
-    """Answers with what a real PX4 sent when it had been told the same time, or a time earlier by `later_us`."""
+    """Replays a real PX4's recorded answers by the sensors' time stamps, all shifted later by `later_us`."""
 
     def __init__(self, name: str, later_us: int = 0) -> None:
         self.frames: dict[int, bytes] = {}
