@@ -35,8 +35,8 @@ def holds(folder, share=0.95):
     """Assert that every decision that no host held up did what it said: gos within 3° of their pixels, turns of 2°.
 
     3° of the shortest stride are 6 cm. An autopilot's place wanders by 3.5 cm (one σ) in the four seconds between two
-    pictures, with its satellites' velocity noise and reflections, and nothing on board sees that. So one go in twenty may
-    be beyond 3°, and a flight of so few gos may have more of them by chance, though not more than one such flight in 200.
+    pictures, with its satellites' velocity noise and reflections, and nothing on board sees that. So one go in twenty
+    may be beyond 3°, and among so few gos chance makes it more, though in not more than one flight of 200.
     """
     gone, turned = measured(folder)
     assert len(gone) >= 15
