@@ -3,6 +3,7 @@
 import math
 import re
 import socket
+import urllib.parse
 import urllib.request
 
 import pytest
@@ -196,7 +197,7 @@ def test_a_path_is_clicked(editor, page):
 
 
 def test_the_page_is_served_to_this_machine_only(editor):
-    port = int(editor.url.rsplit(":", 1)[1])
+    port = urllib.parse.urlsplit(editor.url).port
     assert urllib.request.urlopen(editor.url).status == 200
     outside = {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {
         "127.0.0.1"

@@ -113,7 +113,7 @@ def seen(browser, tmp_path_factory):
         "--view", "--view-port", str(port), "--view-stay",
     )  # fmt: skip
     try:
-        url = command.said(r"watch it at (http://127\.0\.0\.1:\d+)")[1]
+        url = command.said(r"watch it at (http://127\.0\.0\.1:\S+)")[1]
         listening = Listening(url)
         browser.get(url)
         until(lambda: "in the air" in text(browser, ".state"))
