@@ -1,5 +1,7 @@
 """The camera as a process: frames over HTTP, rendered where the truth bus says the drone is."""
 
+import contextlib
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -21,6 +23,9 @@ ENCODINGS = {
     "/frame.jpg": (".jpg", "image/jpeg"),
     "/frame.png": (".png", "image/png"),
 }
+CONNECTIONS = 64  # open at once
+REQUEST_S = 10.0  # wall s for a connection's first request to come
+IDLE_S = 600.0  # wall s from one request of a connection to the next: a model may think that long
 
 
 class CameraPart:
@@ -36,10 +41,9 @@ class CameraPart:
         self._camera.warm_up()  # compiles, on the first run of an installation
         host, port = "127.0.0.1", int(config.port)
         try:
-            self._server = ThreadingHTTPServer((host, port), handler(self._camera))
+            self._server = FrameServer((host, port), handler(self._camera))
         except OSError as error:
             raise bind_error(error, "TCP", host, port) from None
-        self._server.daemon_threads = True
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
     def _announce(self, data: bytes) -> None:
@@ -63,14 +67,54 @@ class CameraPart:
         self._camera.close()
 
 
+class FrameServer(ThreadingHTTPServer):
+    """A server that goes on serving however many connections are opened: of those that never asked, the oldest goes."""
+
+    daemon_threads = True
+    request_queue_size = 2 * CONNECTIONS
+
+    def __init__(self, address: tuple[str, int], handler_class: type[BaseHTTPRequestHandler]) -> None:
+        self._lock = threading.Lock()
+        self._silent: dict[socket.socket, None] = {}  # no whole request yet, in the order in which they came
+        self._known: set[socket.socket] = set()
+        super().__init__(address, handler_class)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        with self._lock:
+            if len(self._silent) + len(self._known) >= CONNECTIONS:
+                oldest = next(iter(self._silent), request)
+                self._silent.pop(oldest, None)
+                with contextlib.suppress(OSError):  # it has just gone
+                    oldest.shutdown(socket.SHUT_RDWR)
+            self._silent[request] = None
+        super().process_request(request, client_address)
+
+    def asked(self, request: socket.socket) -> None:
+        """Note that a connection has sent a whole request, so that it is kept."""
+        request.settimeout(IDLE_S)
+        with self._lock:
+            if request in self._silent:
+                del self._silent[request]
+                self._known.add(request)
+
+    def shutdown_request(self, request: Any) -> None:
+        with self._lock:
+            self._silent.pop(request, None)
+            self._known.discard(request)
+        super().shutdown_request(request)
+
+
 def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
     """Return the request handler that serves the camera's newest frame, or with `at` that of a vehicle time in µs."""
 
     class FrameHandler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
         disable_nagle_algorithm = True
+        timeout = REQUEST_S
 
         def do_GET(self) -> None:
+            if isinstance(self.server, FrameServer):
+                self.server.asked(self.connection)
             parts = urlsplit(self.path)
             if parts.path not in ENCODINGS:
                 self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg and /frame.png\n", {})

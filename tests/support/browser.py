@@ -57,6 +57,7 @@ def browser(drawing_chromium: Any) -> Iterator[Any]:
     """Return that browser, and leave its page afterwards: one that stays open goes on drawing, and takes a core."""
     yield drawing_chromium
     drawing_chromium.get("about:blank")
+    drawing_chromium.get_log("browser")  # what the page said when its server ended is none of the next module's
 
 
 @pytest.fixture(scope="session")

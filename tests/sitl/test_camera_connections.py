@@ -1,0 +1,66 @@
+"""Connections to the camera that never ask for anything: they cost nobody else a picture."""
+
+import http.client
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from dronecats.sitl import camera_process
+from foundation.camera import Frame
+
+HALF = b"GET /frame.bmp HTTP/1.1\r\nHost: 127"
+
+
+class Camera:
+    """Has one black picture."""
+
+    def newest(self, drone):
+        return Frame(image_rgb=np.zeros((4, 4, 3), np.uint8), frame_id=1, time_us=2)
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setattr(camera_process, "CONNECTIONS", 8)
+    made = camera_process.FrameServer(("127.0.0.1", 0), camera_process.handler(Camera()))
+    thread = threading.Thread(target=made.serve_forever, args=(0.01,), daemon=True)
+    thread.start()
+    yield made
+    made.shutdown()
+    made.server_close()
+    thread.join()
+
+
+def status(connection):
+    connection.request("GET", "/frame.bmp")
+    answer = connection.getresponse()
+    answer.read()
+    return answer.status
+
+
+def test_the_agent_is_served_while_others_only_connect(server):
+    before = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10.0)
+    assert status(before) == 200
+    stalled = [socket.create_connection(server.server_address, timeout=10.0) for _ in range(60)]
+    for each in stalled:
+        each.sendall(HALF)
+    after = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10.0)
+    assert status(after) == 200
+    own = before.sock
+    assert status(before) == 200
+    assert before.sock is own  # it was not closed for their sake
+    due_s = time.monotonic() + 10.0
+    while threading.active_count() > 20:
+        assert time.monotonic() < due_s, "each of them keeps a thread"
+        time.sleep(0.01)
+    for each in (*stalled, before, after):
+        each.close()
+
+
+def test_who_does_not_ask_in_time_is_let_go(server, monkeypatch):
+    monkeypatch.setattr(server.RequestHandlerClass, "timeout", 0.2)
+    with socket.create_connection(server.server_address, timeout=10.0) as stalled:
+        stalled.sendall(HALF)
+        assert stalled.recv(1) == b""
