@@ -103,3 +103,27 @@ def test_orbit_then_follow_then_sticks_then_fence(flown: Aircraft) -> None:
     craft.until(lambda: not craft.commander.armed, 40.0, ahead)
     assert 11.0 < math.dist(craft.truth["position_ned"][:2], (n, e)) < 18.0
     assert any("geofence breached" in text for text in client.texts())
+
+
+def test_a_setpoint_a_thousand_kilometres_away_is_flown_towards(flown: Aircraft) -> None:
+    craft, client = flown, flown.client
+    craft.autopilot.parameters.set("GF_ACTION", 0)
+    take_off(craft, 8.0)
+
+    def ask() -> None:
+        client.send(
+            dialect.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0x9F8, 3e6, -4e6, craft.autopilot.state.position_ned[2], 0, 0, 0, 0, 0, 0, 0.0, 0.0
+            )
+        )
+
+    ask()
+    assert client.mode(6) == 0
+    craft.run(15.0, ask)
+    north, east, down = craft.truth["velocity_ned"]
+    assert 0.8 * craft.autopilot.parameters["MPC_XY_VEL_MAX"] < math.hypot(north, east)
+    assert math.atan2(east, north) == pytest.approx(math.atan2(-4.0, 3.0), abs=0.05)
+    assert abs(down) < 0.5
+    assert client.mode(4, 3) == 0
+    craft.run(8.0)
+    assert math.hypot(*craft.truth["velocity_ned"]) < 0.5
