@@ -174,7 +174,6 @@ class FileTree:
             raise Refusal(FILE_PROTECTED)
         return path
 
-
     def _check_space(self) -> None:
         """Raise Refusal when card and log folder together are full."""
         size = entries = 0

@@ -34,7 +34,7 @@ class SimulatedVehicle(Vehicle):
         state_dir: Path | None = None,
         **physics: Unpack[Physics],
     ) -> None:
-        """`state_dir` keeps parameters, plans, flight logs and files of clients; without it none of them outlives the process."""
+        """`state_dir` keeps parameters, plans, flight logs and clients' files; without it none outlives the process."""
         super().__init__(index, airframe, pose, **physics)
         self._state_dir = state_dir
         self._failures = Failures(self.plant, physics.get("faults", ()))
