@@ -26,7 +26,7 @@ def craft() -> Aircraft:
 
 
 def order(craft: Aircraft, command: int, p: tuple[float, ...], north: float, east: float, height: float) -> int | None:
-    """Send a COMMAND_INT with a place given by its NED metres about the origin; frame and datum as MAVSDK sends them."""
+    """Send a COMMAND_INT with a place, given in NED metres about the origin."""
     lat, lon, alt = ned_to_geodetic(*ORIGIN, north, east, -height)
     return craft.client.command_int(command, p, round(lat * 1e7), round(lon * 1e7), alt)
 

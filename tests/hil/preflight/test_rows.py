@@ -138,9 +138,14 @@ def test_a_clock_that_is_not_a_quartz_is_noticed():
 
 def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
     now = 1_795_000_000_000_000
-    for calendar, expected in [(0, True), (now, True), (now - 10_000_000, None), (CALENDAR_START_US + 60_000_000, True)]:
-        told = heard(dialect.MAVLink_system_time_message(calendar, 60_000), round_trips=trips(0.005, 0.0), sync_asked=10,
-                     unix_s=now * 1e-6)  # fmt: skip
+    for calendar, expected in [
+        (0, True),
+        (now, True),
+        (now - 10_000_000, None),
+        (CALENDAR_START_US + 60_000_000, True),
+    ]:
+        message = dialect.MAVLink_system_time_message(calendar, 60_000)
+        told = heard(message, round_trips=trips(0.005, 0.0), sync_asked=10, unix_s=now * 1e-6)
         assert passed(wire.rows(told), "clocks") is expected, calendar
 
 
