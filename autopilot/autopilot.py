@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from autopilot.calibration import SensorCalibration
 from autopilot.commander import Commander
 from autopilot.estimated_state import EstimatedState
-from autopilot.logging.directory import LogDirectory
+from autopilot.logging.directory import LogDirectory, make_folder
 from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink import dispatch, mission
 from autopilot.mavlink.node import Inject, Node
@@ -41,10 +41,11 @@ class Autopilot:
     Pure: no socket, no thread, no wall clock. Time is `core.estimate.time_us`, or the sensors' before the first
     estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
     `log_dir` (one per vehicle) receives a ULog file for every flight; without it nothing is logged.
+    `card_dir` (one per vehicle) is the memory card, on which clients store files by MAVLink FTP.
     `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or mends a part of the simulated vehicle and
     returns whether it could; without it failure injection is unsupported.
     `parameter_file` and `plan_file` keep what a flight controller keeps without power; a missing one is begun.
-    Raises UsageError when one of them exists but cannot be read, or `log_dir` cannot be made.
+    Raises UsageError when one of them exists but cannot be read, or `log_dir` or `card_dir` cannot be made.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Autopilot:
         parameter_file: Path | None = None,
         plan_file: Path | None = None,
         log_dir: Path | None = None,
+        card_dir: Path | None = None,
         actuators: Any | None = None,
         inject: Inject | None = None,
     ) -> None:
@@ -75,7 +77,9 @@ class Autopilot:
             airframe, self.state, self.commander, self.parameters, actuators, self.calibration, self.vibration
         )
         self.log = FlightLogWriter(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
-        self.node = Node(vehicle, system_id, Uploads(), self.log, inject)
+        if card_dir is not None:
+            make_folder(card_dir)
+        self.node = Node(vehicle, system_id, Uploads(), self.log, inject, card_dir)
 
     def update(self) -> None:
         """Run the commander once and queue the telemetry that is due on every port."""

@@ -9,6 +9,10 @@ import numpy as np
 
 MAX_ROTORS = 8
 
+# The time (µs since 1970, UTC) that a simulated GPS receiver tells at vehicle time 0: 2026-01-01. It is the same in
+# each flight, so that a flight does not depend on the day on which it is flown.
+CALENDAR_START_US = 1_767_225_600_000_000
+
 SENSORS = np.dtype(
     [
         ("time_us", "i8"),  # µs, vehicle clock at which this record was last written

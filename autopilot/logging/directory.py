@@ -20,6 +20,16 @@ class LogFile:
     time_utc: int  # s since 1970, when the file was last written to
 
 
+def make_folder(folder: Path) -> None:
+    """Create a folder of the vehicle unless it exists. Raises UsageError when that is impossible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"The folder {folder} cannot be made ({error.strerror}); give one that can be written to."
+        ) from error
+
+
 class LogDirectory:
     """`log001.ulg`, `log002.ulg`, … in one folder, which belongs to one vehicle.
 
@@ -27,12 +37,7 @@ class LogDirectory:
     """
 
     def __init__(self, folder: Path) -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UsageError(
-                f"The log folder {folder} cannot be made ({error.strerror}); give one that can be written to."
-            ) from error
+        make_folder(folder)
         self.folder = folder
         self.active: Path | None = None  # the log being written, which no client may change
 

@@ -1,13 +1,16 @@
-"""The files that MAVLink FTP shows: the vehicle's log folder at PX4's place for it, and the parameters as a file.
+"""The files that MAVLink FTP shows: the vehicle's memory card and logs at PX4's places, and the parameters as a file.
 
     /@PARAM/param.pck      made at the moment it is opened
-    /fs/microsd/log/…      the log folder; files and folders in it may be made, renamed and removed
-    /@MAV_LOG/…            the same: the name for it that does not depend on the autopilot
+    /fs/microsd/…          the memory card; clients may make, rename and remove files and folders in it
+    /fs/microsd/log/…      the log folder; clients may do the same there
+    /@MAV_LOG/…            another name for the log folder, which does not depend on the autopilot
 
-Nothing outside that folder can be named: not with `..`, not through a link.
+Clients cannot name anything outside these two folders: not with `..`, not through a link. What they store is limited.
 """
 
+import errno
 import io
+import os
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,10 +22,13 @@ from autopilot.logging.directory import LogDirectory
 FAIL, FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE = 1, 2, 3, 4, 5, 6
 UNKNOWN_COMMAND, FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 7, 8, 9, 10
 
-LOGS = ("fs", "microsd", "log")
+CARD = ("fs", "microsd")
+LOGS = (*CARD, "log")
 LOGS_ANYWHERE = "@MAV_LOG"
 PARAMETERS = ("@PARAM", "param.pck")
 LARGEST = 64 << 20  # bytes: what a client may write into one file
+CARD_BYTES = 1 << 30  # bytes on the card and in the log folder, from which on a client may not begin to write
+CARD_ENTRIES = 4096  # files and folders, likewise
 
 
 class Refusal(Exception):  # noqa: N818 - not an error of ours: the answer to a request
@@ -53,9 +59,13 @@ def checksum(file: BinaryIO) -> int:
 class FileTree:
     """Turns names of the protocol into files. Every method raises Refusal, or OSError from the disk."""
 
-    def __init__(self, logs: LogDirectory | None, parameter_file: Callable[[], bytes]) -> None:
+    def __init__(
+        self, logs: LogDirectory | None, parameter_file: Callable[[], bytes], card: Path | None = None
+    ) -> None:
+        """`logs` and `card` are folders that exist; None: there is nothing at their places."""
         self._logs = logs
         self._parameter_file = parameter_file
+        self._card = card
 
     def entries(self, name: bytes) -> list[Entry]:
         """Return what a folder holds, sorted by name."""
@@ -64,15 +74,17 @@ class FileTree:
             return [Entry(PARAMETERS[0], None), Entry(LOGS[0], None)]
         if parts == PARAMETERS[:1]:
             return [Entry(PARAMETERS[1], len(self._parameter_file()))]
-        if len(parts) < len(LOGS) and parts == LOGS[: len(parts)]:
-            return [Entry(LOGS[len(parts)], None)] if self._logs is not None else []
-        found = []
-        for path in sorted(self._real(parts).iterdir()):
+        if parts == CARD[:1]:
+            return [Entry(CARD[1], None)]
+        found = [Entry(LOGS[2], None)] if parts == CARD and self._logs is not None else []
+        if parts == CARD and self._card is None:
+            return found
+        for path in self._real(parts).iterdir():
             if path.is_symlink() or not (path.is_file() or path.is_dir()):
                 continue
             stat = path.stat()
             found.append(Entry(path.name, None if path.is_dir() else stat.st_size, max(int(stat.st_mtime), 0)))
-        return found
+        return sorted(found, key=lambda entry: entry.name)
 
     def open_to_read(self, name: bytes) -> tuple[BinaryIO, int]:
         """Return an open file and its size."""
@@ -90,6 +102,7 @@ class FileTree:
         path = self._changeable(name)
         if path.is_dir():
             raise Refusal(FILE_PROTECTED)
+        self._check_space()
         return path.open("wb" if empty or not path.exists() else "r+b")
 
     def truncate(self, name: bytes, size: int) -> None:
@@ -99,6 +112,7 @@ class FileTree:
             raise Refusal(FILE_NOT_FOUND)
         if size > LARGEST:
             raise Refusal(FAIL)
+        self._check_space()
         with path.open("r+b") as file:
             file.truncate(size)
 
@@ -111,7 +125,9 @@ class FileTree:
 
     def make_folder(self, name: bytes) -> None:
         """Make a folder in one that exists."""
-        self._changeable(name).mkdir()
+        path = self._changeable(name)
+        self._check_space()
+        path.mkdir()
 
     def remove_folder(self, name: bytes) -> None:
         """Remove an empty folder."""
@@ -136,10 +152,14 @@ class FileTree:
             return checksum(file)
 
     def _real(self, parts: tuple[str, ...]) -> Path:
-        if self._logs is None or parts[: len(LOGS)] != LOGS:
+        if parts[: len(LOGS)] == LOGS:
+            folder, below = self._logs.folder if self._logs is not None else None, parts[len(LOGS) :]
+        else:
+            folder, below = self._card if parts[: len(CARD)] == CARD else None, parts[len(CARD) :]
+        if folder is None:
             raise Refusal(FILE_NOT_FOUND)
-        root = self._logs.folder.resolve()
-        path = root.joinpath(*parts[len(LOGS) :])
+        root = folder.resolve()
+        path = root.joinpath(*below)
         if not path.resolve().is_relative_to(root):
             raise Refusal(FILE_NOT_FOUND)
         return path
@@ -153,6 +173,16 @@ class FileTree:
         if active is not None and path.resolve() == active.resolve():
             raise Refusal(FILE_PROTECTED)
         return path
+
+    def _check_space(self) -> None:
+        """Raise Refusal when card and log folder together are full."""
+        size = entries = 0
+        for folder in (self._card, self._logs.folder if self._logs is not None else None):
+            for root, folders, files in os.walk(folder) if folder is not None else ():
+                entries += len(folders) + len(files)
+                size += sum((Path(root) / name).lstat().st_size for name in files)
+        if size >= CARD_BYTES or entries >= CARD_ENTRIES:
+            raise Refusal(FAIL_ERRNO, errno.ENOSPC)
 
 
 def _parts(name: bytes) -> tuple[str, ...]:

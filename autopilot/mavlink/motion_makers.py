@@ -155,13 +155,29 @@ def position_target_local_ned(v: TelemetrySource) -> Message | None:
     )
 
 
-def servo_output_raw(v: TelemetrySource) -> Message | None:
+def _pulses(v: TelemetrySource) -> list[int]:
+    """Return the pulse (µs) to each rotor; none when nobody shares the actuators."""
     if v.actuators is None:
-        return None
+        return []
     armed = int(v.actuators["armed"])
     commands = v.actuators["command"].tolist()[: len(v.airframe.rotors)]
-    pulses = [whole(1000.0 + 1000.0 * u, 900, 2000) if armed else 900 for u in commands] + [0] * (8 - len(commands))
-    return dialect.MAVLink_servo_output_raw_message(v.state.time_us & 0xFFFFFFFF, 0, *pulses)
+    return [whole(1000.0 + 1000.0 * u, 900, 2000) if armed else 900 for u in commands]
+
+
+def servo_output_raw(v: TelemetrySource) -> Message | None:
+    pulses = _pulses(v)
+    if not pulses:
+        return None
+    padded = pulses + [0] * (8 - len(pulses))
+    return dialect.MAVLink_servo_output_raw_message(v.state.time_us & 0xFFFFFFFF, 0, *padded)
+
+
+def actuator_output_status(v: TelemetrySource) -> Message | None:
+    pulses = _pulses(v)
+    if not pulses:
+        return None
+    padded = pulses + [0] * (32 - len(pulses))
+    return dialect.MAVLink_actuator_output_status_message(v.state.time_us, len(pulses), padded)
 
 
 def orbit_execution_status(v: TelemetrySource) -> Message | None:

@@ -1,6 +1,7 @@
 """The autopilot as a MAVLink component: its ports, what they share, and the texts it sends to all of them."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink.file_sessions import FileSessions
@@ -28,11 +29,12 @@ class Node:
         uploads: Uploads,
         log: FlightLogWriter | None = None,
         inject: Inject | None = None,
+        card: Path | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.inject = inject
         self.log = log
-        self.files = FileTree(log.directory if log is not None else None, lambda: packed(vehicle.parameters))
+        self.files = FileTree(log.directory if log is not None else None, lambda: packed(vehicle.parameters), card)
         self.file_sessions = FileSessions()
         self.system_id = system_id
         self.ports: list[Port] = []

@@ -18,7 +18,7 @@ GLOBAL_INT = dialect.MAV_FRAME_GLOBAL_INT
 GLOBAL_RELATIVE_INT = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 GLOBAL_TERRAIN_INT = dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT
 FORCE, YAW_IGNORE, YAW_RATE_IGNORE = 0x200, 0x400, 0x800
-LIMIT = 1e6  # m, m/s, m/s²: nothing that flies is asked for more; also keeps hostile numbers out of the cascade
+LIMIT = 1e6  # m/s, m/s², rad, rad/s: a larger number is taken as nan, so that none overflows in the cascade
 
 
 class RejectedError(ValueError):
@@ -31,6 +31,15 @@ def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
         x if not mask & 1 << first_bit and abs(x) < LIMIT else NAN,
         y if not mask & 2 << first_bit and abs(y) < LIMIT else NAN,
         z if not mask & 4 << first_bit and abs(z) < LIMIT else NAN,
+    )
+
+
+def _place(mask: int, north: float, east: float, down: float) -> Vec3:
+    """Return a position with ignored and infinite components as nan: any distance is flown at the modes' speeds."""
+    return (
+        north if not mask & 0x1 and math.isfinite(north) else NAN,
+        east if not mask & 0x2 and math.isfinite(east) else NAN,
+        down if not mask & 0x4 and math.isfinite(down) else NAN,
     )
 
 
@@ -48,7 +57,7 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
     """
     if mask & FORCE:
         raise RejectedError("force not supported")
-    p = _group(mask, 0, *position)
+    p = _place(mask, *position)
     v = _group(mask, 3, *velocity)
     a = _group(mask, 6, *acceleration)
     if frame == BODY_NED:

@@ -3,6 +3,7 @@
 import math
 
 from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, int16, int32, whole
+from foundation.frames import GRAVITY
 from foundation.mavlink import dialect
 
 
@@ -39,6 +40,17 @@ def highres_imu(v: TelemetrySource) -> Message | None:
         int(r["imu_time_us"]), *r["accel_frd"].tolist(), *r["gyro_frd"].tolist(), *r["mag_frd"].tolist(),
         pressure, 0.0, _pressure_altitude(pressure), float(r["temperature_c"]), 0x1BFF,
     )  # fmt: skip
+
+
+def scaled_imu(v: TelemetrySource) -> Message | None:
+    r = v.state.sensors
+    if not int(r["imu_time_us"]):
+        return None
+    accel_mg = [int16(a * 1e3 / GRAVITY) for a in r["accel_frd"].tolist()]
+    gyro_mrad, mag_mgauss = ([int16(x * 1e3) for x in r[name].tolist()] for name in ("gyro_frd", "mag_frd"))
+    return dialect.MAVLink_scaled_imu_message(
+        boot_ms(v), *accel_mg, *gyro_mrad, *mag_mgauss, int16(float(r["temperature_c"]) * 100.0)
+    )
 
 
 def distance_sensor(v: TelemetrySource) -> Message | None:

@@ -1,8 +1,8 @@
 """MAVLink 2 message signing of one port: off until a client sets it up, then nothing unsigned is believed.
 
 Source: mavlink.io, guide/message_signing. A signature is the link, a timestamp and the first 48 bits of
-SHA-256(key, message, link, timestamp). The vehicle carries no calendar: time is what SETUP_SIGNING said, and goes on
-with the vehicle's clock.
+SHA-256(key, message, link, timestamp). The vehicle's calendar is a simulated one, so the time is that of SETUP_SIGNING
+and goes on with the vehicle's clock.
 """
 
 import hashlib

@@ -6,6 +6,7 @@ from autopilot.arming import STICK_MODES, sensor_health
 from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, whole
 from foundation.mavlink import dialect
 from foundation.px4 import MODES, PX4_AUTOPILOT
+from foundation.sensors import CALENDAR_START_US
 
 SENSOR_GYRO, SENSOR_ACCEL, SENSOR_MAG = 0x1, 0x2, 0x4
 SENSOR_PRESSURE, SENSOR_GPS, SENSOR_RANGE = 0x8, 0x20, 0x100
@@ -192,8 +193,9 @@ def available_modes_monitor(v: TelemetrySource) -> Message:
 
 
 def system_time(v: TelemetrySource) -> Message:
-    # the vehicle carries no calendar: 0 = unknown
-    return dialect.MAVLink_system_time_message(0, boot_ms(v))
+    """Return SYSTEM_TIME: the GPS receiver's calendar from the first 3-D fix on, 0 before."""
+    is_set = v.state.origin_set or int(v.state.sensors["gps_fix_type"]) >= 3
+    return dialect.MAVLink_system_time_message(CALENDAR_START_US + v.state.time_us if is_set else 0, boot_ms(v))
 
 
 def ping(v: TelemetrySource) -> Message:

@@ -67,6 +67,8 @@ TABLE: tuple[Stream, ...] = (
     Stream("AVAILABLE_MODES_MONITOR", 0.3, 0.3, status.available_modes_monitor),
     Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
     Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
+    Stream("SCALED_IMU", 0, 0, sensor.scaled_imu),
+    Stream("ACTUATOR_OUTPUT_STATUS", 0, 0, motion.actuator_output_status),
 )
 
 BY_ID: dict[int, Stream] = {stream.message_id: stream for stream in TABLE}

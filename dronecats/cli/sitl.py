@@ -27,7 +27,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the camera over HTTP"
     )
     parser.add_argument(
-        "--state", type=Path, metavar="DIR", help="keeps parameters, plans and flight logs (default runs/sitl-I)"
+        "--state",
+        type=Path,
+        metavar="DIR",
+        help="keeps parameters, plans, flight logs and clients' files (default runs/sitl-I)",
     )
     parser.add_argument(
         "--wind", default="0,0", metavar="N,E", help="m/s that the air moves north and east, for example --wind=-4,3"

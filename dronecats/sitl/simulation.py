@@ -34,7 +34,7 @@ class SimulatedVehicle(Vehicle):
         state_dir: Path | None = None,
         **physics: Unpack[Physics],
     ) -> None:
-        """`state_dir` keeps parameters, plans and flight logs; without it none of them outlives the process."""
+        """`state_dir` keeps parameters, plans, flight logs and clients' files; without it none outlives the process."""
         super().__init__(index, airframe, pose, **physics)
         self._state_dir = state_dir
         self._failures = Failures(self.plant, physics.get("faults", ()))
@@ -70,6 +70,7 @@ class SimulatedVehicle(Vehicle):
             parameter_file=folder / "parameters.json" if folder else None,
             plan_file=folder / "plans.json" if folder else None,
             log_dir=folder / "log" if folder else None,
+            card_dir=folder / "card" if folder else None,
             actuators=self.plant.actuators,
             inject=self._failures.inject,
         )

@@ -3,6 +3,7 @@
 import statistics
 
 from foundation.mavlink import dialect
+from foundation.sensors import CALENDAR_START_US
 from hil.preflight.heard import ASKED_HZ, Heard
 from hil.preflight.row import Row
 
@@ -13,6 +14,7 @@ ROUND_TRIP_MOST = 0.5  # s: a setpoint would be half of COM_OF_LOSS_T old at its
 LOST_MOST = 0.35  # of the questions: one message in five is lost each way
 DRIFT_MOST = 2e-3  # a quartz drifts 1e-4; a vehicle whose seconds are not ours is simulated or overloaded
 CALENDAR_MOST = 2.0  # s
+SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator that runs for longer than a week is rare
 
 
 def rows(heard: Heard) -> list[Row]:
@@ -59,7 +61,9 @@ def _clock(heard: Heard) -> Row:
     drift = (last[1] - first[1]) / span_ns if span_ns > 0 else 0.0
     why = f"the vehicle's runs {1e6 * drift:+.0f} µs a second beside this machine's"
     calendar = heard.message("SYSTEM_TIME")
-    if calendar is not None and calendar.time_unix_usec:
+    if calendar is not None and _is_simulated(calendar.time_unix_usec):
+        why += "; its calendar is a simulated one"
+    elif calendar is not None and calendar.time_unix_usec:
         apart = heard.unix_s - calendar.time_unix_usec * 1e-6
         why += f"; its calendar is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
         if abs(apart) > CALENDAR_MOST:
@@ -68,6 +72,11 @@ def _clock(heard: Heard) -> Row:
     if abs(drift) > slack:
         return Row("clocks", None, why, "a simulation that does not run in real time? Else the autopilot is overloaded")
     return Row("clocks", True, why)
+
+
+def _is_simulated(unix_us: int) -> bool:
+    """Return whether a calendar is that of a simulated receiver, which begins on the same day in each flight."""
+    return 0 <= unix_us - CALENDAR_START_US < SIMULATED_MOST_US
 
 
 def _best(heard: Heard, *, early: bool) -> tuple[int, int, int]:

@@ -7,7 +7,7 @@ import pytest
 from foundation.frames import ned_to_geodetic, wrap_pi
 from foundation.mavlink import dialect
 from tests.autopilot.aircraft import Aircraft
-from tests.autopilot.commander_bench import ORIGIN
+from tests.autopilot.commander_bench import ORIGIN, Client
 from tests.autopilot.plan_client import item, upload
 
 
@@ -41,6 +41,37 @@ def test_the_mission_ends_where_it_began(flown: Aircraft) -> None:
     assert math.hypot(*flown.truth["position_ned"][:2]) < 2.0
     assert [m.seq for m in flown.client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
     assert not any("Failsafe" in text for text in flown.client.texts())
+
+
+def test_a_mission_from_mavproxy_is_flown_to_its_end(flown: Aircraft) -> None:
+    """What MAVProxy 1.8.75 sends for `wp load`, `arm throttle` and `long MISSION_START`; item 0 is the file's home."""
+    craft, client = flown, Client(flown.autopilot.open_port("gcs"), 255, 230)
+    start = craft.truth["position_ned"].copy()
+    zeros = (0.0, 0.0, 0.0, 0.0)  # MAVProxy gives each item a yaw, north
+    plan = [item(0, 16, frame=0, p=zeros, z=ORIGIN[2]), item(1, 22, frame=3, p=zeros, z=6.0),
+            item(2, 16, frame=3, p=zeros, north=25.0, z=8.0),
+            item(3, 16, frame=3, p=zeros, north=25.0, east=20.0, z=8.0),
+            item(4, 21, frame=3, p=zeros, north=25.0, east=20.0, z=0.0)]  # fmt: skip
+    assert upload(client, plan) == 0
+    assert client.mode(4, 3) == 0
+    craft.until(lambda: client.arm() == 0, 10.0)
+    assert client.command(dialect.MAV_CMD_MISSION_START, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) == 0
+    places = []
+    for _ in range(900):
+        craft.run(0.1)
+        places.append(craft.truth["position_ned"].copy())
+        if not craft.commander.armed:
+            break
+    assert not craft.commander.armed
+    radius = craft.autopilot.parameters["NAV_ACC_RAD"]
+    for place in ((25.0, 0.0, -8.0), (25.0, 20.0, -8.0)):
+        assert min(math.dist(place, p) for p in places) < radius
+    assert max(start[2] - p[2] for p in places) == pytest.approx(8.0, abs=1.5)
+    assert places[-1][:2] == pytest.approx((25.0, 20.0), abs=2.0)
+    assert places[-1][2] == pytest.approx(start[2], abs=0.3)
+    assert [m.seq for m in client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
+    assert client.of("MISSION_CURRENT")[-1].mission_state == dialect.MISSION_STATE_COMPLETE
+    craft.autopilot.close_port(client.port)
 
 
 def test_orbit_then_follow_then_sticks_then_fence(flown: Aircraft) -> None:
@@ -103,3 +134,27 @@ def test_orbit_then_follow_then_sticks_then_fence(flown: Aircraft) -> None:
     craft.until(lambda: not craft.commander.armed, 40.0, ahead)
     assert 11.0 < math.dist(craft.truth["position_ned"][:2], (n, e)) < 18.0
     assert any("geofence breached" in text for text in client.texts())
+
+
+def test_a_setpoint_a_thousand_kilometres_away_is_flown_towards(flown: Aircraft) -> None:
+    craft, client = flown, flown.client
+    craft.autopilot.parameters.set("GF_ACTION", 0)
+    take_off(craft, 8.0)
+
+    def ask() -> None:
+        client.send(
+            dialect.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0x9F8, 3e6, -4e6, craft.autopilot.state.position_ned[2], 0, 0, 0, 0, 0, 0, 0.0, 0.0
+            )
+        )
+
+    ask()
+    assert client.mode(6) == 0
+    craft.run(15.0, ask)
+    north, east, down = craft.truth["velocity_ned"]
+    assert 0.8 * craft.autopilot.parameters["MPC_XY_VEL_MAX"] < math.hypot(north, east)
+    assert math.atan2(east, north) == pytest.approx(math.atan2(-4.0, 3.0), abs=0.05)
+    assert abs(down) < 0.5
+    assert client.mode(4, 3) == 0
+    craft.run(8.0)
+    assert math.hypot(*craft.truth["velocity_ned"]) < 0.5

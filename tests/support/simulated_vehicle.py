@@ -12,9 +12,12 @@ from dronecats.stages import parts
 EPISODE = "residential-approaching-01"
 
 
-def start_vehicle(supervisor: Supervisor, speed: float = 1.0) -> dict[str, Any]:
-    """Start an x500 where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name."""
-    config = SimulatorConfig(episode=EPISODE, speed=speed)
+def start_vehicle(supervisor: Supervisor, speed: float = 1.0, state_dir: Path | None = None) -> dict[str, Any]:
+    """Start an x500 where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name.
+
+    `state_dir` keeps its parameters, plans, logs and clients' files; None: nothing is kept.
+    """
+    config = SimulatorConfig(episode=EPISODE, speed=speed, state_dir=str(state_dir) if state_dir else None)
     return supervisor.start(parts.SIMULATOR, config).ready()
 
 
@@ -32,10 +35,10 @@ def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]
 
 
 @contextmanager
-def simulated_vehicle(folder: Path, speed: float = 1.0) -> Iterator[dict[str, Any]]:
+def simulated_vehicle(folder: Path, speed: float = 1.0, state_dir: Path | None = None) -> Iterator[dict[str, Any]]:
     """Give the ports of such a vehicle; when the block is left it is gone. Its log goes to `folder`."""
     supervisor = Supervisor(folder)
     try:
-        yield start_vehicle(supervisor, speed)
+        yield start_vehicle(supervisor, speed, state_dir)
     finally:
         supervisor.close()

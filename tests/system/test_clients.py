@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
+from foundation.sensors import CALENDAR_START_US
 from tests.support.command_line import last_object
 from tests.support.simulated_vehicle import simulated_vehicle
 
@@ -34,6 +35,25 @@ def test_a_mavsdk_script_takes_off_flies_offboard_and_lands(agent_url):
     flown = last_object(run.stdout)
     assert flown["height"] == pytest.approx(3.0, abs=0.5)
     assert flown["speed"] == pytest.approx(2.0, abs=0.15)
+
+
+def test_a_mavsdk_script_sees_all_telemetry_and_flies_offboard_and_a_mission_to_its_end(tmp_path):
+    script = Path(__file__).with_name("mavsdk_tour.py")
+    with simulated_vehicle(tmp_path, SPEED, state_dir=tmp_path / "state") as ports:
+        run = subprocess.run(
+            [sys.executable, script, f"udpout://127.0.0.1:{ports['agent'][0]}"],
+            capture_output=True, text=True, timeout=200, check=False,
+        )  # fmt: skip
+    assert run.returncode == 0, run.stdout[-1000:] + run.stderr[-2000:]
+    seen = last_object(run.stdout)
+    assert seen["silent"] == []
+    assert 0 < seen["epoch_us"] - CALENDAR_START_US < 600_000_000
+    assert seen["file"]
+    mission = seen["mission"]
+    assert mission["finished"]
+    assert mission["items"] == 3
+    assert mission["progress"][-1] == [3, 3]
+    assert seen["end"] == pytest.approx([0.0, 0.0], abs=2.0)
 
 
 class Client:

@@ -4,6 +4,7 @@ import itertools
 import math
 
 import pytest
+from pymavlink import mavutil
 
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
@@ -125,6 +126,14 @@ def test_the_heartbeat_shows_a_change_at_once(bench: Bench) -> None:
     bench.client.forget()
     bench.client.send(dialect.MAVLink_set_mode_message(1, 1, MODES["TAKEOFF"].custom_mode))
     assert bench.client.of("HEARTBEAT")[-1].custom_mode == MODES["TAKEOFF"].custom_mode
+
+
+@pytest.mark.parametrize("name", [name for name in mavutil.px4_map if name not in ("RATTITUDE", "RTGS")])
+def test_a_mode_by_its_name_in_pymavlink(bench: Bench, name: str) -> None:
+    """What `set_mode(NAME)` of pymavlink sends to a PX4, and the name that it then shows."""
+    assert bench.client.command(dialect.MAV_CMD_DO_SET_MODE, *mavutil.px4_map[name], 0, 0, 0, 0) == ACCEPTED
+    bench.run(1.1)  # a heartbeat, which the mode that it is in already does not send at once
+    assert mavutil.mode_string_v10(bench.client.of("HEARTBEAT")[-1]) == name
 
 
 def test_disarming_in_the_air_needs_force(bench: Bench) -> None:

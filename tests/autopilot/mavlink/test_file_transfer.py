@@ -1,5 +1,6 @@
-"""MAVLink FTP: what a client may read and write, what it is refused, and that no name leaves the log folder."""
+"""MAVLink FTP: what a client may read and write, what it is refused, and that no name leaves card and log folder."""
 
+import errno
 import struct
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from pymavlink.mavftp import MAVFTP
 
 from autopilot.mavlink import file_transfer as ftp
 from autopilot.mavlink.file_sessions import IDLE_US, MOST
+from autopilot.mavlink.file_tree import CARD_BYTES, CARD_ENTRIES
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench, Client
 
@@ -67,8 +69,9 @@ class Files:
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """The log folder, with a secret outside it."""
+    """The log folder, with the memory card and a secret beside it."""
     (tmp_path / "secret").write_text("not yours")
+    (tmp_path / "card").mkdir()
     folder = tmp_path / "log"
     folder.mkdir()
     (folder / "log001.ulg").write_bytes(CONTENT)
@@ -77,7 +80,7 @@ def root(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def bench(root: Path) -> Bench:
-    return Bench(profile="minimal", log_dir=root)
+    return Bench(profile="minimal", log_dir=root, card_dir=root.parent / "card")
 
 
 @pytest.fixture
@@ -204,9 +207,47 @@ def test_files_are_written_renamed_and_removed(files: Files, root: Path) -> None
     assert [path.name for path in root.iterdir()] == ["log001.ulg"]
 
 
+def test_a_client_keeps_files_on_the_card(files: Files, root: Path) -> None:
+    card = root.parent / "card"
+    files.done(ftp.MAKE_FOLDER, "/fs/microsd/etc")
+    session = files.done(ftp.CREATE, "/fs/microsd/etc/extras.txt").session
+    files.done(ftp.WRITE, b"param set-default", session=session)
+    files.done(ftp.TERMINATE_SESSION, session=session)
+    assert (card / "etc" / "extras.txt").read_bytes() == b"param set-default"
+    assert files.listed("/fs/microsd") == ["Detc", "Dlog"]
+    files.done(ftp.RENAME, "/fs/microsd/etc/extras.txt\0/fs/microsd/config.txt\0")
+    files.done(ftp.REMOVE_FOLDER, "/fs/microsd/etc")
+    assert files.listed("/fs/microsd") == ["Fconfig.txt\t17", "Dlog"]
+    assert read(files, "/fs/microsd/config.txt") == b"param set-default"
+    assert files.refused(ftp.REMOVE_FOLDER, "/fs/microsd") == b"\x09"
+    assert files.refused(ftp.MAKE_FOLDER, "/fs/microsd/log") == b"\x09"
+    files.done(ftp.REMOVE_FILE, "/fs/microsd/config.txt")
+    assert list(card.iterdir()) == []
+
+
+def test_a_full_card_takes_nothing_more_but_gives_back(files: Files, root: Path) -> None:
+    session = files.done(ftp.CREATE, "/fs/microsd/first").session
+    files.done(ftp.TERMINATE_SESSION, session=session)
+    with (root.parent / "card" / "large").open("wb") as large:
+        large.truncate(CARD_BYTES)  # takes no place on the disk
+    full = bytes([2, errno.ENOSPC])
+    for folder in ("/fs/microsd", "/fs/microsd/log"):
+        assert files.refused(ftp.CREATE, f"{folder}/second") == full
+        assert files.refused(ftp.MAKE_FOLDER, f"{folder}/folder") == full
+    assert files.refused(ftp.OPEN_TO_WRITE, "/fs/microsd/first") == full
+    assert files.refused(ftp.TRUNCATE, "/fs/microsd/first", offset=10) == full
+    files.done(ftp.REMOVE_FILE, "/fs/microsd/large")
+    for i in range(CARD_ENTRIES - 2):
+        (root.parent / "card" / f"{i}").touch()
+    assert files.refused(ftp.CREATE, "/fs/microsd/second") == full
+    files.done(ftp.REMOVE_FILE, "/fs/microsd/0")
+    files.done(ftp.CREATE, "/fs/microsd/second")
+
+
 def test_refusals_have_their_codes(files: Files, root: Path) -> None:
     (root / "link").symlink_to(root.parent / "secret")
     (root / "up").symlink_to(root.parent)
+    (root.parent / "card" / "up").symlink_to(root.parent)
     refusals: list[tuple[int, bytes | str, bytes]] = [
         (ftp.OPEN_TO_READ, "/fs/microsd/log/none", b"\x0a"),
         (ftp.OPEN_TO_READ, "/fs/microsd/log", b"\x0a"),
@@ -220,7 +261,11 @@ def test_refusals_have_their_codes(files: Files, root: Path) -> None:
         (ftp.LIST_DIRECTORY, "/etc", b"\x0a"),
         (ftp.CHECKSUM, "/fs/microsd/log/../secret", b"\x0a"),
         (ftp.CREATE, "/fs/microsd/log/up/file", b"\x0a"),
-        (ftp.CREATE, "/fs/microsd/other", b"\x0a"),
+        (ftp.CREATE, "/fs/microsd/up/file", b"\x0a"),
+        (ftp.CREATE, "/fs/microsd/../file", b"\x0a"),
+        (ftp.CREATE, "/fs/other", b"\x0a"),
+        (ftp.CREATE, "/file", b"\x0a"),
+        (ftp.RENAME, "/fs/microsd/log/log001.ulg\0/fs/microsd/up/gone", b"\x0a"),
         (ftp.CREATE, "@PARAM/param.pck", b"\x09"),
         (ftp.CREATE, "/fs/microsd/log", b"\x09"),
         (ftp.REMOVE_FILE, "/fs/microsd/log/none", b"\x0a"),
@@ -237,7 +282,7 @@ def test_refusals_have_their_codes(files: Files, root: Path) -> None:
     for opcode, data, code in refusals:
         assert files.refused(opcode, data) == code, (opcode, data)
         assert (root.parent / "secret").read_text() == "not yours", (opcode, data)
-        assert sorted(path.name for path in root.parent.iterdir()) == ["log", "secret"], (opcode, data)
+        assert sorted(path.name for path in root.parent.iterdir()) == ["card", "log", "secret"], (opcode, data)
         assert (root / "log001.ulg").read_bytes() == CONTENT, (opcode, data)
 
 
@@ -292,6 +337,22 @@ def test_the_parameter_file_says_what_the_parameters_are(files: Files, bench: Be
         assert {n.decode(): value for n, value, _ in told.params} == {n: parameters[n] for n in parameters.names}
 
 
+NAME_PARTS = st.sampled_from(["fs", "microsd", "log", "..", ".", "", "a", "secret", "up", "@MAV_LOG", "etc", "\\"])
+
+
+@given(parts=st.lists(NAME_PARTS | st.text(max_size=5), max_size=8), opcode=st.sampled_from(
+    [ftp.CREATE, ftp.OPEN_TO_WRITE, ftp.MAKE_FOLDER, ftp.REMOVE_FILE, ftp.REMOVE_FOLDER]))  # fmt: skip
+@FUZZ
+def test_no_name_leads_outside(bench: Bench, root: Path, parts: list[str], opcode: int) -> None:
+    for link in (root / "up", root.parent / "card" / "up"):
+        if not link.is_symlink() and not link.exists():
+            link.symlink_to(root.parent)
+    Files(bench.client).ask(opcode, "/".join(["", "fs", "microsd", *parts]).encode()[:239])
+    assert (root.parent / "secret").read_text() == "not yours"
+    assert sorted(path.name for path in root.parent.iterdir()) == ["card", "log", "secret"]
+    assert bench.autopilot.node.handler_errors == 0
+
+
 def test_without_a_log_folder_there_are_still_parameters() -> None:
     files = Files(Bench(profile="minimal").client)
     assert files.listed("/fs/microsd") == []
@@ -303,7 +364,8 @@ def test_without_a_log_folder_there_are_still_parameters() -> None:
 NAMES = st.sampled_from(
     [b"", b"/", b"..", b"/fs/microsd/log", b"/fs/microsd/log/log001.ulg", b"/fs/microsd/log/../secret",
      b"@PARAM/param.pck", b"/fs/microsd/log/a", b"/fs/microsd/log/a\0/fs/microsd/log/b", b"/fs/microsd/log/b/c",
-     b"/fs/microsd/log/b"]
+     b"/fs/microsd/log/b", b"/fs/microsd/c", b"/fs/microsd/c/d", b"/fs/microsd/../secret", b"/fs/microsd/e/../c",
+     b"/fs/microsd/c\0/fs/microsd/log/b", b"/fs/microsd/c\0/fs/microsd/../../secret", b"//fs//microsd/./c"]
 )  # fmt: skip
 
 
@@ -326,8 +388,8 @@ def test_any_sequence_of_requests_is_answered_and_stays_inside(bench: Bench, roo
     bench.run(0.1)
     assert bench.autopilot.node.handler_errors == 0
     assert (root.parent / "secret").read_text() == "not yours"
-    assert sorted(path.name for path in root.parent.iterdir()) == ["log", "secret"]
-    assert all(path.stat().st_size <= 64 << 20 for path in root.rglob("*"))
+    assert sorted(path.name for path in root.parent.iterdir()) == ["card", "log", "secret"]
+    assert all(path.stat().st_size <= 64 << 20 for path in root.parent.rglob("*"))
 
 
 @given(payload=st.binary(min_size=251, max_size=251))

@@ -194,6 +194,24 @@ def test_numbers_that_are_none_stop_the_vehicle_in_offboard(bench: Bench, bad: f
     assert bench.velocity == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
 
 
+@pytest.mark.parametrize("far", [2e6, 3.4e38])
+def test_a_place_beyond_any_range_is_flown_towards(bench: Bench, far: float) -> None:
+    def ask() -> None:
+        bench.client.send(
+            dialect.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0x9F8, far, -far, -10.0, 0, 0, 0, 0, 0, 0, 0.0, 0.0
+            )
+        )
+
+    ask()
+    bench.client.mode(6)
+    bench.run(3.0, ask)
+    assert bench.commander.mode == "OFFBOARD"
+    limit = float(bench.autopilot.parameters["MPC_XY_VEL_MAX"])
+    assert bench.velocity == pytest.approx([limit, -limit, 0.0], abs=0.1)  # the stand-in limits each axis
+    assert bench.autopilot.node.handler_errors == 0
+
+
 def test_global_setpoints(bench: Bench) -> None:
     def fly(frame: int, altitude: float) -> None:
         lat = round((ORIGIN[0] + math.degrees(8.0 / 6371000.0)) * 1e7)

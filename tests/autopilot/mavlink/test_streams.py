@@ -3,11 +3,13 @@
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
 
 from autopilot.mavlink.streams import TABLE
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
+from foundation.sensors import ACTUATORS, CALENDAR_START_US
 from tests.autopilot.commander_bench import ORIGIN, Bench, Client
 
 
@@ -117,6 +119,38 @@ def test_the_numbers_on_the_wire() -> None:
     battery = client.of("BATTERY_STATUS")[-1]
     assert battery.voltages[:5] == [4000, 4000, 4000, 4000, 65535]
     assert battery.battery_remaining == 90
+
+
+def test_the_calendar_begins_with_the_first_fix_and_runs_with_the_vehicles_clock() -> None:
+    bench = Bench(converged=False)
+    bench.sensors["gps_fix_type"] = 0
+    bench.client.forget()
+    bench.run(2.0)
+    assert {m.time_unix_usec for m in bench.client.of("SYSTEM_TIME")} == {0}
+    bench.sensors["gps_fix_type"] = 3
+    bench.client.forget()
+    bench.run(2.0)
+    bench.core.converge()
+    bench.sensors["gps_fix_type"] = 0  # a clock that was set goes on without a fix
+    bench.run(2.0)
+    told = bench.client.of("SYSTEM_TIME")
+    assert len(told) == 4
+    assert {m.time_unix_usec // 1000 - m.time_boot_ms for m in told} == {CALENDAR_START_US // 1000}
+
+
+def test_imu_and_outputs_come_on_request() -> None:
+    actuators = np.zeros(1, ACTUATORS)[0]
+    bench = Bench(actuators=actuators)
+    actuators["armed"], actuators["command"][:4] = 1, (0.0, 0.25, 0.5, 1.0)
+    bench.sensors["gyro_frd"][1], bench.sensors["mag_frd"][0] = 0.5, 0.21
+    for name in ("SCALED_IMU", "ACTUATOR_OUTPUT_STATUS"):
+        number = getattr(dialect, f"MAVLINK_MSG_ID_{name}")
+        assert bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, number) == dialect.MAV_RESULT_ACCEPTED
+        (told,) = bench.client.of(name)
+        if name == "SCALED_IMU":
+            assert (told.zacc, told.ygyro, told.xmag) == (-1000, 500, 210)
+        else:
+            assert (told.active, list(told.actuator)[:5]) == (4, [1000.0, 1250.0, 1500.0, 2000.0, 0.0])
 
 
 def test_an_estimate_gone_mad_never_stops_the_streams() -> None:

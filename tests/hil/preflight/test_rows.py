@@ -4,6 +4,7 @@ import re
 
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
+from foundation.sensors import CALENDAR_START_US
 from hil.preflight import battery, health, position, wire
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
 from hil.preflight.row import Change, Row, proposal, summary, table
@@ -133,6 +134,19 @@ def test_a_clock_that_is_not_a_quartz_is_noticed():
         told = heard(round_trips=trips(0.005, drift), sync_asked=10)
         assert passed(wire.rows(told), "clocks") is expected, drift
         assert all(trip.offset_ns > 0 for trip in told.round_trips), drift
+
+
+def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
+    now = 1_795_000_000_000_000
+    for calendar, expected in [
+        (0, True),
+        (now, True),
+        (now - 10_000_000, None),
+        (CALENDAR_START_US + 60_000_000, True),
+    ]:
+        message = dialect.MAVLink_system_time_message(calendar, 60_000)
+        told = heard(message, round_trips=trips(0.005, 0.0), sync_asked=10, unix_s=now * 1e-6)
+        assert passed(wire.rows(told), "clocks") is expected, calendar
 
 
 def test_nothing_heard_is_never_a_pass():

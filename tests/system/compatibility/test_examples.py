@@ -202,6 +202,13 @@ Some of PX4's parameters can be set and read and change nothing, since what they
 link and are those of its start script again after a reboot; parameters, missions, geofence and rally points outlive it,
 and the process too where `sitl --state` names a folder.
 
+`SYSTEM_TIME` has a calendar from the first GPS fix on. The calendar begins with 2026-01-01 at boot and goes on with the
+vehicle's clock, so that equal flights have equal logs. A PX4 in simulation has the calendar of its computer.
+
+MAVLink FTP has one card, `/fs/microsd`, with the logs in `/fs/microsd/log`. Clients may make, rename and remove files
+there, up to 64 MiB a file, 1 GiB and 4096 entries. Nothing can be stored elsewhere. `sitl` keeps the card in
+`vehicle-N/card` of its state folder.
+
 This page is written by the test that flies them:
 
 ```
