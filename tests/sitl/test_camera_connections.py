@@ -57,8 +57,10 @@ def test_the_agent_is_served_while_others_only_connect(server):
     while threading.active_count() > 20:
         assert time.monotonic() < due_s, "each of them keeps a thread"
         time.sleep(0.01)
-    for each in (*stalled, before, after):
+    for each in stalled:
         each.close()
+    before.close()
+    after.close()
 
 
 def test_who_does_not_ask_in_time_is_let_go(server, monkeypatch):
