@@ -10,6 +10,7 @@ from foundation.errors import UsageError
 DEFAULT = "residential-approaching-01"
 FOLDER = Path(__file__).parent / "records"
 FORMER = FOLDER / "v1"  # the first hundred, which results from before the second are about
+OPEN_GROUND = "open-ground"  # where `dronecats sitl` starts: 30 m free of solids; no episode of the benchmark
 
 
 def ids() -> list[str]:
@@ -35,17 +36,17 @@ def ships(record: EpisodeRecord) -> bool:
 def must_exist(id_or_path: str | Path) -> None:
     """Raise UsageError when this is neither a shipped episode nor something on the disk that could be a record."""
     name = str(id_or_path)
-    if name not in known() and _file(name) is None:
+    if name not in (*known(), OPEN_GROUND) and _file(name) is None:
         raise UsageError(_unknown(name))
 
 
 def load(id_or_path: str | Path) -> EpisodeRecord:
-    """Return a shipped episode by its id, or the one in a JSON file or in an episode's folder.
+    """Return a shipped episode or `OPEN_GROUND` by its id, or the one in a JSON file or in an episode's folder.
 
     Raises UsageError when there is no such episode or its record is wrong.
     """
     name = str(id_or_path)
-    for folder, names in ((FOLDER, ids()), (FORMER, former())):
+    for folder, names in ((FOLDER, ids()), (FORMER, former()), (FOLDER / "open", [OPEN_GROUND])):
         if name in names:
             return records.load(folder / f"{name}.json")
     path = _file(name)

@@ -22,7 +22,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
     parser.add_argument("--airframe", default="x500", metavar="NAME", help="default x500")
     parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
-    parser.add_argument("--episode", default=None, metavar="ID", help="whose map and start place to use")
+    parser.add_argument("--episode", default=None, metavar="ID", help="its map and start place (default: open ground)")
     parser.add_argument(
         "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the camera over HTTP"
     )
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--instance wants a number from 0 to 99, got {args.instance}")
     if args.count is not None and not 1 <= args.count <= 10:
         raise UsageError(f"--count wants 1 to 10 vehicles, got {args.count}")
-    episode = args.episode or catalogue.DEFAULT
+    episode = args.episode or catalogue.OPEN_GROUND
     catalogue.load(episode)
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")

@@ -1,0 +1,67 @@
+"""`dronecats sitl`: where its vehicles stand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.sitl import simulator_process
+from dronecats.sitl.scenario import build, load_world
+from episodes import catalogue
+from episodes.obstacles import obstacles
+
+OPEN_M = 30.0
+
+
+class StartError(Exception):
+    """The simulator got its configuration."""
+
+
+def configuration(monkeypatch, tmp_path, *words):
+    """Return the SimulatorConfig of a command line."""
+    configs = []
+
+    def start(config):
+        configs.append(config)
+        raise StartError
+
+    monkeypatch.setattr(simulator_process, "Simulator", start)
+    with pytest.raises(StartError):
+        main(["sitl", "--state", str(tmp_path), *words])
+    return configs[0]
+
+
+def to_the_segment(point, a, b):
+    along = b - a
+    square = np.maximum((along**2).sum(axis=1), 1e-12)
+    share = np.clip(((point - a) * along).sum(axis=1) / square, 0.0, 1.0)
+    return np.linalg.norm(point - a - share[:, None] * along, axis=1)
+
+
+def test_without_an_episode_ten_vehicles_have_open_level_ground_around_them(monkeypatch, tmp_path):
+    config = configuration(monkeypatch, tmp_path, "--count", "10")
+    world = load_world(config.episode)
+    solid = obstacles(world.scene)
+    assert solid.moving is None
+    a, b, c = np.moveaxis(np.asarray(solid.corners, np.float64).reshape(-1, 3, 3)[:, :, :2], 1, 0)
+    vehicles = build(world, count=config.count).vehicles
+    assert len(vehicles) == 10
+    for vehicle in vehicles:
+        place = vehicle.plant.truth["position_ned"][:2]
+        gap = min(to_the_segment(place, *edge).min() for edge in ((a, b), (b, c), (c, a)))
+        assert gap > OPEN_M
+        below = world.ground_down(*place)
+        for angle in np.radians(np.arange(0.0, 360.0, 10.0)):
+            for away in (1.0, 5.0, 10.0, 20.0, OPEN_M):
+                north, east = place + away * np.array([math.cos(angle), math.sin(angle)])
+                assert abs(world.ground_down(north, east) - below) < 0.01 * away
+
+
+def test_an_episode_that_is_named_is_the_start(monkeypatch, tmp_path):
+    assert configuration(monkeypatch, tmp_path, "--episode", "campus-searching-01").episode == "campus-searching-01"
+
+
+def test_the_open_ground_is_a_start_and_no_episode_of_the_benchmark():
+    assert catalogue.OPEN_GROUND not in catalogue.known()
+    assert not catalogue.ships(catalogue.load(catalogue.OPEN_GROUND))
