@@ -276,7 +276,7 @@ def test_the_suv_of_the_map_keeps_the_lens_out() -> None:
                 obstacles=solids, camera_frd=CAMERA, position_ned=tuple(-5.0 * ahead + (0, 0, -height)), yaw=yaw
             )
             for lens in ram(craft, tuple(1.5 * ahead), 2500)[::20]:  # it may slide up the bonnet
-                for t in np.flatnonzero(((lens > low) & (lens < high)).all(axis=1)):
+                for t in map(int, np.flatnonzero(((lens > low) & (lens < high)).all(axis=1))):
                     assert np.linalg.norm(np.array(in_triangle(solids.corners, t, *lens)[:3]) - lens) > 0.0495
                     near += 1
             assert craft.state["hits"] > 0

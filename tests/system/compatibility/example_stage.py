@@ -132,12 +132,8 @@ def main() -> int:
 
     try:
         threading.Thread(target=listen, args=(ended, hits)).start()
-        words = [
-            "--episode",
-            "residential-approaching-01",
-            "--state",
-            task["state"],
-        ]  # at PX4's home, where the courses lie
+        # the courses lie at PX4's home
+        words = ["--episode", "residential-approaching-01", "--state", task["state"]]
         simulator = start(sys.executable, str(OPEN_FIELD), *words)
         outcome = follow(simulator, {READY: 1}, START_S, endless=True, linger_s=0.0)
         lines, began = simulator.lines, time.monotonic()
