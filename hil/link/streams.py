@@ -132,7 +132,8 @@ class SetpointRate:
         early_us = self._due_us - time_us
         if STAMP_US < early_us <= self._period_us:
             return False
-        # in step with when it was due, or the rate would sink to a divisor of the ticks'; after a pause from now
-        in_step = -self._period_us < early_us <= STAMP_US
+        # in step with when it was due, or the rate would sink to a divisor of the ticks'; after a pause from now.
+        # A tick passed by just before it was due makes the next one late by a whole period and the rounding of stamps.
+        in_step = -self._period_us - STAMP_US < early_us <= STAMP_US
         self._due_us = (self._due_us if in_step else time_us) + self._period_us
         return True

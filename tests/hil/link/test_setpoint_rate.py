@@ -10,6 +10,8 @@ from hil.link.streams import FAST, SetpointRate, Streams
 
 @given(st.floats(2.0, 20.0), st.lists(st.integers(-1, 1), min_size=400, max_size=400))
 @example(15.0, [0] * 400)
+@example(19.92578125, ([0] * 6 + [-1, 1]) * 50)
+@example(19.92578125, [-1, 1] * 200)
 def test_as_many_are_sent_as_was_asked_for_and_never_two_at_once(hz: float, rounding: list[int]) -> None:
     rate = SetpointRate(hz)
     ticks = [50_000 * (n + 20) + 1000 * off for n, off in enumerate(rounding)]
