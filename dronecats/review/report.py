@@ -11,7 +11,7 @@ from dronecats.review.lineup import Lineup
 from dronecats.review.report_table import ReportTable
 from dronecats.review.writers.csv_table import as_csv
 from dronecats.review.writers.latex import as_latex
-from dronecats.review.writers.markdown import as_markdown, escaped
+from dronecats.review.writers.markdown import as_markdown, as_shell, escaped
 from episodes import blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
@@ -72,7 +72,7 @@ def as_json(made: Sequence[ReportTable]) -> dict[str, Any]:
 
 def _page(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:
     parts = ["# Report\n", *(f"{escaped(said)}\n" for said in head)]
-    parts += [f"    {command}\n" for command in dict.fromkeys(table.command for table in made)]
+    parts.append(as_shell(dict.fromkeys(table.command for table in made)))
     for table in made:
         parts.append(as_markdown(table))
         parts += [_picture(figures[table.name], table.title)] if table.name in figures else []

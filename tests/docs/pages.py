@@ -22,6 +22,8 @@ KINDS = {
     "setup": "installs software, changes the checkout, or starts a program of another project",
 }
 MARKER = "<!-- test:"
+# `dronecats report` and `dronecats study` write these pages; the blocks are the commands that made them.
+GENERATED = re.compile(r"docs/(reports|studies)/[\w-]+/report\.md|docs/studies/host-load\.md")
 BLOCK = re.compile(
     rf"(?:^{MARKER} (?P<kind>\S+)(?: (?P<file>\S+))? -->\n)?^```(?P<language>\S*)\n(?P<code>.*?)^```$",
     re.MULTILINE | re.DOTALL,
@@ -51,7 +53,8 @@ class Block:
 
 def blocks(page: Path) -> Iterator[Block]:
     """Yield the fenced blocks of a page from top to bottom."""
-    text = page.read_text(encoding="utf-8")
+    text, path = page.read_text(encoding="utf-8"), page.relative_to(ROOT).as_posix()
     for found in BLOCK.finditer(text):
         line = text.count("\n", 0, found.start("language")) + 1
-        yield Block(str(page.relative_to(ROOT)), line, *found.group("kind", "file", "language", "code"))
+        kind, *rest = found.group("kind", "file", "language", "code")
+        yield Block(path, line, kind or ("long" if GENERATED.fullmatch(path) else None), *rest)

@@ -20,6 +20,11 @@ def as_markdown(table: ReportTable, level: int = 2) -> str:
     return "\n".join(lines) + "\n"
 
 
+def as_shell(commands: Iterable[str]) -> str:
+    """Return a fenced block of shell commands."""
+    return "\n".join(["```sh", *commands, "```"]) + "\n"
+
+
 def escaped(text: str) -> str:
     """Return the text so that Markdown shows it as it is."""
     return SPECIAL.sub(r"\\\1", " ".join(text.split()))

@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from dronecats.review.writers.markdown import as_shell
 from dronecats.study.load.comparison import LoadFindings, Marking
 from foundation.errors import InfrastructureError
 
@@ -50,7 +51,8 @@ def write(found: LoadFindings, out: Path, command: str, machine: str) -> Sequenc
     """Write page and JSON into a folder and return their paths. Raises InfrastructureError."""
     page, data = out / f"{NAME}.md", out / f"{NAME}.json"
     try:
-        page.write_text(f"# A busy host\n\n    {command}\n\n{TEXT}\n\n{table(found)}\n\n{machine}\n", encoding="utf-8")
+        head = f"# A busy host\n\n{as_shell([command])}\n{TEXT}\n\n"
+        page.write_text(f"{head}{table(found)}\n\n{machine}\n", encoding="utf-8")
         data.write_text(json.dumps({"command": command, **found.as_json()}, indent=1) + "\n", encoding="utf-8")
     except OSError as full:
         raise InfrastructureError(f"{out} cannot be written: {full.strerror}") from None

@@ -8,7 +8,7 @@ from typing import Any
 from dronecats.review.report_table import ReportTable
 from dronecats.review.writers.csv_table import as_csv
 from dronecats.review.writers.latex import as_latex
-from dronecats.review.writers.markdown import as_markdown, escaped
+from dronecats.review.writers.markdown import as_markdown, as_shell, escaped
 from dronecats.study.analysis.flown_study import flown_study
 from dronecats.study.analysis.studied import Studied
 from dronecats.study.report import flight_rows, sections
@@ -95,7 +95,7 @@ def _markdown(
 ) -> str:
     parts = [f"# {escaped(title)}\n", *(f"{escaped(said)}\n" for said in opening)]
     parts += ["\n".join(f"- {escaped(said)}" for said in short) + "\n"] if short else []
-    parts.append(f"    {found.command}\n")
+    parts.append(as_shell([found.command]))
     for section in told:
         parts.append(f"## {escaped(section.title)}\n")
         parts += [f"{escaped(said)}\n" for said in section.said]
