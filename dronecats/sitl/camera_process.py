@@ -2,6 +2,7 @@
 
 import contextlib
 import socket
+import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -102,6 +103,11 @@ class FrameServer(ThreadingHTTPServer):
             self._silent.pop(request, None)
             self._known.discard(request)
         super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print an error of the handler. A client that closes its connection early is none."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:

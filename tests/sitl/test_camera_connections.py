@@ -2,6 +2,7 @@
 
 import http.client
 import socket
+import struct
 import threading
 import time
 from typing import Any
@@ -16,16 +17,25 @@ HALF = b"GET /frame.bmp HTTP/1.1\r\nHost: 127"
 
 
 class Camera:
-    """Has one black picture."""
+    """Has one black picture, which it gives once `is_ready` is set."""
+
+    def __init__(self) -> None:
+        self.is_ready = threading.Event()
+        self.is_ready.set()
 
     def newest(self, drone: int) -> Frame:
+        assert self.is_ready.wait(10.0)
         return Frame(drone=0, image_rgb=np.zeros((4, 4, 3), np.uint8), frame_id=1, time_us=2)
 
 
 @pytest.fixture
-def server(monkeypatch):
+def camera() -> Any:
+    return Camera()
+
+
+@pytest.fixture
+def server(camera, monkeypatch):
     monkeypatch.setattr(camera_process, "CONNECTIONS", 8)
-    camera: Any = Camera()
     made = camera_process.FrameServer(("127.0.0.1", 0), camera_process.handler(camera))
     thread = threading.Thread(target=made.serve_forever, args=(0.01,), daemon=True)
     thread.start()
@@ -68,3 +78,17 @@ def test_who_does_not_ask_in_time_is_let_go(server, monkeypatch):
     with socket.create_connection(server.server_address, timeout=10.0) as stalled:
         stalled.sendall(HALF)
         assert stalled.recv(1) == b""
+
+
+def test_a_client_that_leaves_before_its_picture_is_not_an_error(server, camera, capsys):
+    camera.is_ready.clear()
+    threads = threading.active_count()
+    with socket.create_connection(server.server_address, timeout=10.0) as leaving:
+        leaving.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closes with a reset
+        leaving.sendall(HALF + b".0.0.1\r\n\r\n")
+        while not server._known:
+            time.sleep(0.001)
+    camera.is_ready.set()
+    while threading.active_count() > threads:
+        time.sleep(0.001)
+    assert capsys.readouterr().err == ""
