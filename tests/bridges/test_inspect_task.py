@@ -1,6 +1,6 @@
 """The suite under Inspect: flown by its own model, scored by our verifier, errors left unscored.
 
-Tests import Inspect, which takes seconds that only the worker that runs them shall pay.
+Importing Inspect takes five seconds, so these tests are slow, and each imports it itself.
 """
 
 import json
@@ -10,6 +10,8 @@ from typing import Any, cast
 import pytest
 
 from foundation.errors import UsageError
+
+pytestmark = pytest.mark.slow
 
 EPISODES = "residential-approaching-03,blocks-commanding-01"
 GO = '{"action": "go", "point": [500, 520], "depth_m": 10}'
@@ -88,7 +90,6 @@ def test_an_effort_that_inspect_does_not_know_is_refused():
         dronecats("quick", lifted=cast(Any, "much"))
 
 
-@pytest.mark.slow
 def test_a_model_that_breaks_is_an_error_and_no_score(tmp_path):
     def answer(question, tools, choice, config):
         raise ConnectionError("the vendor is away")

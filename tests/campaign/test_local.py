@@ -144,6 +144,7 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     assert not workers()
 
 
+@pytest.mark.slow
 def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
     """A stopped process answers nothing, and is alive for ever."""
     batch = batch_of(tmp_path / "run", SHORT)
@@ -164,6 +165,7 @@ def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
     assert not workers()
 
 
+@pytest.mark.slow
 def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_path):
     """A model that never answers: its client waits for 300 s, and here the patience of the campaign is shorter."""
     sockets, asked = [], threading.Event()

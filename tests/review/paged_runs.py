@@ -67,5 +67,5 @@ def ring_is_at(reader, point, view=0):
 def picture_is(reader, name, view=0):
     """Whether a view shows a picture of this name, and has loaded it."""
     shown = """const image = document.querySelectorAll(".view img")[arguments[0]];
-               return image.complete && image.naturalWidth > 0 && image.src.endsWith(arguments[1])"""
+               return image?.complete && image.naturalWidth > 0 && image.src.endsWith(arguments[1])"""
     return reader.until(lambda: reader.script(shown, view, name))

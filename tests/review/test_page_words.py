@@ -80,7 +80,7 @@ def test_embedded_it_is_one_file(reader, runs, tmp_path):
     reader.open(alone, "#qwen/yard-approaching-01/2")
     reader.until(
         lambda: reader.script(
-            "const i = document.querySelector('.view img'); return i.complete && i.naturalWidth === 320"
+            "const i = document.querySelector('.view img'); return i?.complete && i.naturalWidth === 320"
         )
     )
     ring_is_at(reader, point_of(runs, "qwen/yard-approaching-01", 2))

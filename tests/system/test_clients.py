@@ -37,6 +37,7 @@ def test_a_mavsdk_script_takes_off_flies_offboard_and_lands(agent_url):
     assert flown["speed"] == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_mavsdk_script_sees_all_telemetry_and_flies_offboard_and_a_mission_to_its_end(tmp_path):
     script = Path(__file__).with_name("mavsdk_tour.py")
     with simulated_vehicle(tmp_path, SPEED, state_dir=tmp_path / "state") as ports:

@@ -46,6 +46,7 @@ def command(*arguments: str) -> "subprocess.CompletedProcess[str]":
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_newest_is_fetched_as_it_lies_on_board(autopilot, tmp_path: Path) -> None:
     port, on_board = autopilot
     url = f"udpout://127.0.0.1:{port}"
@@ -63,6 +64,7 @@ def test_the_newest_is_fetched_as_it_lies_on_board(autopilot, tmp_path: Path) ->
     assert file.name in again.stderr
 
 
+@pytest.mark.slow
 def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: Path) -> None:
     port, on_board = autopilot
     with log_store(f"udpout://127.0.0.1:{port}") as store:

@@ -44,6 +44,7 @@ def failed(report):
     return {row["name"] for row in json.loads(report.stdout)["rows"] if row["passed"] is False}
 
 
+@pytest.mark.slow
 def test_a_new_vehicle_passes_but_for_the_defaults_that_surprise(vehicle, tmp_path):
     report = preflight("--connect", vehicle, "--json", folder=tmp_path)
     assert report.returncode == 1, report.stderr

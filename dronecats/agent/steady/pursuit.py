@@ -101,7 +101,7 @@ class Pursuit:
         assert self._filter is not None
         velocity = self._filter.x[3:5, 0]
         speed = float(np.hypot(*velocity))
-        if speed == 0.0 or self.sightings < LEAST:
+        if speed**2 == 0.0 or self.sightings < LEAST:  # the square of the smallest numbers is 0
             return (0.0, 0.0, 0.0)
         along = velocity / speed
         doubt = float(along @ self._filter.P[3:5, 3:5] @ along) / speed**2

@@ -1,6 +1,6 @@
 """The same question, asked by us and by the vendor's own client: the requests are equal, field by field.
 
-Tests import the clients, which takes seconds that only the worker that runs them shall pay.
+Importing the clients takes ten seconds, so these tests are slow, and each imports its own client.
 """
 
 import base64
@@ -18,6 +18,8 @@ from dronecats.agent.models.reply_schema import action_schema, flat_action_schem
 from dronecats.agent.models.rows import rows
 from dronecats.agent.models.spec import ModelSpec
 from tests.agent.models.recording import Recording, Sent
+
+pytestmark = pytest.mark.slow
 
 KEY = "sk-SECRET-1234567890"
 TEXT = "a prompt, with “quotes” and\nlines"

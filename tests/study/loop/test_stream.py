@@ -63,6 +63,6 @@ def test_the_trace_is_flown_through_the_link():
 
 def test_a_px4_that_cannot_be_started_or_cannot_fly_it_is_told():
     with pytest.raises(UsageError, match=r"--px4.*/nowhere/px4"):
-        trace.fly("x500", px4="/nowhere/px4 -d")
+        trace.fly("x500", px4="/nowhere/px4 -d -i {instance}")
     with pytest.raises(UsageError, match="hexa"):
-        trace.fly("hexa", px4="/nowhere/px4 -d")
+        trace.fly("hexa", px4="/nowhere/px4 -d -i {instance}")
