@@ -12,7 +12,7 @@ from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import strict
 from dronecats.agent.reply.mends import TOLERATED, Mend
 from dronecats.agent.reply.shapes import action_of, tells
-from dronecats.agent.reply.surroundings import around, without_reasoning
+from dronecats.agent.reply.surroundings import answer_of, around
 from dronecats.agent.reply.tolerant import Cut, Found, values
 
 NAMED = ("drone", "drone_id", "drone_number", "drone_index")
@@ -34,9 +34,11 @@ class Division:
 def read(reply: str, drones: int, axis_order: AxisOrder) -> list[Fate]:
     """Return for each drone its action, or why there is none, and what had to be mended."""
     try:
-        division = _divided(reply, drones)
+        answer = answer_of(reply)
+        division = _divided(answer, drones)
     except ActionError as error:
         return [(error, set()) for _ in range(drones)]
+    division.mends |= {"reasoning"} if answer != reply else set()
     return [_fate(division, drone, drones, axis_order) for drone in range(drones)]
 
 
@@ -58,26 +60,22 @@ def _fate(division: Division, drone: int, drones: int, axis_order: AxisOrder) ->
         return error, mends
 
 
-def _divided(reply: str, drones: int) -> Division:
-    """Return the division of a reply. Raises ActionError where nothing says whose an object is."""
+def _divided(answer: str, drones: int) -> Division:
+    """Return the division of an answer. Raises ActionError where nothing says whose an object is."""
     try:
-        array = strict.first_array(reply)
+        array = strict.first_array(answer)
         refused = ActionError(f"expected {drones} actions, got {len(array.value)}")
         if len(array.value) == drones:
-            others = [each for each in strict.values(reply, "[") if each.begin != array.begin]
+            others = [each for each in strict.values(answer, "[") if each.begin != array.begin]
             spans = sorted((each.begin, each.end) for each in (array, *others))
             division = _of_items(array.value, drones)
-            division.mends |= around(reply, spans) | ({"several"} if any(map(_arms, others)) else set())
+            division.mends |= around(answer, spans) | ({"several"} if any(map(_arms, others)) else set())
             return division
     except ActionError as error:
         refused = error
-    answer = without_reasoning(reply)
-    if not answer.strip() and reply.strip():
-        raise ActionError("the reply is reasoning and no answer")
     found = _found(answer)
     division = _of_found(found, drones)
     division.mends |= around(answer, [(each.begin, each.end) for each in found])
-    division.mends |= {"reasoning"} if answer != reply else set()
     for each in found:
         division.mends |= each.mends
     if division.mends <= TOLERATED.keys():  # nothing was mended, so what was refused stays refused

@@ -9,7 +9,7 @@ from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import fleet, strict
 from dronecats.agent.reply.mends import TOLERATED, Mend, in_order
 from dronecats.agent.reply.shapes import action_of, tells
-from dronecats.agent.reply.surroundings import around, without_reasoning
+from dronecats.agent.reply.surroundings import answer_of, around
 from dronecats.agent.reply.tolerant import Found, values
 
 Read = tuple[Action | ActionError, tuple[Mend, ...]]
@@ -29,24 +29,22 @@ def read(reply: str, drones: int, axis_order: AxisOrder) -> list[Read]:
 
 def _one(reply: str, axis_order: AxisOrder, mends: set[Mend]) -> Action:
     """Return the action of one drone's reply. Raises ActionError."""
+    answer = answer_of(reply)
+    mends |= {"reasoning"} if answer != reply else set()
     try:
-        placed = strict.last_object(reply)
+        placed = strict.last_object(answer)
         action = action_from(placed.value, axis_order)
     except ActionError as error:
         refused = error
     else:
-        spans = [(each.begin, each.end) for each in strict.values(reply, "{")]
-        mends |= around(reply, spans)
+        spans = [(each.begin, each.end) for each in strict.values(answer, "{")]
+        mends |= around(answer, spans)
         mends |= {"several"} if len(spans) > 1 else set()
         return action
-    answer = without_reasoning(reply)
-    if not answer.strip() and reply.strip():
-        raise ActionError("the reply is reasoning and no answer")
     for text in (answer, _unescaped(answer)):
         found = candidates(text)
         if found:
             mends |= around(text, [(each.begin, each.end) for each in found]) | found[-1].mends
-            mends |= {"reasoning"} if answer != reply else set()
             mends |= {"escaped"} if text is not answer else set()
             mends |= {"several"} if len(found) > 1 else set()
             action = action_of(found[-1].value, axis_order, mends)

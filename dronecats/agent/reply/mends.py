@@ -4,8 +4,8 @@ from collections.abc import Collection
 from typing import Literal
 
 Mend = Literal[
-    "prose", "fence", "array", "several",
-    "reasoning", "trailing_comma", "missing_comma", "comment", "single_quotes", "smart_quotes", "unquoted",
+    "prose", "fence", "array", "several", "reasoning",
+    "trailing_comma", "missing_comma", "comment", "single_quotes", "smart_quotes", "unquoted",
     "python", "full_width", "whitespace", "control", "number_form", "escaped", "truncated",
     "number_text", "unit", "name", "field", "implied", "action_key", "nested", "tool_call", "wrapped",
     "point_form", "box",
@@ -18,10 +18,10 @@ TOLERATED: dict[Mend, str] = {
     "fence": "a code fence",
     "array": "one drone's object stands in an array",
     "several": "several objects, the last with an action counts; of a fleet several arrays, the first counts",
+    "reasoning": "marked reasoning, which is not read",
 }
 # How it is written.
 WRITTEN: dict[Mend, str] = {
-    "reasoning": "reasoning between tags, which is passed over",
     "trailing_comma": "a comma after the last member",
     "missing_comma": "no comma between two members",
     "comment": "a comment: //, /* */ or #",

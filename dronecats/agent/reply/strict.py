@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
+from dronecats.agent.reply.surroundings import answer_of
 
 MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
 MAX_TRIES = 500  # places in a reply at which JSON may begin
@@ -24,10 +25,10 @@ def parse(reply: str, axis_order: AxisOrder = "xy") -> Action:
     """Return the action in `reply`.
 
     The prompt asks for one JSON object and nothing else. Prose or a code fence around it is tolerated: the last object
-    that has an "action" counts, since what comes before it leads up to it. Raises ActionError with the reason when
-    there is none or it is malformed.
+    that has an "action" counts, since what comes before it leads up to it. Marked reasoning is not read. Raises
+    ActionError with the reason when there is no action or it is malformed.
     """
-    return action_from(last_object(reply).value, axis_order)
+    return action_from(last_object(answer_of(reply[:MAX_REPLY_CHARS])).value, axis_order)
 
 
 def parse_fleet(reply: str, drones: int, axis_order: AxisOrder = "xy") -> list[Action | ActionError]:
@@ -41,7 +42,7 @@ def parse_fleet(reply: str, drones: int, axis_order: AxisOrder = "xy") -> list[A
         except ActionError as error:
             return [error]
     try:
-        items = first_array(reply).value
+        items = first_array(answer_of(reply[:MAX_REPLY_CHARS])).value
     except ActionError as error:
         return [error] * drones
     if len(items) != drones:
