@@ -9,12 +9,18 @@ from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 NONE_YET = "(none yet — this is the first step)"
 
 
-def compact(action: Action, camera: CameraModel) -> str:
-    """Return the action on one line. GO coordinates are pixels, as in the paper, though the prompt's are 0–1000."""
+def compact(action: Action, camera: CameraModel | None = None) -> str:
+    """Return the action on one line.
+
+    With a camera GO's coordinates are its pixels, as in the history of the paper's prompt; without, its point as in
+    a reply, 0–1000 on both axes.
+    """
     match action:
         case Go(x, y, depth_m):
-            px, py = x * camera.width / POINT_SPAN, y * camera.height / POINT_SPAN
-            return f"GO x={px:.0f} y={py:.0f} depth={depth_m:.4g}m"
+            point = f"point=[{x:.0f}, {y:.0f}]"
+            if camera is not None:
+                point = f"x={x * camera.width / POINT_SPAN:.0f} y={y * camera.height / POINT_SPAN:.0f}"
+            return f"GO {point} depth={depth_m:.4g}m"
         case Rotate(angle_deg):
             return f"ROTATE angle={angle_deg:.4g}deg"
         case Think():

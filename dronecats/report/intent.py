@@ -41,7 +41,7 @@ def _marked(picture: NDArray[np.uint8], decision: Decision, camera: CameraModel)
         words.append(f"unreadable: {decision.error}")
     else:
         action = action_from(decision.action)
-        words.append(compact(action, camera))
+        words.append(compact(action))
         words += [_meant(segment) for segment in plan(action, camera)]
         if isinstance(action, Go):
             at = (round(action.x * width / POINT_SPAN), round(action.y * height / POINT_SPAN))

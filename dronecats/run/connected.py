@@ -11,9 +11,10 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
 from dronecats.run.instruments import UNWATCHED, Instruments
-from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
+from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.pilot import opened
 from dronecats.run.settings import settings
+from dronecats.run.step_lines import StepLines
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
 from dronecats.stages.connected import ConnectedStage
@@ -69,7 +70,7 @@ def fly_connected(
                 return fly(
                     stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                    check=pilot.check, on_step=progress(say, camera.model, pilot.spent), say=say,
+                    check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
                 )  # fmt: skip
         finally:
             stage.close()

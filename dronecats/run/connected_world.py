@@ -13,9 +13,10 @@ from dronecats.run.ascent import start_of
 from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
 from dronecats.run.oracle import opened_in
-from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
+from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.settings import settings
 from dronecats.run.simulated import draw
+from dronecats.run.step_lines import StepLines
 from dronecats.run.true_start import TrueStart
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
@@ -72,7 +73,7 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
                 return fly(
                     stage, [start], pilot.agent(flight), folder,
                     seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                    check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say,
+                    check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
                     true_start=true_start if judged else None,
                 )  # fmt: skip
         finally:

@@ -9,10 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from msgspec import UNSET
-
-from dronecats.agent.action import action_from
-from dronecats.agent.history import compact
 from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.run.episode import Flown
 from dronecats.run.identity import write_identity
@@ -21,13 +17,10 @@ from dronecats.rundir.layout import DECISIONS
 from dronecats.rundir.reading import rows
 from dronecats.rundir.results import Result
 from dronecats.rundir.rows import Decision
-from foundation.camera import CameraModel
 from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
 from foundation.extras import missing_package
-from foundation.protocol import FINISHED
 
 Say = Callable[[str], None]
-DECLARED = CameraModel()
 Written = TypeVar("Written")
 
 
@@ -117,22 +110,6 @@ def undisturbed() -> Iterator[None]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
-
-
-def progress(
-    say: Say, camera: CameraModel = DECLARED, spent: Callable[[], str] = lambda: ""
-) -> Callable[[Decision], None]:
-    """Return the function that prints a line per step and drone: points in pixels of `camera`, and what is spent."""
-
-    def line(decision: Decision) -> None:
-        what = compact(action_from(decision.action), camera) if decision.action else f"! {decision.error}"
-        what += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
-        what += " (confirmed)" if decision.confirmed_by is not UNSET else ""
-        drone = f" drone {decision.drone}" if decision.drone else ""
-        told = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)"
-        say(f"{told}  {cost}" if (cost := spent()) else told)
-
-    return line
 
 
 def served_rate_hz(folder: Path) -> float | None:

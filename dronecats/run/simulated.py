@@ -13,8 +13,9 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.accounts import check_budget
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
-from dronecats.run.outcome import Say, fly_and_judge, progress, served_rate_hz
+from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.settings import settings
+from dronecats.run.step_lines import StepLines
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
 from episodes.record import EpisodeRecord
@@ -103,7 +104,7 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
                 stage, starts, pilot.agent(flight), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
                 pictures=_pictures(spec.disturbances.frame, recall),
-                check=pilot.check, on_step=progress(say, spent=pilot.spent), say=say, true_start=true_start,
+                check=pilot.check, on_step=StepLines(say, len(starts), pilot.spent), say=say, true_start=true_start,
             )  # fmt: skip
     finally:
         try:

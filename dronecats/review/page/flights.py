@@ -157,7 +157,7 @@ def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) ->
                 t=_to(2, decision.t_frame),
                 decided=_to(2, decision.t_decided),
                 action=decision.action,
-                says=None if action is None else compact(action, camera),
+                says=None if action is None else compact(action),
                 error=decision.error,
                 reply=texts.number(decision.reply) if isinstance(decision.reply, str) else None,
                 parts=None if prompt is None else tuple(texts.number(part) for part in prompt.parts),

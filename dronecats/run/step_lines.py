@@ -1,0 +1,49 @@
+"""The lines that a flight prints while it is flown: one per step and drone."""
+
+from collections import Counter
+from collections.abc import Callable
+
+from msgspec import UNSET
+
+from dronecats.agent.action import action_from
+from dronecats.agent.history import compact
+from dronecats.rundir.rows import Decision
+from foundation.protocol import FINISHED
+
+UNREADABLE = 10  # replies in a row that are no action, after which a flight warns
+REASONS = {  # of `finish`; {tokens} is the length of the reply
+    "length": "cut off at {tokens} tokens: raise max_tokens or lower the reasoning",
+    "refusal": "the model refused to answer",
+    "filtered": "the provider's filter withheld the reply",
+}
+
+
+class StepLines:
+    """Prints a line for each decision, and once a warning when replies in a row are no actions."""
+
+    def __init__(self, say: Callable[[str], None], drones: int = 1, spent: Callable[[], str] = lambda: "") -> None:
+        """`spent` returns what the model has cost so far, or an empty string."""
+        self._say, self._drones, self._spent = say, drones, spent
+        self._unreadable: Counter[int] = Counter()  # replies in a row, by drone
+        self._has_warned = False
+
+    def __call__(self, decision: Decision) -> None:
+        """Print a decision."""
+        what = compact(action_from(decision.action)) if decision.action else f"! {unreadable(decision)}"
+        what += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
+        what += " (confirmed)" if decision.confirmed_by is not UNSET else ""
+        drone = f" drone {decision.drone + 1}" if self._drones > 1 else ""
+        line = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)"
+        self._say(f"{line}  {cost}" if (cost := self._spent()) else line)
+        self._unreadable[decision.drone] = 0 if decision.action else self._unreadable[decision.drone] + 1
+        if self._unreadable[decision.drone] == UNREADABLE and not self._has_warned:
+            self._has_warned = True
+            self._say(f"WARNING: {UNREADABLE} replies in a row are no actions: the drone holds. {unreadable(decision)}")
+
+
+def unreadable(decision: Decision) -> str:
+    """Return why a decision has no action: the server's reason for the end of the reply, else the parser's."""
+    reason = REASONS.get(decision.finish) if isinstance(decision.finish, str) else None
+    if reason is None:
+        return str(decision.error)
+    return reason.format(tokens="its limit of" if decision.tokens_out is None else f"{decision.tokens_out:,}")
