@@ -1,6 +1,7 @@
 """The named lists of shipped episodes that runs and reports go by."""
 
 import difflib
+from collections.abc import Sequence
 
 from episodes import catalogue
 from foundation.errors import UsageError
@@ -39,6 +40,13 @@ def ids(suite: str) -> list[str]:
         return [name for name in known if "-commanding-" not in name]
     near = ", ".join(difflib.get_close_matches(suite, NAMES, 2, 0.4) or NAMES)
     raise UsageError(f"suite {suite[:60]!r} does not exist: did you mean {near}?")
+
+
+def episodes_of(suite: str | Sequence[str]) -> list[str]:
+    """Return the episodes of a suite's name, or of ids and files: a sequence, or one text with commas between."""
+    if isinstance(suite, str):
+        return ids(suite) if suite in NAMES else [name.strip() for name in suite.split(",")]
+    return [name for each in suite for name in episodes_of(each)]
 
 
 def of(episode: str) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ _DECLARED = ModelSpec(provider="local", name="")  # the sampling of the paper
 
 @task
 def dronecats(
-    suite: str = "one-drone",
+    suite: str | list[str] = "one-drone",
     latency: str = LATENCY,
     seconds: float = CAP_S,
     seed: int = 0,
@@ -60,6 +60,8 @@ def dronecats(
 ) -> Task:
     """Return the suite as a task: one-drone, commanding, quick, all, or ids and files with commas between.
 
+    Inspect itself makes a list of a text with commas.
+
     `latency`: what a reply costs in vehicle time (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
     `axis_order`: xy or yx, as the model points. `out`: the folder that takes a run for each epoch; None: a new one.
     `agent`: who flies: paper, steady or MODULE:NAME. `lifted`: the effort of reasoning that is asked for in the call
@@ -69,14 +71,17 @@ def dronecats(
     """
     if lifted is not None and lifted not in get_args(Effort):
         raise UsageError(f"-T lifted wants one of {', '.join(get_args(Effort))}, got '{lifted}'")
-    names = suites.ids(suite) if suite in suites.NAMES else suite.split(",")
     return Task(
-        dataset=MemoryDataset([_sample(name) for name in names], name=f"dronecats-{suite}"),
+        dataset=MemoryDataset([_sample(name) for name in suites.episodes_of(suite)], name=f"dronecats-{_title(suite)}"),
         solver=flight(latency, seconds, seed, axis_order, full, out, agent, lifted),
         scorer=verdict(),
         config=GenerateConfig(temperature=_DECLARED.temperature, max_tokens=_DECLARED.max_tokens),
         metadata={"latency": latency, "seconds": seconds, "axis_order": axis_order, "agent": agent, "lifted": lifted},
     )
+
+
+def _title(suite: str | list[str]) -> str:
+    return suite if isinstance(suite, str) else ",".join(suite)
 
 
 def _sample(name: str) -> Sample:

@@ -142,7 +142,7 @@ class Verdict5m:
 
 def dronecats_task(suite: str = "one-drone") -> Task:
     """Return a suite of one-drone episodes as a task; or ids and files with commas between."""
-    names = suites.ids(suite) if suite in suites.NAMES else suite.split(",")
+    names = suites.episodes_of(suite)
     scenes = []
     for name in names:
         record = catalogue.load(name)

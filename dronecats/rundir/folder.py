@@ -34,10 +34,10 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
         folder = run / episode_id
         again = (folder / layout.DECISIONS).exists()
         if again and not _is_nobodys(folder):
-            raise UsageError(f"{folder} already holds a flight; choose another --out")
+            raise UsageError(f"{folder} already holds a flight; choose another folder (option out)")
         before = run_configuration(run)
         if before is not None and differences(before, configuration):
-            raise UsageError(f"{run} is a run of another pilot or other settings; choose another --out")
+            raise UsageError(f"{run} is a run of another pilot or other settings; choose another folder (option out)")
         if again:
             _set_aside(run, folder)
         prepare(folder)
@@ -83,11 +83,11 @@ def fresh_run(pilot_name: str) -> Path:
                 return runs / (name + suffix)
     except OSError as error:
         raise UsageError(_unwritable(runs, error)) from None
-    raise UsageError(f"runs/{name} exists a thousand times; choose --out")
+    raise UsageError(f"runs/{name} exists a thousand times; choose a folder (option out)")
 
 
 def _unwritable(run: Path, error: OSError) -> str:
-    return f"the run folder {run} cannot be written: {error.strerror}; choose another with --out"
+    return f"the run folder {run} cannot be written: {error.strerror}; choose another (option out)"
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:

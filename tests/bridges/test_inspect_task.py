@@ -83,6 +83,16 @@ def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, li
     assert json.loads((folder.parent / "run.json").read_text())["flight"]["outside"].get("lifted") == lifted
 
 
+@pytest.mark.parametrize("text", [EPISODES, json.dumps(EPISODES.split(","))])
+def test_a_list_of_episodes_is_read_as_inspect_hands_it_over(text):
+    from inspect_ai._cli.util import parse_cli_args  # type: ignore[attr-defined]
+
+    from dronecats.bridges.inspect_task import dronecats
+
+    task = dronecats(**parse_cli_args((f"suite={text}",)))
+    assert [sample.id for sample in task.dataset] == EPISODES.split(",")
+
+
 def test_an_effort_that_inspect_does_not_know_is_refused():
     from dronecats.bridges.inspect_task import dronecats
 
