@@ -191,7 +191,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="a simulator under garbage")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(ROWS), help=", ".join(ROWS))
-    parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help=f"of each row (default {SECONDS:g})")
+    parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help=f"a row (default {SECONDS:g})")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--short", action="store_true", help="one second of two rows: whether it runs")
     args = parser.parse_args()

@@ -179,12 +179,8 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
             checked = stop = at + HEADER_BYTES_V1 + data[at + 1] + CHECKSUM_BYTES
         if stop > end:
             break
-        if marker == MARKER:
-            message_id = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-        else:
-            message_id = data[at + 5]
         # a frame with other flags may be laid out in any way, so nothing in it can be trusted
-        if not flags & ~SIGNED and _is_intact(message_id, data[at + 1 : checked]):
+        if not flags & ~SIGNED and _is_intact(data, at, checked):
             found.append(data[at:stop])
         else:
             bad += 1
@@ -192,14 +188,21 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
     return found, at, bad
 
 
-def _is_intact(message_id: int, checked: bytes) -> bool:
-    """Return whether a message is known and its checksum fits; `checked` begins after the marker and ends with it."""
+def _message_id(data: bytes, at: int) -> int:
+    """Return the message id in the header that begins there."""
+    if data[at] == MARKER_V1:
+        return data[at + 5]
+    return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+
+
+def _is_intact(data: bytes, at: int, stop: int) -> bool:
+    """Return whether the message that begins there is known and has the checksum that ends at `stop`."""
     try:
-        extra = BY_ID[message_id].extra
+        extra = BY_ID[_message_id(data, at)].extra
     except KeyError:
         return False
-    found: int = checksum(checked[:-CHECKSUM_BYTES] + extra)
-    return found == checked[-2] | checked[-1] << 8
+    found: int = checksum(data[at + 1 : stop - CHECKSUM_BYTES] + extra)
+    return found == data[stop - 2] | data[stop - 1] << 8
 
 
 def is_plain(frame: bytes) -> bool:
@@ -209,7 +212,7 @@ def is_plain(frame: bytes) -> bool:
 
 def message(frame: bytes) -> Any:
     """Return the message in a plain intact frame."""
-    return BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame)
+    return BY_ID[_message_id(frame, 0)].message(frame)
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:
