@@ -108,7 +108,7 @@ def fly(
     flown_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     stage.mend()
-    error = finish(stage, reason, error, authority.then, say) or error
+    error = finish(stage, reason, error, authority.then, say)
     safety.sum_up()
     log.close()
     ended = "error" if error and reason not in ("takeover", "budget") else reason
