@@ -222,7 +222,7 @@ class Supervisor:
             child.check()
 
     def cause(self, error: DronecatsError, within_s: float = CAUSE_S) -> DronecatsError:
-        """Return the error of a child that has ended, or that gives no sign of life `within_s`; `error` if all are well.
+        """Return the error of a child that has ended, or gives no sign of life `within_s`; `error` if all are well.
 
         A vehicle that has been silent, or a camera without a picture, is what a process that hangs looks like.
         """
