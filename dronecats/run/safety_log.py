@@ -27,7 +27,7 @@ class SafetyLog:
         for drone, times in enumerate(self._times):
             if times and max(times.values()) > 1:
                 counts = ", ".join(f"by {name} {_times(count)}" for name, count in times.most_common())
-                self._tell(drone, f"was limited {counts}; {self._path} has each")
+                self._tell(drone, f"limited in the whole flight {counts}; {self._path} has each")
 
     def _listener(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
         acting: frozenset[str] = frozenset()
@@ -47,8 +47,9 @@ class SafetyLog:
         return listen
 
     def _tell(self, drone: int, what: str) -> None:
+        name = f"drone {drone + 1} " if len(self._times) > 1 else ""
         with contextlib.suppress(OSError, ValueError):  # a closed terminal stops no setpoint and no landing
-            self._say(f"      envelope: drone {drone} {what}")
+            self._say(f"      envelope: {name}{what}")
 
 
 def _times(count: int) -> str:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -88,7 +89,8 @@ def test_the_child_that_hangs_is_the_cause_of_what_else_went_wrong(tmp_path):
         child.ready()
     symptom = LinkError("the vehicle has been silent")
     assert supervisor.cause(symptom, within_s=0.5) is symptom
-    stopped._heartbeat._answered_s = None  # due at once
+    beat: Any = stopped._heartbeat
+    beat._answered_s = None  # due at once
     os.kill(stopped.pid, signal.SIGSTOP)
     named = supervisor.cause(symptom, within_s=0.5)
     assert isinstance(named, InfrastructureError)
