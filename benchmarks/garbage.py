@@ -5,9 +5,10 @@
 Every row is a fresh simulator and one sender, a process of its own that sends as fast as it can to the agent's port and
 the truth bus in turn. A client on the agent's port sends a PING 20 times a second. `lag` is the greatest time by which
 a tick of the simulator began too late, `late` the share of its ticks that were more than 2 ms late, `given up` the time
-by which the simulation fell behind for good, `answered` the share of the client's PINGs that were answered within 1 s,
-and `answer` the time that 95 % of these answers took at most.
+by which the simulation fell behind for good, `core` the share of a processor core that the simulator took, `answered`
+the share of the client's PINGs that were answered within 1 s, and the time that 95 % of these answers took at most.
 Sender and simulator want a core each, and a lag of a busy machine looks like one of the simulator: see `nothing` first.
+`core` is nearly the same on a busy machine: below 1 the simulator can hold real time.
 `--short` sends for one second: whether it runs, and nothing to quote.
 """
 
@@ -21,6 +22,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from benchmarks.machine import Machine
 from dronecats.processes.supervisor import Supervisor
@@ -154,10 +157,12 @@ def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
             ports = simulator.ready()
             client, sent = Client(ports["agent"][0]), multiprocessing.Array("d", 2)
             targets = (ports["agent"][0], ports["truth"])
-            sender = multiprocessing.Process(target=send, args=(ROWS[name], targets, seconds, seed, sent))
+            sender = multiprocessing.Process(target=send, args=(ROWS[name], targets, seconds + ANSWER_S, seed, sent))
             if ROWS[name]:
                 sender.start()
+            before_s, began_s = _processor_s(simulator.pid), time.monotonic()
             client.ask(seconds)
+            core = (_processor_s(simulator.pid) - before_s) / (time.monotonic() - began_s)
             if ROWS[name]:
                 sender.join()
             pace = simulator.do("pace")
@@ -170,6 +175,7 @@ def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
         "lag_ms": round(1e3 * pace["lag_max_s"], 1),
         "late_share": pace["late_share"],
         "given_up_s": pace["skipped_s"],
+        "core": round(core, 3),
         "answered_share": round(len(answers_s) / client.asked, 3),
         "answer_ms": round(1e3 * answers_s[int(0.95 * (len(answers_s) - 1))], 1) if answers_s else None,
         "datagrams": int(sent[0]),
@@ -177,11 +183,17 @@ def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
     }
 
 
+def _processor_s(pid: int) -> float:
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system)
+
+
 def line(found: dict[str, Any]) -> str:
     answer = "–" if found["answer_ms"] is None else f"{found['answer_ms']:.0f} ms"
     return (
         f"{found['garbage']:16} lag {found['lag_ms']:7.1f} ms  late {found['late_share']:6.1%}  "
-        f"given up {found['given_up_s']:6.2f} s  answered {found['answered_share']:6.1%} in {answer:8} "
+        f"given up {found['given_up_s']:6.2f} s  core {found['core']:4.2f}  "
+        f"answered {found['answered_share']:6.1%} in {answer:8} "
         f"({found['datagrams']} datagrams, {found['megabytes']:.0f} MB)"
     )
 
