@@ -20,6 +20,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.errors import UsageError
+
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
 # in a kernel's signature:
@@ -56,9 +58,12 @@ def sources() -> list[Path]:
 
 
 def cache_folder() -> Path:
-    """Return where compiled kernels are kept: below NUMBA_CACHE_DIR, or the user's cache folder."""
-    base = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Path(base) / "dronecats" / digest()
+    """Return where compiled kernels are kept: below NUMBA_CACHE_DIR, or the user's cache folder. Raises UsageError."""
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    try:
+        return Path(base or Path.home() / ".cache") / "dronecats" / digest()
+    except RuntimeError:  # a user id that has no home
+        raise UsageError("this user has no home folder for compiled code, and NUMBA_CACHE_DIR is not set") from None
 
 
 def _prepare() -> bool:
@@ -66,7 +71,10 @@ def _prepare() -> bool:
 
     At import, since a decorator reads it when it is applied.
     """
-    folder = cache_folder()
+    try:
+        folder = cache_folder()
+    except UsageError:
+        return False
     numba.config.CACHE_DIR = str(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)

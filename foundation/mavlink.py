@@ -14,53 +14,41 @@ class Parser:
     """Turns a byte stream from a wire into messages; garbage is skipped and counted, never raised."""
 
     def __init__(self) -> None:
-        self._mav = _tolerant()
+        self._mav = dialect.MAVLink(None)
         self._rest = b""  # the beginning of a frame whose end has not come yet
         self.bad = 0
 
     def feed(self, data: bytes) -> list[dialect.MAVLink_message]:
         """Return the messages completed by `data`, in order."""
-        data = self._rest + data if self._rest else bytes(data)
-        messages, end = wire.frames(data)
-        self._rest = data[end:]
-        if self._rest and not wire.incomplete(self._rest):
-            messages += self._feed_unusual(self._rest)
+        messages = []
+        for frame in self.frames(data):
+            if wire.is_plain(frame):
+                messages.append(wire.message(frame))
+            else:
+                messages += self._decoded(frame)
         return messages
 
     def frames(self, data: bytes) -> list[bytes]:
         """Return the messages completed by `data` as their bytes on the wire, for whoever only passes them on."""
         data = self._rest + data if self._rest else bytes(data)
-        found, end = wire.split(data)
+        found, end, bad = wire.scan(data)
         self._rest = data[end:]
-        if self._rest and not wire.incomplete(self._rest):
-            found += [frame_of(message) for message in self._feed_unusual(self._rest)]
+        self.bad += bad
         return found
 
-    def _feed_unusual(self, data: bytes) -> list[dialect.MAVLink_message]:
-        """Let pymavlink parse what is not plain MAVLink 2 and all that follows; keep what it could not finish."""
+    def _decoded(self, frame: bytes) -> list[dialect.MAVLink_message]:
+        """Return the message of a MAVLink 1 or signed frame, or nothing where pymavlink refuses it."""
         try:
-            messages = self._mav.parse_buffer(data) or []
+            return [self._mav.decode(bytearray(frame))]
         except Exception:  # pymavlink raises more than MAVError on hostile lengths; a wire must never stop the flight
-            self._mav, self._rest = _tolerant(), b""
             self.bad += 1
             return []
-        self._rest = bytes(self._mav.buf[self._mav.buf_index :])
-        self._mav.buf, self._mav.buf_index = bytearray(), 0
-        good = [m for m in messages if m.get_msgId() >= 0]
-        self.bad += len(messages) - len(good)
-        return good
 
 
 def frame_of(message: dialect.MAVLink_message) -> bytes:
     """Return a message that was parsed as its bytes on the wire."""
     frame = message.__dict__.get("_frame")
     return bytes(message.get_msgbuf()) if frame is None else bytes(frame)
-
-
-def _tolerant() -> dialect.MAVLink:
-    mav = dialect.MAVLink(None)
-    mav.robust_parsing = True
-    return mav
 
 
 class Packer:

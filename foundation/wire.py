@@ -1,21 +1,24 @@
 """MAVLink 2 frames to messages and back, by tables made from pymavlink's message classes, several times as fast.
 
-Bytes and fields are pymavlink's own, which the tests prove for every message of the dialect. What is not plain MAVLink
-2 (version 1, signed, unknown or damaged frames) is not handled here: `foundation.mavlink.Parser` gives it to
-pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
+Bytes and fields are pymavlink's own, which the tests prove for every message of the dialect. Frames of any kind are
+found here, so that garbage costs little. Messages are made here of plain MAVLink 2 frames; `foundation.mavlink.Parser`
+gives the other intact ones (version 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 
+import re
 import struct
 from operator import attrgetter
 from typing import Any
 
 from pymavlink.dialects.v20 import development as dialect
 
-MARKER = 0xFD
-HEADER_BYTES, CHECKSUM_BYTES = 10, 2
+MARKER, MARKER_V1 = 0xFD, 0xFE
+HEADER_BYTES, HEADER_BYTES_V1, CHECKSUM_BYTES = 10, 6, 2
 SIGNATURE_BYTES = 13
 SIGNED = 0x01  # of the incompatibility flags
 
+_LENGTH_KNOWN = 3  # bytes of a frame, from which on it is known how long it is
+_MARKERS = re.compile(rb"[\xfd\xfe]")
 _HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
 checksum = dialect.mcrf4xx or (lambda data: dialect.x25crc(data).crc)  # CRC-16/MCRF4XX
 
@@ -97,11 +100,6 @@ class MessageLayout:
         check: bytes = checksum(checked + self.extra).to_bytes(2, "little")
         return b"\xfd" + checked + check
 
-    def intact(self, frame: bytes) -> bool:
-        """Return whether the checksum fits the frame."""
-        found: int = checksum(frame[1:-CHECKSUM_BYTES] + self.extra)
-        return found == frame[-2] | frame[-1] << 8
-
     def message(self, frame: bytes) -> Any:
         """Return the message in an intact frame; what the sender trimmed or does not know yet is zero."""
         layout = self._struct
@@ -156,29 +154,65 @@ BY_ID = LayoutsById()
 BY_CLASS = LayoutsByClass()
 
 
-def frames(data: bytes) -> tuple[list[Any], int]:
-    """Return the messages of the intact plain MAVLink 2 frames at the beginning of `data`, and where they end."""
-    found, end = split(data)
-    return [BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame) for frame in found], end
+def scan(data: bytes) -> tuple[list[bytes], int, int]:
+    """Return the intact frames in a stretch of a byte stream, where its rest begins, and how much of it is garbage.
 
-
-def split(data: bytes) -> tuple[list[bytes], int]:
-    """Return the intact plain MAVLink 2 frames at the beginning of `data` as they are, and where they end."""
-    found, at, end = [], 0, len(data)
-    while end - at >= HEADER_BYTES + CHECKSUM_BYTES and data[at] == MARKER and data[at + 2] == 0:
-        stop = at + HEADER_BYTES + CHECKSUM_BYTES + data[at + 1]
+    The rest is the beginning of a frame whose end has not come yet. Garbage is counted as pymavlink does: a stretch
+    without a marker is one, and so is a damaged frame or one of an unknown message, which is passed over as a whole.
+    Frames are of MAVLink 1 or 2, signed or not; whether a signature is good is not looked at.
+    """
+    found, bad, at, end = [], 0, 0, len(data)
+    while at < end:
+        marker = data[at]
+        if marker not in (MARKER, MARKER_V1):
+            next_marker = _MARKERS.search(data, at)
+            at, bad = next_marker.start() if next_marker else end, bad + 1
+            continue
+        if end - at < _LENGTH_KNOWN:
+            break
+        if marker == MARKER:
+            flags = data[at + 2]
+            checked = at + HEADER_BYTES + data[at + 1] + CHECKSUM_BYTES
+            stop = checked + SIGNATURE_BYTES if flags & SIGNED else checked
+        else:
+            flags = 0
+            checked = stop = at + HEADER_BYTES_V1 + data[at + 1] + CHECKSUM_BYTES
         if stop > end:
             break
-        frame = data[at:stop]
-        try:
-            layout = BY_ID[data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16]
-        except KeyError:
-            break
-        if not layout.intact(frame):
-            break
-        found.append(frame)
+        # a frame with other flags may be laid out in any way, so nothing in it can be trusted
+        if not flags & ~SIGNED and _is_intact(data, at, checked):
+            found.append(data[at:stop])
+        else:
+            bad += 1
         at = stop
-    return found, at
+    return found, at, bad
+
+
+def _message_id(data: bytes, at: int) -> int:
+    """Return the message id in the header that begins there."""
+    if data[at] == MARKER_V1:
+        return data[at + 5]
+    return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+
+
+def _is_intact(data: bytes, at: int, stop: int) -> bool:
+    """Return whether the message that begins there is known and has the checksum that ends at `stop`."""
+    try:
+        extra = BY_ID[_message_id(data, at)].extra
+    except KeyError:
+        return False
+    found: int = checksum(data[at + 1 : stop - CHECKSUM_BYTES] + extra)
+    return found == data[stop - 2] | data[stop - 1] << 8
+
+
+def is_plain(frame: bytes) -> bool:
+    """Return whether a frame is MAVLink 2 without a signature."""
+    return frame[0] == MARKER and frame[2] == 0
+
+
+def message(frame: bytes) -> Any:
+    """Return the message in a plain intact frame."""
+    return BY_ID[_message_id(frame, 0)].message(frame)
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:
@@ -199,13 +233,3 @@ def newest(data: bytes, message_id: int, count: int) -> bytes:
         return data
     wanted = sorted(start for starts in of_system.values() for start in starts[-count:])
     return b"".join(data[start : start + HEADER_BYTES + CHECKSUM_BYTES + data[start + 1]] for start in wanted)
-
-
-def incomplete(data: bytes) -> bool:
-    """Return whether `data` is the beginning of a MAVLink 2 frame whose end has not come yet."""
-    if data[0] != MARKER:
-        return False
-    if len(data) < 3:
-        return True
-    signature = SIGNATURE_BYTES if data[2] & SIGNED else 0
-    return len(data) < HEADER_BYTES + data[1] + CHECKSUM_BYTES + signature

@@ -85,7 +85,11 @@ class Port:
             self._handle(self, message)
             self._node.show_mode()
         if before == 0 and self._parser.bad:
-            self._node.say(4, "Malformed MAVLink data received")
+            self.note_malformed()
+
+    def note_malformed(self) -> None:
+        """Tell all clients that bytes have come which are no MAVLink message."""
+        self._node.say(4, "Malformed MAVLink data received")
 
     def take(self) -> bytes:
         """Return everything queued since the last call."""

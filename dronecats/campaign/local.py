@@ -25,6 +25,8 @@ ANSWER_S = 120.0  # wall s in which a worker says whether a flight is over, whic
 # that its model is given up for: 300 s, repetitions included. One that has written nothing waits for its first turn
 HANG_S = 900.0
 LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER)
+# what is written of a flight, its record before anything else: one whose map is never finished has begun, too
+WRITTEN = (layout.EPISODE, *LOGS)
 
 
 @dataclass(slots=True)
@@ -37,7 +39,7 @@ class _InFlight:
 
     def silent_s(self) -> float:
         """Look, and return for how many wall seconds no log of it has grown."""
-        sizes, now_s = log_sizes(self.sortie.folder), time.monotonic()
+        sizes, now_s = _sizes(self.sortie.folder, WRITTEN), time.monotonic()
         if sizes != self.sizes:
             self.sizes, self.since_s = sizes, now_s
         return now_s - self.since_s
@@ -122,6 +124,10 @@ class LocalEngine:
                 self._landed.put(fault)
         except OSError as full:
             self._landed.put(InfrastructureError(f"the run cannot be written: {full.strerror}"))
+        except Exception as bug:  # nobody but this thread can say that its flights will never land
+            self._landed.put(
+                InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program: {bug}")
+            )
         finally:
             self._end(worker)
 
@@ -183,7 +189,7 @@ def lost(sortie: Sortie, fault: str) -> Result:
 
 def log_sizes(folder: Path) -> tuple[int, ...]:
     """Return the bytes of each log of a flight, 0 where there is none."""
-    return tuple(_size(folder / name) for name in LOGS)
+    return _sizes(folder, LOGS)
 
 
 def cores() -> int:
@@ -212,6 +218,10 @@ def _taken(inbox: "queue.SimpleQueue[Sortie | None]", *, wait: bool) -> list[Sor
             taken.append(sortie)
     except queue.Empty:
         return taken
+
+
+def _sizes(folder: Path, names: Sequence[str]) -> tuple[int, ...]:
+    return tuple(_size(folder / name) for name in names)
 
 
 def _size(path: Path) -> int:

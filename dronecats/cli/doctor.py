@@ -19,6 +19,7 @@ from pathlib import Path
 from dronecats import __version__
 from dronecats.agent.models import rows
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
+from foundation import memory
 from foundation.errors import UsageError
 from foundation.extras import BASE_COMMAND, EXTRAS, Extra, is_installed
 from foundation.ports import port_holder
@@ -103,7 +104,10 @@ def _print(findings: list[Diagnosis]) -> None:
 
 def examine() -> list[Diagnosis]:
     """Return every finding, in reading order. Never raises: a check that fails is a finding."""
-    findings = [_version(), _python(), *(_package(*names) for names in BASE.items()), *map(_extra, EXTRAS)]
+    findings = [_version(), _python()]
+    if (short := _memory()).state == MISSING:  # what is imported from here on would crash
+        return [*findings, short]
+    findings += [*(_package(*names) for names in BASE.items()), *map(_extra, EXTRAS), short]
     checks: list[Callable[[], Diagnosis]] = [_jpeg]
     if all(finding.state != MISSING for finding in findings):
         checks += [_compiler, _rays]
@@ -127,6 +131,17 @@ def _python() -> Diagnosis:
     if sys.version_info < PYTHON:
         return Diagnosis("python", MISSING, detail, f"Python {PYTHON[0]}.{PYTHON[1]} or newer is needed", PACKAGE)
     return Diagnosis("python", OK, detail, kind=PACKAGE)
+
+
+def _memory() -> Diagnosis:
+    from dronecats.cli.main import FLIGHT_GB
+
+    limit = memory.limit_gb()
+    try:
+        memory.check("a flight", FLIGHT_GB)
+    except UsageError as error:
+        return Diagnosis("memory", MISSING, str(error), "raise the limit of this shell: ulimit -v")
+    return Diagnosis("memory", OK, "address space is not limited" if limit is None else f"limited to {limit:.1f} GB")
 
 
 def _package(distribution: str, module: str) -> Diagnosis:
@@ -186,7 +201,11 @@ def _compiler() -> Diagnosis:
     detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
     if compiled.KEEPS:
         return Diagnosis("compiler", OK, f"{detail} and keeps its work")
-    kept = f"{compiled.cache_folder().parent} cannot be written to, so every start compiles for a minute"
+    try:
+        kept = f"{compiled.cache_folder().parent} cannot be written to"
+    except UsageError as homeless:
+        kept = str(homeless)
+    kept += ", so every start compiles for a minute"
     return Diagnosis("compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder that can be")
 
 

@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from dronecats.cli.page_options import add_page, page_of
+
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
@@ -11,7 +13,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument(
         "--out", type=Path, default=Path("my-episodes"), metavar="DIR", help="where records are written"
     )
-    parser.add_argument("--port", type=int, default=8080, help="of the page on this machine (default 8080)")
+    add_page(parser)
     parser.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
     parser.set_defaults(run=run)
 
@@ -22,19 +24,16 @@ def run(args: argparse.Namespace) -> int:
     import webbrowser
 
     from dronecats.cli import signals
-    from foundation import extras
-    from foundation.errors import UsageError
 
     signals.as_interrupts()
-    if not 1 <= args.port <= 65535:
-        raise UsageError(f"--port {args.port} is no port: choose one from 1 to 65535.")
-    extras.require("viser")
+    port, hosts = page_of(args)
     from dronecats.editor.editor import Editor
+    from dronecats.scenery.page_hosts import reach
 
     print("building the map …", flush=True)
-    editor = Editor(args.what, args.out, args.port)
+    editor = Editor(args.what, args.out, port, hosts)
     try:
-        print(f"editing at {editor.url} (this machine only); records go to {args.out}/ · Ctrl-C ends", flush=True)
+        print(f"editing at {editor.url} ({reach(hosts)}); records go to {args.out}/ · Ctrl-C ends", flush=True)
         if not args.no_browser:
             webbrowser.open(editor.url)
         threading.Event().wait()

@@ -9,6 +9,7 @@ from typing import Any
 from dronecats import __version__
 from dronecats.cli.exit_status import exit_status
 from dronecats.cli.output import Output
+from foundation import memory
 
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
@@ -37,6 +38,14 @@ VERBS = {
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "say what works on this machine, what is missing and how to get it",
 }
+# GB of address space, measured as VmPeak on two cores and rounded up
+FLIGHT_GB = 2.0  # whatever flies, or draws a world: a flight core, a renderer, and what compiles them
+MEMORY_GB = {
+    **dict.fromkeys(("fly", "sitl", "bench", "study", "film", "edit", "replay"), FLIGHT_GB),
+    "episodes": 1.0, "compare": 0.4, "judge": 0.2,
+    **dict.fromkeys(("models", "doctor", "impair"), 0.0),
+}  # fmt: skip
+OTHERS_GB = 1.2  # the report, with its figures
 UNHEARD = {  # what is said where the work goes on for minutes after the reader of the output has gone
     "fly": "dronecats fly: nobody reads the output any more; the flight goes on, its results are in the run folder",
 }
@@ -78,12 +87,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     with Output(UNHEARD.get(_verb(arguments) or "")) as output:
         args = parse(arguments)
-        status = exit_status(f"dronecats {args.verb}", lambda: int(args.run(args)))
+        status = exit_status(f"dronecats {args.verb}", lambda: _run(args))
         fault = output.fault()
         if fault and status == 0:
             print(f"dronecats {args.verb}: the output cannot be written: {fault}", file=sys.stderr)
             return 3
     return status
+
+
+def _run(args: argparse.Namespace) -> int:
+    """Do what a verb is for, and return its status. Raises UsageError where there is not the memory for it."""
+    memory.check(f"dronecats {args.verb}", MEMORY_GB.get(args.verb, OTHERS_GB))
+    return int(args.run(args))
 
 
 def _verb(arguments: Sequence[str]) -> str | None:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-PORT = 8080
+from dronecats.cli.page_options import add_page, page_of
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -18,9 +18,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     parser.add_argument("--at", type=float, default=0.0, metavar="S", help="stand there at first (default 0)")
     parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="seconds of flight a second (default 1)")
-    parser.add_argument(
-        "--port", type=int, default=PORT, metavar="N", help="of the page on this machine (default 8080)"
-    )
+    add_page(parser)
     parser.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
     parser.set_defaults(run=run)
 
@@ -32,24 +30,22 @@ def run(args: argparse.Namespace) -> int:
     import webbrowser
 
     from dronecats.cli import signals
-    from foundation import extras
     from foundation.errors import UsageError
 
     signals.as_interrupts()
-    if not 1 <= args.port <= 65535:
-        raise UsageError(f"--port {args.port} is no port: choose one from 1 to 65535.")
+    port, hosts = page_of(args)
     if not (math.isfinite(args.at) and args.at >= 0.0):
         raise UsageError(f"--at wants seconds since the episode began, 0 or more, got {args.at:g}")
-    extras.require("viser")
     from dronecats.playback.clock import check_speed
     from dronecats.playback.page import ReplayPage
     from dronecats.playback.recorded import playable_flight
+    from dronecats.scenery.page_hosts import reach
 
     check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)
-    page = ReplayPage([playable_flight(path) for path in args.runs], args.port, args.speed, args.at)
+    page = ReplayPage([playable_flight(path) for path in args.runs], port, args.speed, args.at, hosts)
     try:
-        print(f"replay at {page.url} (this machine only) · space plays, ? shows the keys · Ctrl-C ends", flush=True)
+        print(f"replay at {page.url} ({reach(hosts)}) · space plays, ? shows the keys · Ctrl-C ends", flush=True)
         if not args.no_browser:
             webbrowser.open(page.url)
         threading.Event().wait()

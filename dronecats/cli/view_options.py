@@ -3,6 +3,8 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from dronecats.cli.page_options import add_page, page_of
+
 if TYPE_CHECKING:
     from dronecats.watch.opening import WantedPage
 
@@ -10,7 +12,7 @@ if TYPE_CHECKING:
 def add_view(group: "argparse._ActionsContainer") -> None:
     """Declare the options."""
     group.add_argument("--view", action="store_true", help="show it in the browser meanwhile: docs/watching.md")
-    group.add_argument("--view-port", type=int, metavar="N", help="with --view: of the page (default 8080)")
+    add_page(group, "view-")
     group.add_argument("--view-stay", action="store_true", help="with --view: keep the page afterwards, until Ctrl-C")
 
 
@@ -19,12 +21,11 @@ def view_of(args: argparse.Namespace) -> "WantedPage | None":
     from foundation.errors import UsageError
 
     if not args.view:
-        if args.view_port is not None or args.view_stay:
-            stray = "view-port" if args.view_port is not None else "view-stay"
+        present = {"view-port": args.view_port is not None, "view-host": args.view_host, "view-stay": args.view_stay}
+        if stray := next((name for name, given in present.items() if given), None):
             raise UsageError(f"--{stray} goes with --view; add it or leave --{stray} out")
         return None
-    from dronecats.watch.opening import PORT, WantedPage, check
+    from dronecats.watch.opening import WantedPage
 
-    view = WantedPage(port=PORT if args.view_port is None else args.view_port, stays=args.view_stay)
-    check(view)
-    return view
+    port, hosts = page_of(args, "view-")
+    return WantedPage(port=port, hosts=hosts, stays=args.view_stay)

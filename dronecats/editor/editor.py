@@ -3,7 +3,7 @@
 import contextlib
 import difflib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,14 +31,17 @@ class _Sight:
 class Editor:
     """One person at work on one episode. `url` is where."""
 
-    def __init__(self, what: str, folder: Path, port: int) -> None:
-        """Open a map by its name, or an episode by its id or file, and serve the page. Raises UsageError."""
+    def __init__(self, what: str, folder: Path, port: int, hosts: Sequence[str] = ()) -> None:
+        """Open a map by its name, or an episode by its id or file, and serve the page. Raises UsageError.
+
+        `hosts` as `LoopbackServer` has them.
+        """
         session, scene_name = opened(what, folder)
         self.session = session
         self.drafting = session.drafting
         self.findings: tuple[RuleFinding, ...] = ()  # of the newest record that was checked
         self.checked: EpisodeRecord | None = None
-        self._server = LoopbackServer(f"DroneCATS · {scene_name}", port)
+        self._server = LoopbackServer(f"DroneCATS · {scene_name}", port, hosts)
         self.url = self._server.url
         self._showing = threading.RLock()
         self._picker = display.Picker(self.drafting.scene)

@@ -48,14 +48,24 @@ class PageState:
 class ReplayPage:
     """Flights of one episode in the browser. `url` is where."""
 
-    def __init__(self, flights: Sequence[PlayableFlight], port: int, speed: float = 1.0, at_s: float = 0.0) -> None:
-        """Serve the page, which stands at a time of the episode. Raises UsageError for flights of several episodes."""
+    def __init__(
+        self,
+        flights: Sequence[PlayableFlight],
+        port: int,
+        speed: float = 1.0,
+        at_s: float = 0.0,
+        hosts: Sequence[str] = (),
+    ) -> None:
+        """Serve the page, which stands at a time of the episode; `hosts` as `LoopbackServer` has them.
+
+        Raises UsageError for flights of several episodes.
+        """
         if len(flights) > CHOICES:
             raise UsageError(f"{len(flights)} runs are too many for one page: choose {CHOICES} at most")
         of_one_episode(flights)
         self.flights = tuple(flights)
         clock = PlaybackClock(max(flight.end_s for flight in flights)).at_speed(speed, 0.0)
-        self._server = LoopbackServer(f"DroneCATS · {flights[0].episode.id}", port)
+        self._server = LoopbackServer(f"DroneCATS · {flights[0].episode.id}", port, hosts)
         self.url = self._server.url
         self._server.gui.set_panel_label(f"DroneCATS · {flights[0].episode.id}")
         self._server.gui.configure_theme(

@@ -25,14 +25,23 @@ class Heartbeat:
     def answered(self, now_s: float) -> None:
         self._asked, self._answered_s = False, now_s
 
-    def hangs(self, now_s: float) -> bool:
-        """Look, and return whether the answer has been owed for longer than patience lasts.
+    def owed_s(self, now_s: float) -> float:
+        """Look, and return for how long an answer has been owed, 0 while none is.
 
         What counts is the time in which we were there to hear it: after a machine has slept, or a Ctrl-Z of ours, the
         process had no more chance to answer than we had to ask.
         """
         if not self._asked or self._looked_s is None:
-            return False
+            return 0.0
         self._waited_s += min(now_s - self._looked_s, GLANCE_S)
         self._looked_s = now_s
-        return self._waited_s > self.patience_s
+        return self._waited_s
+
+    def hangs(self, now_s: float) -> bool:
+        """Look, and return whether the answer has been owed for longer than patience lasts."""
+        return self.owed_s(now_s) > self.patience_s
+
+    @property
+    def owes(self) -> bool:
+        """Whether an answer is owed."""
+        return self._asked

@@ -18,14 +18,17 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from dronecats.processes.heartbeat import Heartbeat
-from foundation.errors import InfrastructureError, UsageError
+from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
 READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
-# To a command, and to the question for a sign of life, which every part answers between two turns of some milliseconds.
-# On a busy machine a turn may last seconds. What is silent for this long has lost more of a flight than can be judged:
-# the socket of a listener that does not read overflows sooner.
-ANSWER_S = 30.0
+ANSWER_S = 30.0  # to a command
+# To the question for a sign of life, which every part answers between two turns of some milliseconds. On a busy machine
+# a turn may last seconds. What is silent for this long has lost more of a flight than can be judged: the socket of a
+# listener that does not read overflows sooner. And whoever waits for the process, as an agent for its camera, must not
+# give up first with a sentence that names no process.
+HANG_S = 15.0
+CAUSE_S = 10.0  # the same once something has gone wrong: whoever is silent then is what went wrong
 CLOSE_S = 5.0
 C = TypeVar("C")
 
@@ -43,8 +46,8 @@ class ChildKind(Generic[C]):
 class ChildProcess:
     """One supervised process. Raises InfrastructureError, in one sentence, when it is not what it should be."""
 
-    def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = ANSWER_S) -> None:
-        """`answer_s` without an answer, and the process hangs."""
+    def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = HANG_S) -> None:
+        """`answer_s` without a sign of life, and the process hangs."""
         self.kind, self.log, self._answer_s = kind.name, log, answer_s
         with log.open("ab") as errors:
             self._process = subprocess.Popen(
@@ -104,6 +107,19 @@ class ChildProcess:
             self._take()
         if self._silent_s or beat.hangs(now_s):
             raise self._silence(beat.patience_s)
+
+    def prove_alive(self, within_s: float) -> None:
+        """Raise InfrastructureError if the process has ended, or has owed a sign of life for `within_s`.
+
+        Waits for one that is owed; a process that is well gives it within milliseconds.
+        """
+        self.check()
+        beat = self._heartbeat
+        while beat is not None and beat.owes:
+            if self._hears(0.1):
+                self._take()
+            elif beat.owed_s(time.monotonic()) > within_s:
+                raise self._silence(within_s)
 
     def kill(self) -> None:
         """End the process at once, whatever it is doing. May be called from another thread."""
@@ -190,8 +206,8 @@ class ChildProcess:
 class Supervisor:
     """The children of one flight, closed together, the newest first."""
 
-    def __init__(self, log_dir: Path, answer_s: float = ANSWER_S) -> None:
-        """`answer_s` without an answer, and a child hangs."""
+    def __init__(self, log_dir: Path, answer_s: float = HANG_S) -> None:
+        """`answer_s` without a sign of life, and a child hangs."""
         self._log_dir, self._answer_s = log_dir, answer_s
         self.children: list[ChildProcess] = []
 
@@ -204,6 +220,18 @@ class Supervisor:
         """Raise InfrastructureError if any child has ended or hangs. Never waits for one."""
         for child in self.children:
             child.check()
+
+    def cause(self, error: DronecatsError, within_s: float = CAUSE_S) -> DronecatsError:
+        """Return the error of a child that has ended, or gives no sign of life `within_s`; `error` if all are well.
+
+        A vehicle that has been silent, or a camera without a picture, is what a process that hangs looks like.
+        """
+        for child in self.children:
+            try:
+                child.prove_alive(within_s)
+            except InfrastructureError as fault:
+                return fault
+        return error
 
     def close(self) -> None:
         while self.children:

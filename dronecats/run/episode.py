@@ -77,7 +77,7 @@ def fly(
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
     watch = VerdictWatch(folder, full)
-    SafetyLog(folder / layout.SAFETY, stage.links, say)
+    safety = SafetyLog(folder / layout.SAFETY, stage.links, say)
     try:
         for link in stage.links:
             link.on_wait = _tending(stage, link)
@@ -108,7 +108,8 @@ def fly(
     flown_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     stage.mend()
-    error = finish(stage, reason, error, authority.then, say) or error
+    error = finish(stage, reason, error, authority.then, say)
+    safety.sum_up()
     log.close()
     ended = "error" if error and reason not in ("takeover", "budget") else reason
     return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)

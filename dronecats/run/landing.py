@@ -15,12 +15,12 @@ from hil.link.link import Link
 def finish(
     stage: Stage, reason: str, error: DronecatsError | None, then: str, say: Callable[[str], None]
 ) -> DronecatsError | None:
-    """Order the landing, tell the logger, wait for the landing. Return the logger's fault, if it is the first one.
+    """Order the landing, tell the logger, wait for the landing. Return the flight's error, None if there is none.
 
     In this order: a logger that hangs, a terminal that is closed or a second Ctrl-C must not keep a vehicle from being
-    told to land.
+    told to land. The error is that of a process that is gone or hangs, if there is one, else `error`, else the
+    logger's.
     """
-    fault: DronecatsError | None = None
 
     def tell(line: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # whoever listened may be gone
@@ -29,18 +29,20 @@ def finish(
     try:
         with orders_first(tell) as hurried:
             flying = order_landing(stage, then, tell)
+        if error and reason == "error":
+            error = stage.cause(error)
         try:
             stage.end(reason, str(error) if error else None)
         except DronecatsError as broken:
-            fault = broken if error is None else None
+            error = error or broken
         except OSError as broken:
-            fault = InfrastructureError(f"the logger cannot be told of the end: {broken}") if error is None else None
+            error = error or InfrastructureError(f"the logger cannot be told of the end: {broken}")
         if hurried:
             raise KeyboardInterrupt
         await_landing(flying, tell)
     except KeyboardInterrupt:
         tell("asked twice to stop: not waiting any longer")
-    return fault
+    return error
 
 
 @contextlib.contextmanager
@@ -74,7 +76,7 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
     """
     told = []
     for link in stage.links:
-        link.on_wait = lambda: None  # a dead logger or model must not keep the vehicle in the air
+        link.on_wait = stage.check_vehicles  # a dead logger or model must not keep the vehicle in the air
         try:
             if link.taken_by is not None or link.mute:
                 link.stop_stream()

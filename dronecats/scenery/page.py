@@ -8,7 +8,7 @@ import io
 import logging
 import secrets
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from urllib.parse import parse_qs, urlsplit
 
 import viser
@@ -16,9 +16,13 @@ import websockets.asyncio.server as websocket_server
 from websockets import Headers, Request, Response
 from websockets.asyncio.server import ServerConnection
 
+from dronecats.scenery.page_hosts import LOOPBACK_NAMES
+
 HOST = "127.0.0.1"  # whoever can open a page can do what it offers: this machine only
-LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
-REFUSED = "This page opens only at the whole address that dronecats printed, with its token, on the same machine.\n"
+REFUSED = (
+    "This page opens only at the whole address that dronecats printed, with its token, on the same machine.\n"
+    "To open it under another host name, start dronecats with --host NAME (with --view: --view-host NAME).\n"
+)
 _STARTING = threading.Lock()
 
 ProcessRequest = Callable[[ServerConnection, Request], Response | None]
@@ -28,20 +32,24 @@ class Gate:
     """Lets a request in when it comes from this page's own address and knows the page's token.
 
     A web site that is open in the same browser can send requests to a loopback address, and a name of its own can lead
-    to it (DNS rebinding). So the Host must be a loopback name, an Origin must be that very host, and the token must be
-    in the address or in the cookie that the first answer sets. The cookie has the port in its name, since cookies of
-    one host are shared between ports.
+    to it (DNS rebinding). So the Host must be a loopback name or one of `names`, an Origin must be that very host, and
+    the token must be in the address or in the cookie that the first answer sets. The cookie has the port in its name,
+    since cookies of one host are shared between ports.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        """`names`: host names beside the loopback ones. A proxy behind such a name may speak HTTPS to the browser."""
         self.token = secrets.token_urlsafe(16)
+        self._names = frozenset(name.lower() for name in names)
 
     def admits(self, request: Request, port: int) -> bool:
         """Return whether a request to the server on `port` is let in."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
-        if len(hosts) != 1 or len(origins) > 1 or _name(hosts[0]) not in LOOPBACK_NAMES:
+        if len(hosts) != 1 or len(origins) > 1:
             return False
-        if origins and origins[0] != f"http://{hosts[0]}":
+        name = _name(hosts[0])
+        schemes = ("http", "https") if name in self._names else ("http",) if name in LOOPBACK_NAMES else ()
+        if not schemes or (origins and origins[0] not in [f"{scheme}://{hosts[0]}" for scheme in schemes]):
             return False
         shown = [*self._in_address(request), *self._in_cookies(request, port)]
         return any(hmac.compare_digest(one.encode(), self.token.encode()) for one in shown)
@@ -91,9 +99,12 @@ def _name(host: str) -> str:
 class LoopbackServer(viser.ViserServer):
     """viser's server behind a gate, without its way out: a page cannot ask it for a public address."""
 
-    def __init__(self, label: str, port: int) -> None:
-        """Serve a page of this name on a port, or on the next one that is free. Raises OSError where none is."""
-        self._gate = Gate()
+    def __init__(self, label: str, port: int, hosts: Sequence[str] = ()) -> None:
+        """Serve a page of this name on a port, or on the next one that is free. Raises OSError where none is.
+
+        `hosts`: names beside the loopback ones under which it opens. It listens on the loopback address all the same.
+        """
+        self._gate = Gate(hosts)
         with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
             super().__init__(host=HOST, port=port, label=label, verbose=False)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)

@@ -1,7 +1,10 @@
 """The UDP ports of a simulation: one onboard, one ground station and one log port a vehicle, and the truth bus."""
 
+import time
+
 from dronecats.sitl.simulation import SimulatedVehicle, Simulation, V
 from dronecats.sitl.sockets import UdpPort
+from dronecats.sitl.vehicle_port import VehiclePort
 
 LOOPBACK = "127.0.0.1"
 AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # + instance, where clients listen
@@ -25,15 +28,29 @@ class Ports:
         self.truth = truth_port(simulation, instance)
         for vehicle in simulation.vehicles:
             n = (instance or 0) + vehicle.index
-            ports = [vehicle.open_port(profile) for profile in ("onboard", "gcs", "minimal")]
-            agent, gcs, log = ((port.take, port.receive) for port in ports)
+            onboard, gcs, log = (vehicle.open_port(profile) for profile in ("onboard", "gcs", "minimal"))
             if instance is None:
-                self.agent.append(UdpPort((LOOPBACK, 0), None, *agent))
-                self.gcs.append(UdpPort((LOOPBACK, 0), (LOOPBACK, GCS_PORT), *gcs))
+                self.agent.append(_udp(onboard, 0, None))
+                self.gcs.append(_udp(gcs, 0, GCS_PORT))
             else:
-                self.agent.append(UdpPort((LOOPBACK, AGENT_LOCAL + n), (LOOPBACK, AGENT_PORT + n), *agent))
-                self.gcs.append(UdpPort((LOOPBACK, GCS_LOCAL + n), (LOOPBACK, GCS_PORT), *gcs))
-            self.log.append(UdpPort((LOOPBACK, 0), None, *log))
+                self.agent.append(_udp(onboard, AGENT_LOCAL + n, AGENT_PORT + n))
+                self.gcs.append(_udp(gcs, GCS_LOCAL + n, GCS_PORT))
+            self.log.append(_udp(log, 0, None))
 
-    def all(self) -> list[UdpPort]:
+    def exchange(self, work_s: float) -> None:
+        """Exchange with all clients. What they send is worked on for about `work_s` of wall time."""
+        until_s = time.monotonic() + work_s
+        for port in self._all():
+            port.exchange(until_s)
+
+    def close(self) -> None:
+        for port in self._all():
+            port.close()
+
+    def _all(self) -> list[UdpPort]:
         return [self.truth, *self.agent, *self.gcs, *self.log]
+
+
+def _udp(port: VehiclePort, local: int, remote: int | None) -> UdpPort:
+    there = (LOOPBACK, remote) if remote is not None else None
+    return UdpPort((LOOPBACK, local), there, port.take, port.receive, malformed=port.note_malformed)

@@ -1,17 +1,60 @@
-"""The simulator's MAVLink ports on UDP, in PX4's convention: it speaks first, to a known place."""
+"""The simulator's MAVLink ports on UDP, in PX4's convention: it speaks first, to a known place.
+
+Anybody on this machine can send to a port, and a simulator in real time has some milliseconds for each tick. So a port
+hands over intact frames only, each exchange takes in a bounded number of datagrams and works on them for a bounded
+time, and senders have their turns one after another. A sender that sends too much loses its own messages.
+"""
 
 import contextlib
 import socket
+import time
 from collections.abc import Callable
 
+from foundation.mavlink import Parser
 from hil.link.transport import BUFFER_BYTES, bind_error
 
 SocketAddress = tuple[str, int]
 MAVLINK_2 = 0xFD  # first byte of a frame
+DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; PX4's receiver takes as much (mavlink_receiver.cpp)
+DATAGRAMS = 128  # that are taken in in one exchange
+WORK_S = 0.001  # wall s of one exchange in which frames are handed over, unless its caller sets it
+SLICE_BYTES = 512  # of one sender's bytes that are worked on in one turn: about 2 ms for 40 messages to be answered
+INBOX_BYTES = 65_536  # of one sender that wait for their turn: a mission or a burst of a file at once
+PEERS = 32  # senders that are spoken to
+SENDERS = 64  # that are told apart, peers among them
+
+
+class Sender:
+    """One address that sends to a port: what of it still waits, and the frames in it."""
+
+    def __init__(self) -> None:
+        self.is_peer = False  # whether it has sent a frame, and is spoken to
+        self._parser = Parser()
+        self._inbox = bytearray()
+
+    @property
+    def waits(self) -> bool:
+        return bool(self._inbox)
+
+    @property
+    def bad(self) -> int:
+        """How much of what it sent was no MAVLink message."""
+        return self._parser.bad
+
+    def put(self, data: bytes) -> None:
+        """Take in a datagram, or drop it while too much is waiting."""
+        if len(self._inbox) + len(data) <= INBOX_BYTES:
+            self._inbox += data
+
+    def take(self) -> bytes:
+        """Return the frames that the next bytes complete."""
+        data = bytes(self._inbox[:SLICE_BYTES])
+        del self._inbox[:SLICE_BYTES]
+        return b"".join(self._parser.frames(data))
 
 
 class UdpPort:
-    """One local socket. Sends to its default remote and to everyone who has spoken to it."""
+    """One local socket. Sends to its default remote and to everyone who has sent a MAVLink message to it of late."""
 
     def __init__(
         self,
@@ -21,9 +64,14 @@ class UdpPort:
         give: Callable[[bytes], None],
         *,
         shared: bool = False,
+        malformed: Callable[[], None] = lambda: None,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`shared`: what one peer says goes to the others too, as on a bus."""
-        self._shared = shared
+        """`give` gets intact frames. `shared`: what one peer says goes to the others too, as on a bus.
+
+        `malformed` is called once, at the first bytes that are no MAVLink message. `now_s` reads the wall clock.
+        """
+        self._shared, self._malformed, self._now_s = shared, malformed, now_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
@@ -33,31 +81,79 @@ class UdpPort:
             self._socket.close()
             raise bind_error(error, "UDP", *local, instead="choose another --instance") from None
         self._socket.setblocking(False)
-        self._peers: list[SocketAddress] = [remote] if remote else []
+        self._remote = remote
+        self._senders: dict[SocketAddress, Sender] = {}  # who has waited longest for a turn first
+        self._peers: dict[SocketAddress, None] = {}  # those of the senders, who was heard longest ago first
+        self._is_malformed = self._peers_turn = False
         self._take, self._give = take, give
 
     @property
     def port(self) -> int:
         return int(self._socket.getsockname()[1])
 
-    def exchange(self) -> None:
-        """Read what has come and send what there is to say."""
-        with contextlib.suppress(BlockingIOError):
-            for _ in range(256):
-                try:
-                    data, peer = self._socket.recvfrom(65536)
-                except ConnectionRefusedError:
-                    continue  # nobody listens at the default remote yet
-                if peer not in self._peers:
-                    self._peers.append(peer)
-                self._give(data)
-                if self._shared:
-                    self._send(data, but=peer)
+    def exchange(self, until_s: float | None = None) -> None:
+        """Read what has come and send what there is to say.
+
+        Frames are handed over until `until_s` of the wall clock, and at least one slice of them.
+        """
+        self._receive()
+        self._work(self._now_s() + WORK_S if until_s is None else until_s)
         self._send(self._take())
 
+    def _receive(self) -> None:
+        """Take in what the socket has, without looking at it."""
+        with contextlib.suppress(BlockingIOError):
+            for _ in range(DATAGRAMS):
+                try:
+                    data, address = self._socket.recvfrom(DATAGRAM_BYTES + 1)
+                except ConnectionRefusedError:
+                    continue  # nobody listens at the default remote yet
+                if len(data) <= DATAGRAM_BYTES:
+                    self._sender(address).put(data)
+
+    def _sender(self, address: SocketAddress) -> Sender:
+        sender = self._senders.get(address)
+        if sender is None:
+            if len(self._senders) >= SENDERS:
+                del self._senders[next(known for known, each in self._senders.items() if not each.is_peer)]
+            sender = self._senders[address] = Sender()
+        return sender
+
+    def _work(self, until_s: float) -> None:
+        """Hand over a slice of whoever has waited longest, and more while there is time.
+
+        Peers and senders of whom no frame is known take turns, so that neither many strangers nor a peer that sends
+        much keep the others out.
+        """
+        while waiting := [address for address, sender in self._senders.items() if sender.waits]:
+            self._peers_turn = not self._peers_turn
+            address = next((each for each in waiting if self._senders[each].is_peer is self._peers_turn), waiting[0])
+            sender = self._senders[address] = self._senders.pop(address)
+            if frames := sender.take():
+                self._hear(address, sender)
+                self._give(frames)
+                if self._shared:
+                    self._send(frames, but=address)
+            if sender.bad and not self._is_malformed:
+                self._is_malformed = True
+                self._malformed()
+            if self._now_s() >= until_s:
+                return
+
+    def _hear(self, address: SocketAddress, sender: Sender) -> None:
+        """Note that a sender has sent a frame, so that it is spoken to."""
+        sender.is_peer = True
+        self._peers.pop(address, None)
+        self._peers[address] = None
+        if len(self._peers) > PEERS:
+            forgotten = next(iter(self._peers))
+            del self._peers[forgotten]
+            del self._senders[forgotten]
+
     def _send(self, data: bytes, but: SocketAddress | None = None) -> None:
+        remote = () if self._remote is None or self._remote in self._peers else (self._remote,)
         for packet in packets(data):
-            for peer in self._peers:
+            for peer in (*remote, *self._peers):
                 if peer != but:
                     with contextlib.suppress(OSError):  # full buffers and absent listeners: UDP loses, that is its way
                         self._socket.sendto(packet, peer)

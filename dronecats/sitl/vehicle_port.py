@@ -21,6 +21,10 @@ class VehiclePort:
         """Let the vehicle hear this."""
         self._port.receive(data)
 
+    def note_malformed(self) -> None:
+        """Have the vehicle say that what came on this port was no MAVLink."""
+        self._port.note_malformed()
+
     def move(self, autopilot: Autopilot) -> None:
         """Lead to an autopilot that has just booted; what the former one had still to say is kept."""
         self._last_words = self.take()

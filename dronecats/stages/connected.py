@@ -6,6 +6,7 @@ from dronecats.agent.executors import DaemonExecutor
 from dronecats.logger.config import EstimateLoggerConfig
 from dronecats.processes.supervisor import Supervisor
 from dronecats.stages import parts
+from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
 from hil.cameras.patient import PatientCamera
 from hil.link.link import Link
@@ -46,6 +47,12 @@ class ConnectedStage:
 
     def check(self) -> None:
         self._supervisor.check()
+
+    def check_vehicles(self) -> None:
+        """Nothing here simulates the vehicle."""
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
 
     def close(self) -> None:
         for link in self.links:

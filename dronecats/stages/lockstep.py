@@ -22,6 +22,7 @@ from dronecats.stages.disturbed import DisturbedLinks
 from dronecats.stages.parts import conditions_of, simulator_config, truth_kept
 from episodes.world import World
 from foundation.camera import CameraModel
+from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
 from hil.link.link import Link
 
@@ -118,6 +119,12 @@ class LockstepStage:
 
     def check(self) -> None:
         """One process: what breaks raises by itself."""
+
+    def check_vehicles(self) -> None:
+        """One process: what breaks raises by itself."""
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return error
 
     def close(self) -> None:
         self._recorder.close()

@@ -15,6 +15,7 @@ from dronecats.stages import parts
 from dronecats.stages.disturbed import DisturbedLinks
 from dronecats.stages.parts import simulator_config, truth_kept
 from foundation.camera import CameraModel
+from foundation.errors import DronecatsError
 from hil.cameras.snapshot import HttpCamera
 from hil.impairment.one_way import PERFECT
 from hil.impairment.wire import ImpairedWire
@@ -140,6 +141,12 @@ class RealtimeStage:
         self._supervisor.check()
         for wire in self._wires:
             wire.check()
+
+    def check_vehicles(self) -> None:
+        self._simulator.check()
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
 
     def close(self) -> None:
         if hasattr(self, "camera"):

@@ -5,6 +5,7 @@ from concurrent.futures import Executor
 from typing import Protocol
 
 from foundation.camera import Camera, CameraModel
+from foundation.errors import DronecatsError
 from hil.link.link import Link
 
 
@@ -59,6 +60,17 @@ class Stage(Protocol):
 
     def check(self) -> None:
         """Raise InfrastructureError if something the flight stands on is gone."""
+        ...
+
+    def check_vehicles(self) -> None:
+        """Raise InfrastructureError if what simulates the vehicles is gone: then none of them can be told to land."""
+        ...
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        """Return what has brought an error about: the error of a process that is gone or hangs, else `error` itself.
+
+        May take some seconds.
+        """
         ...
 
     def close(self) -> None: ...

@@ -12,6 +12,7 @@ from dronecats.sitl.placement import Placement
 from dronecats.stages import parts
 from dronecats.stages.realtime import Copy, Patience
 from foundation.camera import CameraModel
+from foundation.errors import DronecatsError
 from hil.cameras.patient import FRAMES_S, PatientCamera
 from hil.cameras.snapshot import HttpCamera
 from hil.link.link import Link
@@ -94,6 +95,12 @@ class WorldStage:
 
     def check(self) -> None:
         self._supervisor.check()
+
+    def check_vehicles(self) -> None:
+        """Nothing here simulates the vehicle."""
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
 
     def close(self) -> None:
         for part in ("camera", "_copy", "_wire"):

@@ -18,6 +18,7 @@ class ViewerConfig:
     """A page over the flights of a folder, or over a simulator's wires."""
 
     port: int  # of the page on this machine; the next one that is free where it is taken
+    hosts: tuple[str, ...] = ()  # host names beside the loopback ones under which the page opens
     root: str = ""  # a run's folder, or a benchmark's, which need not be there yet
     wires: WatchedWires | None = None  # … and no folder
     title: str = ""  # of what is flown, for the page's heading

@@ -1,7 +1,7 @@
 """A flight's folder, followed while it is written: at every turn the moment that it has come to."""
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +47,8 @@ class FlightFollower:
         self._sights: dict[int, tuple[int, ChosenSight]] = {}  # of the newest decision of each drone: (step, …)
         self._rate_hz: float | None = None
         self._said: dict[int, list[tuple[int, str]]] = defaultdict(list)  # of each drone: µs of vehicle time, text
+        self._limits: dict[int, list[str]] = {}  # of the envelope, that act on each drone
+        self._limited: Counter[tuple[int, str]] = Counter()  # how often the envelope has said what of which drone
         self._judged: list[str] = []
         self._verdict: str | None = None
         self.trails: dict[int, list[Vec3]] = defaultdict(list)  # m, NED: where each drone truly was, twice a second
@@ -115,8 +117,18 @@ class FlightFollower:
     def _take_safety(self, value: dict[str, Any]) -> None:
         limits, drone, time_us = value.get("limits"), value.get("drone"), value.get("time_us")
         if isinstance(limits, list) and isinstance(drone, int) and isinstance(time_us, int):
-            text = f"limited by {', '.join(map(str, limits))}" if limits else "within its limits again"
-            self._say(drone, time_us, f"envelope: {text}")
+            begun = [str(name) for name in limits if name not in self._limits.get(drone, [])]
+            self._limits[drone] = limits
+            if begun:
+                self._say_limited(drone, time_us, f"envelope: limited by {', '.join(begun)}")
+
+    def _say_limited(self, drone: int, time_us: int, text: str) -> None:
+        """Say what limits began to act, in the place of the same words before: a limit may act at every step."""
+        times = self._limited[drone, text]
+        before = f"{text} ({times} times)" if times > 1 else text
+        self._said[drone] = [said for said in self._said[drone] if said[1] != before]
+        self._limited[drone, text] += 1
+        self._say(drone, time_us, f"{text} ({times + 1} times)" if times else text)
 
     def _take_exchange(self, value: dict[str, Any]) -> None:
         exchange = self._row(value, Exchange)

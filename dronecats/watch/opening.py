@@ -9,27 +9,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dronecats.processes.supervisor import ChildKind, ChildProcess
+from dronecats.scenery.page_hosts import reach
 from dronecats.watch.config import ViewerConfig, WatchedWires
-from foundation import extras
-from foundation.errors import DronecatsError, UsageError
+from foundation.errors import DronecatsError
 
 VIEWER = ChildKind("viewer", "dronecats.watch.viewer_process", ViewerConfig)
-PORT = 8080
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedPage:
     """That a page is wanted, and where."""
 
-    port: int = PORT
+    port: int
+    hosts: tuple[str, ...] = ()  # host names beside the loopback ones under which it opens
     stays: bool = False  # until it is interrupted, when the flight is over
-
-
-def check(view: WantedPage) -> None:
-    """Raise UsageError for an invalid port, or when the package that serves the page is not installed."""
-    if not 1 <= view.port <= 65535:
-        raise UsageError(f"--view-port {view.port} is no port: choose one from 1 to 65535.")
-    extras.require("viser")
 
 
 @contextmanager
@@ -44,7 +37,7 @@ def opened(
         yield
         return
     with tempfile.TemporaryDirectory(prefix="dronecats-view-") as logs:
-        config = ViewerConfig(port=view.port, title=title)
+        config = ViewerConfig(port=view.port, hosts=view.hosts, title=title)
         config = replace(config, root=str(what)) if isinstance(what, Path) else replace(config, wires=what)
         child = ChildProcess(VIEWER, config, Path(logs) / "log")
         closing, address = threading.Event(), _Address()
@@ -52,7 +45,7 @@ def opened(
         def announce() -> None:
             try:
                 address.url = str(child.ready()["url"])
-                say(f"watch it at {address.url} (this machine only)")
+                say(f"watch it at {address.url} ({reach(view.hosts)})")
             except (DronecatsError, OSError, ValueError) as error:
                 if not closing.is_set():
                     say(f"there is no page to watch, and the flight goes on: {error}")

@@ -40,7 +40,8 @@ class FlightViewer:
 
     def __init__(self, config: ViewerConfig) -> None:
         os.nice(NICE)
-        self._server = LoopbackServer(f"DroneCATS · {config.title}" if config.title else "DroneCATS", config.port)
+        label = f"DroneCATS · {config.title}" if config.title else "DroneCATS"
+        self._server = LoopbackServer(label, config.port, config.hosts)
         self._config = config
         self._page: FolderPage | LiveFlight | None = None  # made in the first turn: a world may take seconds
         self._due_s = 0.0

@@ -14,19 +14,24 @@ _NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")
 
 
 def folder() -> Path:
-    """Return the folder of the user's maps: $DRONECATS_MAPS, else `dronecats/maps` under the user's data folder."""
-    given = os.environ.get(FOLDER)
-    if given:
-        return Path(given).expanduser()
-    data = os.environ.get("XDG_DATA_HOME")
-    return (Path(data) if data else Path.home() / ".local" / "share") / "dronecats" / "maps"
+    """Return the folder of the user's maps: $DRONECATS_MAPS, else `dronecats/maps` under the user's data folder.
+
+    Raises UsageError for a user without a home who names none.
+    """
+    try:
+        if given := os.environ.get(FOLDER):
+            return Path(given).expanduser()
+        data = os.environ.get("XDG_DATA_HOME")
+        return (Path(data) if data else Path.home() / ".local" / "share") / "dronecats" / "maps"
+    except RuntimeError:  # a user id that has no home
+        raise UsageError(f"this user has no home folder for maps; set {FOLDER} to the path of a folder") from None
 
 
 def names() -> list[str]:
     """Return the names of the user's maps, sorted."""
     try:
         return sorted(path.stem for path in folder().glob("*.glb") if _NAME.fullmatch(path.stem))
-    except OSError:
+    except (OSError, UsageError):
         return []
 
 

@@ -104,6 +104,13 @@ def test_bench():
     assert found["episodes"] == found["solved"] == 2
 
 
+def test_garbage():
+    quiet, flooded = printed("garbage")
+    for row in (quiet, flooded):
+        assert_figures(row, {"lag_ms", "answered_share", "answer_ms"})
+    assert flooded["datagrams"] > 100
+
+
 def test_bad_wire():
     perfect, lossy = printed("bad_wire")
     for flown in (perfect, lossy):

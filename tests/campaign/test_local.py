@@ -230,6 +230,19 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
     assert not workers()
 
 
+def test_a_mistake_in_what_watches_a_worker_ends_the_run(tmp_path):
+    """Rather than waiting for flights that nobody will ever tell of."""
+
+    class Mistaken(LocalEngine):
+        def _turn(self, worker, fresh, flying):
+            raise ZeroDivisionError
+
+    batch = batch_of(tmp_path / "run", SHORT)
+    with pytest.raises(InfrastructureError, match="ZeroDivisionError"):
+        fly(batch, SHORT, TWO[:1], engine=Mistaken)
+    assert not workers()
+
+
 def test_a_worker_that_cannot_be_started_ends_the_run(tmp_path, monkeypatch):
     batch = batch_of(tmp_path / "run", ORACLE)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))

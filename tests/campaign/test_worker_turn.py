@@ -120,3 +120,21 @@ def test_who_waits_for_a_first_turn_hangs_only_where_nobody_goes_on(tmp_path, mo
     now[0] = 341.0
     assert local._hanging(flying, 100.0) is flying[0]
     assert local._hanging(flying[1:], 100.0) is flying[1]  # alone it has nobody to wait for
+
+
+def test_a_flight_that_hangs_before_its_first_line_is_found_while_others_go_on(tmp_path, monkeypatch):
+    """It had its turn, since its record is there: it builds its map for ever."""
+    now, flying = [0.0], []
+    monkeypatch.setattr("dronecats.campaign.local.time.monotonic", lambda: now[0])
+    for name in ("flies", "hangs"):
+        prepare(tmp_path / name)
+        (tmp_path / name / "episode.json").write_text("{}")
+        sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / name)
+        flying.append(local._InFlight(sortie=sortie))
+    log = tmp_path / "flies" / "truth.jsonl"
+    for now[0] in (0.0, 80.0, 99.0):
+        log.write_text(f"{now[0]}" + log.read_text())
+        assert local._hanging(flying, 100.0) is None
+    now[0] = 101.0
+    log.write_text("more" + log.read_text())
+    assert local._hanging(flying, 100.0) is flying[1]

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from dronecats.cli.main import main, parse
+from dronecats.cli.page_options import page_of
 
 FLYING = (["fly", "--sitl"], ["sitl"], ["bench"], ["study", "run", "x.toml"], ["study", "latency"])
 
@@ -15,12 +16,23 @@ def test_every_verb_that_flies_can_be_watched():
         assert (args.view, args.view_port, args.view_stay) == (True, 9000, False), words
 
 
+def test_every_verb_with_a_page_takes_other_host_names_for_it():
+    for words, prefix in (*((words, "view-") for words in FLYING), (["replay", "run"], ""), (["edit"], "")):
+        flag = [] if prefix == "" else ["--view"]
+        args = parse([*words, *flag, f"--{prefix}host", "drone.example.org", f"--{prefix}host", "other"])
+        assert page_of(args, prefix) == (8080, ("drone.example.org", "other")), words
+
+
 def test_what_does_not_go_together_is_refused(capsys, monkeypatch, tmp_path):
     for words, parts in (
         (["fly", "--sitl", "--view-port", "9000"], "--view-port .*--view"),
         (["fly", "--sitl", "--view-stay"], "--view-stay .*--view"),
         (["fly", "--sitl", "--view", "--view-port", "0"], "--view-port 0 "),
         (["fly", "--sitl", "--view", "--view-port", "70000"], "--view-port 70000 "),
+        (["fly", "--sitl", "--view-host", "me"], "--view-host .*--view"),
+        (["fly", "--sitl", "--view", "--view-host", "http://me/"], "--view-host 'http://me/' "),
+        (["replay", "run", "--host", "me:8080"], "--host 'me:8080' "),
+        (["edit", "--host", ""], "--host '' "),
         (["sitl", "--view", "--view-stay"], "--view-stay"),
         (["bench", "--pilot", "oracle", "--engine", "ray", "--view"], "--view"),
     ):

@@ -1,16 +1,18 @@
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from dronecats.pilots.config import PilotConfig
 from dronecats.processes.supervisor import ChildKind, Supervisor
 from dronecats.stages import parts
-from foundation.errors import InfrastructureError, UsageError
+from foundation.errors import InfrastructureError, LinkError, UsageError
 from tests.processes.ending_part import EndingConfig
 
 ENDING = ChildKind("ending", "tests.processes.ending_part", EndingConfig)
@@ -78,6 +80,30 @@ def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_p
         child.do("begin", 1e6)  # rather than for another eleven days
     supervisor.close()
     assert gone(child.pid)
+
+
+def test_the_child_that_hangs_is_the_cause_of_what_else_went_wrong(tmp_path):
+    supervisor = Supervisor(tmp_path)
+    well, stopped = (supervisor.start(ChildKind(name, ENDING.module, EndingConfig), EndingConfig()) for name in "ab")
+    for child in (well, stopped):
+        child.ready()
+    symptom = LinkError("the vehicle has been silent")
+    assert supervisor.cause(symptom, within_s=0.5) is symptom
+    beat: Any = stopped._heartbeat
+    beat._answered_s = None  # due at once
+    os.kill(stopped.pid, signal.SIGSTOP)
+    named = supervisor.cause(symptom, within_s=0.5)
+    assert isinstance(named, InfrastructureError)
+    assert re.search(r"\bb\b.*hangs.*b\.log", str(named))
+    supervisor.close()
+
+
+def test_the_child_that_has_ended_is_the_cause_of_what_else_went_wrong(supervisor):
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    child._process.kill()
+    child._process.wait()
+    assert "SIGKILL" in str(supervisor.cause(LinkError("the vehicle has been silent")))
 
 
 def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):

@@ -8,7 +8,7 @@ import pytest
 from dronecats.run.ascent import StartOffset, ascend
 from dronecats.run.landing import finish, unexpected
 from dronecats.run.safety_log import SafetyLog
-from foundation.errors import LinkError
+from foundation.errors import CameraError, InfrastructureError, LinkError
 from foundation.mavlink import dialect
 from hil.link.envelope import Limits
 from hil.link.link import Link
@@ -28,8 +28,8 @@ def vehicle():
     return Landing()
 
 
-def stage(link):
-    return SimpleNamespace(links=[link], end=lambda reason, error: None)
+def stage(*links, cause=lambda error: error, check_vehicles=lambda: None, end=lambda reason, error: None):
+    return SimpleNamespace(links=links, end=end, cause=cause, check_vehicles=check_vehicles)
 
 
 def test_a_closed_terminal_keeps_no_vehicle_from_being_landed(vehicle):
@@ -50,6 +50,35 @@ def test_a_full_disk_keeps_no_vehicle_from_being_landed(vehicle, tmp_path):
     assert vehicle.mode == "LAND"
 
 
+def test_a_process_that_hangs_is_the_error_of_the_flight_and_of_its_log(vehicle):
+    ended: list[str | None] = []
+    hangs = InfrastructureError("the camera process hangs: no answer for 10 s; see camera.log")
+    on = stage(flying(vehicle), cause=lambda error: hangs, end=lambda reason, error: ended.append(error))
+    assert finish(on, "error", CameraError("no frame"), "land", lambda line: None) is hangs
+    assert ended == [str(hangs)]
+    assert vehicle.mode == "LAND"
+
+
+@pytest.mark.parametrize("reason", ["takeover", "budget"])
+def test_what_is_no_fault_has_no_cause_to_look_for(vehicle, reason):
+    error = LinkError("somebody else flies it")
+    on = stage(flying(vehicle), cause=lambda error: InfrastructureError("the camera process hangs"))
+    assert finish(on, reason, error, "land", lambda line: None) is error
+
+
+def test_vehicles_of_a_simulator_that_is_gone_are_not_waited_for_one_by_one(vehicle):
+    def gone():
+        raise InfrastructureError("the simulator process hangs")
+
+    fleet = [flying(vehicle), flying(Landing())]
+    for link in fleet:
+        link.transport = ScriptedVehicle().transport()
+        link.transport.receive = lambda timeout_s: b""
+    said: list[str] = []
+    finish(stage(*fleet, check_vehicles=gone), "error", LinkError("it has been silent"), "land", said.append)
+    assert len([line for line in said if "the simulator process hangs" in line]) == 2
+
+
 def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):
     told = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
     assert "No space left" in str(told)
@@ -63,8 +92,7 @@ def test_a_wire_that_raises_what_nobody_expects_leaves_the_next_vehicle_landed(v
         raise RuntimeError("what nobody expects")
 
     other.send = broken
-    two = SimpleNamespace(links=[other, flying(vehicle)], end=lambda reason, error: None)
-    finish(two, "error", None, "land", lambda line: None)
+    finish(stage(other, flying(vehicle)), "error", None, "land", lambda line: None)
     assert vehicle.mode == "LAND"
 
 

@@ -80,8 +80,8 @@ class SetpointsLost:
         self.url, self.receive, self.close, self.lost = url, self._transport.receive, self._transport.close, 0
 
     def send(self, data):
-        messages, _ = wire.frames(data)
-        if messages[0].get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+        (frame,), _, _ = wire.scan(data)
+        if wire.message(frame).get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             self.lost += 1
         else:
             self._transport.send(data)

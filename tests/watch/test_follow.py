@@ -213,6 +213,20 @@ def test_an_envelope_speaks_between_the_autopilots_words(writer, follower):
     assert "speed, height" in between
 
 
+def test_a_limit_that_acts_at_every_step_is_one_line_that_counts(writer, follower):
+    writer.says(T0_US, dialect.MAVLink_statustext_message(6, b"one", 0, 0))
+    with (writer.folder / layout.SAFETY).open("w") as file:
+        for k in range(70):
+            for at, limits in ((0, ["climb"]), (1, [])):
+                file.write(json.dumps({"time_us": T0_US + 2 * k + at, "drone": 0, "limits": limits}) + "\n")
+    writer.flush()
+    (drone,) = follower.turn().drones
+    first, counted = drone.said
+    assert first == "one"
+    assert "climb" in counted
+    assert "70" in counted
+
+
 def test_what_the_logger_was_given_is_there_to_be_read_at_once(tmp_path, world):
     """Not only when eight kilobytes have come together: the page would be a second late."""
     recorder = Recorder(tmp_path, origin(world), measured_in(world), CameraModel())

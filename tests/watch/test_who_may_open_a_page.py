@@ -7,6 +7,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
+import psutil
 import pytest
 import viser
 from websockets.exceptions import InvalidStatus
@@ -72,6 +73,32 @@ def test_a_web_site_does_not_although_it_knows_the_token(server, origin):
     assert listens(server, address, Origin=f"http://127.0.0.1:{server.get_port()}") == 101
     assert listens(server, address, Origin=origin.format(port=server.get_port())) == 403
     assert listens(server, address.split("?")[0]) == 403
+
+
+@pytest.fixture(scope="module")
+def behind_a_proxy():
+    made = LoopbackServer("test", 0, ["drone.example.org"])
+    yield made
+    made.stop()
+
+
+@pytest.mark.parametrize("host", ["drone.example.org", "Drone.Example.org:8443"])
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_a_name_that_was_asked_for_opens_the_page_too(behind_a_proxy, host, scheme):
+    address = behind_a_proxy.url.replace("http://", "ws://")
+    assert asked(behind_a_proxy, "/", Host=host) == (403, None)  # the token is wanted under any name
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host)[0] == 200
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}")[0] == 200
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}1")[0] == 403
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host="evil.example")[0] == 403
+    assert asked(behind_a_proxy, behind_a_proxy.url)[0] == 200
+    assert listens(behind_a_proxy, address, Origin=f"{scheme}://{host}") == 403  # it came to a loopback name
+
+
+def test_a_page_with_another_name_still_listens_on_the_loopback_address_alone(behind_a_proxy):
+    connections = psutil.Process().net_connections("tcp")
+    here = {c.laddr.ip for c in connections if c.laddr and c.laddr.port == behind_a_proxy.get_port()}
+    assert here == {"127.0.0.1"}
 
 
 SITE = """<script>

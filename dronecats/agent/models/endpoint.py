@@ -10,6 +10,7 @@ from concurrent.futures import TimeoutError as NotInTimeError
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
+from ipaddress import ip_address
 from typing import TypeVar
 
 import httpx
@@ -104,7 +105,9 @@ class Endpoint:
         signed = {key_header.name: key_header.before + key} if key else {}
         try:
             self._base = httpx.URL(base_url)
-            self._http = httpx.Client(headers={**headers, **signed}, verify=_trusted())
+            # a proxy of the environment leads to other machines: it cannot reach what this one serves to itself
+            proxied = not _is_loopback(self._base.host)
+            self._http = httpx.Client(headers={**headers, **signed}, verify=_trusted(), trust_env=proxied)
         except (httpx.InvalidURL, ValueError):
             raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
         if self._base.scheme not in ("http", "https") or not self._base.host:
@@ -241,6 +244,14 @@ class Endpoint:
 
     def _reason(self, error: Exception) -> str:
         return self.brief(str(error)) if str(error) else type(error).__name__
+
+
+def _is_loopback(host: str) -> bool:
+    """Return whether a host of a URL is this machine by its loopback name or addresses."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host.lower().rstrip(".") == "localhost" or host.lower().rstrip(".").endswith(".localhost")
 
 
 def pause_asked_for(headers: httpx.Headers, now: datetime | None = None) -> float | None:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -214,7 +215,8 @@ def _folders(runs: Sequence[FlownRun]) -> list[PurePosixPath]:
 
 def _each_folder(runs: Sequence[FlownRun]) -> Iterator[PurePosixPath]:
     yield PurePosixPath(os.getcwd())
-    yield PurePosixPath(Path.home())
+    with suppress(RuntimeError):  # a user id that has no home
+        yield PurePosixPath(Path.home())
     for run in runs:
         yield PurePosixPath(run.folder)
         yield PurePosixPath(run.folder.parent)

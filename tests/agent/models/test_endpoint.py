@@ -26,7 +26,7 @@ from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
 from tests.agent.flown_wire import Clock, Views
-from tests.agent.models.faulty_wire import Wire, completion, hang, reset, say, trickle
+from tests.agent.models.faulty_wire import Wire, answer, completion, hang, reset, say, trickle
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
 FIRST = Question((0,), 0, 0)
@@ -48,6 +48,25 @@ def serve():
 
 def model(wire, patience=QUICK):
     return open_model(ModelSpec(provider="local", name="m", base_url=wire.url), patience)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_a_proxy_of_the_environment_is_not_asked_for_this_machine(serve, monkeypatch, host):
+    proxy = serve(say(answer(500, b"the proxy")))
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.setenv(name, proxy.url)
+    for name in ("no_proxy", "NO_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    wire = serve(say(completion("here")))
+    address = wire.url.replace("127.0.0.1", host)
+    asked = open_model(ModelSpec(provider="local", name="m", base_url=address), QUICK)
+    assert asked.ask(REQUEST).text == "here"
+
+
+def test_a_proxy_of_the_environment_is_asked_for_other_machines(serve, monkeypatch):
+    monkeypatch.setenv("http_proxy", serve(say(completion("through the proxy"))).url)
+    asked = open_model(ModelSpec(provider="local", name="m", base_url="http://models.example/v1"), QUICK)
+    assert asked.ask(REQUEST).text == "through the proxy"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,218 @@
+"""How far a simulator in real time lags behind while somebody sends it garbage, and what a client notices of it.
+
+    python -m benchmarks.garbage [--json] [--only NAME …] [--seconds S] [--seed N] [--short]
+
+Every row is a fresh simulator and one sender, a process of its own that sends as fast as it can to the agent's port and
+the truth bus in turn. A client on the agent's port sends a PING 20 times a second. `lag` is the greatest time by which
+a tick of the simulator began too late, `late` the share of its ticks that were more than 2 ms late, `given up` the time
+by which the simulation fell behind for good, `core` the share of a processor core that the simulator took, `answered`
+the share of the client's PINGs that were answered within 1 s, and the time that 95 % of these answers took at most.
+Sender and simulator want a core each, and a lag of a busy machine looks like one of the simulator: see `nothing` first.
+`core` is nearly the same on a busy machine: below 1 the simulator can hold real time.
+`--short` sends for one second: whether it runs, and nothing to quote.
+"""
+
+import argparse
+import json
+import multiprocessing
+import random
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from benchmarks.machine import Machine
+from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import SimulatorConfig
+from dronecats.stages import parts
+from foundation.mavlink import Packer, Parser, dialect
+
+EPISODE = "blocks-commanding-01"  # the map that is built at once
+LOOPBACK = "127.0.0.1"
+SECONDS = 8.0
+PREPARED = 64  # datagrams of each kind, sent again and again
+LONGEST = 60_000  # bytes of a datagram
+PING_S = 0.05
+ANSWER_S = 1.0
+
+Making = Callable[[random.Random], bytes]
+
+
+def _packets(draw: random.Random, count: int) -> list[bytes]:
+    packer = Packer(draw.randrange(1, 256), draw.randrange(1, 256))
+    kinds = (
+        dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
+        dialect.MAVLink_ping_message(draw.randrange(1 << 40), draw.randrange(1 << 30), 0, 0),
+        dialect.MAVLink_command_long_message(1, 1, 512, 0, draw.randrange(400), 0, 0, 0, 0, 0, 0),
+        dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, draw.choices(range(256), k=251)),
+    )
+    return [packer.pack(draw.choice(kinds)) for _ in range(count)]
+
+
+def _cut(draw: random.Random, packet: bytes) -> bytes:
+    return packet[: draw.randrange(1, len(packet))]
+
+
+def random_bytes(draw: random.Random) -> bytes:
+    return draw.randbytes(draw.randrange(1, LONGEST))
+
+
+def truncated(draw: random.Random) -> bytes:
+    return _cut(draw, _packets(draw, 1)[0])
+
+
+def concatenated(draw: random.Random) -> bytes:
+    """Return packets one behind another, some of them cut, in a datagram of any size."""
+    packets = [_cut(draw, packet) if draw.random() < 0.5 else packet for packet in _packets(draw, 1500)]
+    return b"".join(packets)[: draw.randrange(1, LONGEST)]
+
+
+def version_1(draw: random.Random) -> bytes:
+    """Return the shortest frames of MAVLink 1, none of them intact."""
+    return b"\xfe\x00" * draw.randrange(1, LONGEST // 2)
+
+
+def pings(draw: random.Random) -> bytes:
+    """Return a datagram of intact messages, each of which is answered."""
+    ping = dialect.MAVLink_ping_message(draw.randrange(1 << 40), draw.randrange(1 << 30), 0, 0)
+    return Packer(9, 9).pack(ping) * draw.randrange(1, 30)
+
+
+ROWS: dict[str, Sequence[Making]] = {
+    "nothing": (),
+    "random bytes": (random_bytes,),
+    "truncated": (truncated,),
+    "concatenated": (concatenated,),
+    "MAVLink 1": (version_1,),
+    "all of these": (random_bytes, truncated, concatenated, version_1),
+    "intact messages": (pings,),
+}
+
+
+def send(makers: Sequence[Making], ports: Sequence[int], seconds: float, seed: int, sent: Any) -> None:
+    """Send for so long to the ports in turn, and note datagrams and bytes in `sent`."""
+    draw = random.Random(seed)
+    prepared = [make(draw) for make in makers for _ in range(PREPARED)]
+    draw.shuffle(prepared)
+    ends_s, count, size = time.monotonic() + seconds, 0, 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        while time.monotonic() < ends_s:
+            for datagram in prepared:
+                wire.sendto(datagram, (LOOPBACK, ports[count % len(ports)]))
+                count, size = count + 1, size + len(datagram)
+    sent[0], sent[1] = count, size
+
+
+class Client:
+    """Sends PINGs and notes how long each answer took."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._packer, self._parser = Packer(245, 191), Parser()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._asked_s: dict[int, float] = {}
+        self.answers_s: list[float] = []
+
+    def ask(self, seconds: float) -> None:
+        """Ask for so long, and take in the answers."""
+        ends_s, due_s, number = time.monotonic() + seconds, time.monotonic(), 0
+        while time.monotonic() < ends_s + ANSWER_S:
+            if due_s <= time.monotonic() < ends_s:
+                number, due_s = number + 1, due_s + PING_S
+                self._asked_s[number] = time.monotonic()
+                ping = dialect.MAVLink_ping_message(number, number, 0, 0)
+                self._socket.sendto(self._packer.pack(ping), (LOOPBACK, self._port))
+            self._take()
+
+    def _take(self) -> None:
+        self._socket.settimeout(PING_S / 10)
+        try:
+            data = self._socket.recv(65536)
+        except TimeoutError:
+            return
+        for message in self._parser.feed(data):
+            if message.get_type() == "PING" and message.target_system == 245:
+                took_s = time.monotonic() - self._asked_s.get(message.seq, 0.0)
+                if took_s < ANSWER_S:
+                    self.answers_s.append(took_s)
+
+    @property
+    def asked(self) -> int:
+        return len(self._asked_s)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
+    """Return the figures of a row."""
+    with tempfile.TemporaryDirectory() as folder:
+        supervisor = Supervisor(Path(folder))
+        try:
+            simulator = supervisor.start(parts.SIMULATOR, SimulatorConfig(episode=EPISODE, count=1))
+            ports = simulator.ready()
+            client, sent = Client(ports["agent"][0]), multiprocessing.Array("d", 2)
+            targets = (ports["agent"][0], ports["truth"])
+            sender = multiprocessing.Process(target=send, args=(ROWS[name], targets, seconds + ANSWER_S, seed, sent))
+            if ROWS[name]:
+                sender.start()
+            before_s, began_s = _processor_s(simulator.pid), time.monotonic()
+            client.ask(seconds)
+            core = (_processor_s(simulator.pid) - before_s) / (time.monotonic() - began_s)
+            if ROWS[name]:
+                sender.join()
+            pace = simulator.do("pace")
+            client.close()
+        finally:
+            supervisor.close()
+    answers_s = sorted(client.answers_s)
+    return {
+        "garbage": name,
+        "lag_ms": round(1e3 * pace["lag_max_s"], 1),
+        "late_share": pace["late_share"],
+        "given_up_s": pace["skipped_s"],
+        "core": round(core, 3),
+        "answered_share": round(len(answers_s) / client.asked, 3),
+        "answer_ms": round(1e3 * answers_s[int(0.95 * (len(answers_s) - 1))], 1) if answers_s else None,
+        "datagrams": int(sent[0]),
+        "megabytes": round(sent[1] / 1e6, 1),
+    }
+
+
+def _processor_s(pid: int) -> float:
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system)
+
+
+def line(found: dict[str, Any]) -> str:
+    answer = "–" if found["answer_ms"] is None else f"{found['answer_ms']:.0f} ms"
+    return (
+        f"{found['garbage']:16} lag {found['lag_ms']:7.1f} ms  late {found['late_share']:6.1%}  "
+        f"given up {found['given_up_s']:6.2f} s  core {found['core']:4.2f}  "
+        f"answered {found['answered_share']:6.1%} in {answer:8} "
+        f"({found['datagrams']} datagrams, {found['megabytes']:.0f} MB)"
+    )
+
+
+def main() -> None:
+    """Measure the rows and print a line for each."""
+    parser = argparse.ArgumentParser(description="a simulator under garbage")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(ROWS), help=", ".join(ROWS))
+    parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help=f"a row (default {SECONDS:g})")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--short", action="store_true", help="one second of two rows: whether it runs")
+    args = parser.parse_args()
+    names = args.only or (("nothing", "all of these") if args.short else ROWS)
+    machine = Machine()
+    for name in names:
+        found = measure(name, 1.0 if args.short else args.seconds, args.seed)
+        print(json.dumps({**found, "machine": machine.figures()}) if args.json else line(found), flush=True)
+
+
+if __name__ == "__main__":
+    main()
