@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
@@ -17,9 +16,10 @@ from hil.link.track import Track
 from hil.link.transport import Transport
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
-SILENCE_S = 5.0  # wall seconds without a byte after which the vehicle is gone
+SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
 GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing that was known of the mode is believed
-AWAY_S = 0.5  # wall seconds between two words of ours after which what has piled up is read first
+AWAY_S = 0.5  # s of the transport's clock between two words of ours after which what has piled up is read first
+ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator that has just booted tells no place for a second
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
 AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
@@ -40,10 +40,8 @@ ZERO_FILLED = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MES
 class Conversation:
     """Telemetry in, commands out, on the vehicle's clock. The clock moves only inside this class."""
 
-    def __init__(
-        self, transport: Transport, *, silence_s: float = SILENCE_S, wall_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        """`wall_s` reads the clock by which the other side is silent; where vehicle time waits for us, that is it."""
+    def __init__(self, transport: Transport, *, silence_s: float = SILENCE_S) -> None:
+        """`silence_s`: s of the transport's clock without telemetry after which the vehicle is gone."""
         self.transport = transport
         self.behind_us = 0  # µs by which telemetry is known to come late, as a time synchronisation would tell
         self.tick_us = TICK_US  # µs of vehicle time between two words of ours
@@ -58,14 +56,14 @@ class Conversation:
         self.texts = StatusTexts()
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
-        self._silence_s, self._wall_s = silence_s, wall_s
+        self._silence_s, self._time_s = silence_s, transport.time_s
         self._parser = Parser()
         self._packer = Packer(SYSTEM, COMPONENT)
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
         self._gap_us = 0  # when telemetry came back after its last gap
         self._boots = 0
-        self._spoke_s = wall_s()
+        self._spoke_s = self._time_s()
         self._ack: dialect.MAVLink_message | None = None
 
     # -- the wire ------------------------------------------------------------------------------------------------
@@ -73,22 +71,21 @@ class Conversation:
     def connect(self, timeout_s: float = 30.0) -> None:
         """Wait for the autopilot's heartbeat, telemetry and version, and ask for the streams that flying needs.
 
-        Raises LinkError when no autopilot is heard within `timeout_s` wall seconds, or one that is not PX4.
+        Raises LinkError when no autopilot is heard within `timeout_s` of the transport's clock, or one that is not PX4.
         """
-        waited_s, patience_s, asked_s, told_s = 0.0, 0.5, -math.inf, math.inf
-        known = self.system
-        while not self._told() or (self.firmware is None and waited_s < told_s + 1.0):
-            if waited_s >= asked_s + 1.0 or known != self.system:  # not more often: it starts the interval anew
-                asked_s, known = waited_s, self.system
+        began_s, asked_s, told_s, known = self._time_s(), -math.inf, math.inf, self.system
+        while not self._told() or (self.firmware is None and self._time_s() < told_s + 1.0):
+            now_s = self._time_s()
+            if now_s >= asked_s + ASK_AGAIN_S or known != self.system:  # not more often: it starts the interval anew
+                asked_s, known = now_s, self.system
                 self._send_heartbeat()
                 if self.system:
                     self._request_streams()
-            # bytes that are not what is waited for come at the autopilot's rate, about a hundred times a second
-            waited_s += 0.01 if self._receive(patience_s) else patience_s
+            self._receive(0.5)
             if self._told():
-                told_s = min(told_s, waited_s)
+                told_s = min(told_s, self._time_s())
             self.on_wait()
-            if waited_s >= timeout_s and not self._told():
+            if self._time_s() >= began_s + timeout_s and not self._told():
                 what = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
                 raise LinkError(f"{what} on {self.transport.url} within {timeout_s:g} s")
         self._boots = self.clock.reboots
@@ -227,7 +224,7 @@ class Conversation:
 
     def _speak(self) -> None:
         """Send the heartbeat and requests when they are due, and what else a subclass has to say."""
-        now_s = self._wall_s()
+        now_s = self._time_s()
         if now_s - self._spoke_s > AWAY_S:
             self.listen()  # after a pause of ours the state is old news: what has changed meanwhile comes first
         self._spoke_s = now_s
@@ -245,7 +242,7 @@ class Conversation:
         return self.state.mode_us >= self._gap_us
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
-        patience_s, moved_s, moved_us, reads = 0.5, self._wall_s(), self.time_us, 0
+        patience_s, moved_s, moved_us, reads = 0.5, self._time_s(), self.time_us, 0
         while not reached():
             heard = self._receive(patience_s)
             if self.clock.reboots != self._boots:
@@ -255,9 +252,9 @@ class Conversation:
             self.on_wait()
             reads += 1
             if self.time_us != moved_us:
-                moved_s, moved_us, reads = self._wall_s(), self.time_us, 0
-            # wall time is the subject here; several reads, so that one long pause of our own is not held against it
-            elif reads >= 5 and self._wall_s() - moved_s >= self._silence_s:
+                moved_s, moved_us, reads = self._time_s(), self.time_us, 0
+            # several reads, so that one long pause of our own is not held against it
+            elif reads >= 5 and self._time_s() - moved_s >= self._silence_s:
                 what = "sends no telemetry any more" if heard else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
 

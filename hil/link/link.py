@@ -1,7 +1,6 @@
 """The link to any MAVLink autopilot, ours or PX4: one class through which every flight goes."""
 
 import math
-import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
@@ -46,7 +45,6 @@ class Link(Conversation):
         transport: Transport,
         *,
         silence_s: float = SILENCE_S,
-        wall_s: Callable[[], float] = time.monotonic,
         limits: Limits | None = None,
         mute: bool = False,
         simulated: bool = False,
@@ -56,7 +54,7 @@ class Link(Conversation):
         `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
         does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
         """
-        super().__init__(transport, silence_s=silence_s, wall_s=wall_s)
+        super().__init__(transport, silence_s=silence_s)
         self.limits = limits
         self.mute = mute
         self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not
