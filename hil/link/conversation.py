@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 
 from foundation.errors import LinkError
-from foundation.mavlink import Packer, Parser, dialect, frame_of
+from foundation.mavlink import Packer, dialect, frame_of
 from hil.link.family import Family
 from hil.link.firmware import Firmware, firmware, kind_name
 from hil.link.px4 import PX4
@@ -14,6 +14,7 @@ from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import TOLD, VehicleClock, VehicleState, update
 from hil.link.track import Track
 from hil.link.transport import Transport
+from hil.link.vehicle_address import VehicleAddress
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
 SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
@@ -57,7 +58,8 @@ class Conversation:
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
         self._silence_s, self._time_s = silence_s, transport.time_s
-        self._parser = Parser()
+        self.on_notice: Callable[[str], None] = lambda line: None  # receives lines for the user
+        self._address = VehicleAddress(transport, lambda line: self.on_notice(line))
         self._packer = Packer(SYSTEM, COMPONENT)
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
@@ -108,9 +110,15 @@ class Conversation:
 
     def _receive(self, timeout_s: float) -> bool:
         data = self.transport.receive(timeout_s)
-        for message in self._parser.feed(data):
-            self._take(message)
+        for message in self._address.messages(data) if data else ():
+            if self._is_credible(message):
+                self._take(message)
         return bool(data)
+
+    def _is_credible(self, message: dialect.MAVLink_message) -> bool:
+        """Return whether a message that was just received may come from the one whose ids it has."""
+        ids = message.get_srcSystem(), message.get_srcComponent()
+        return not self.system or ids != (self.system, AUTOPILOT) or self._address.admits()
 
     def _take(self, message: dialect.MAVLink_message) -> None:
         for listener in self.listeners:
@@ -134,7 +142,7 @@ class Conversation:
             return
         if kind in STAMPED:
             before_us = self.time_us
-            self.clock.see(message.time_boot_ms)
+            self.clock.see(message.time_boot_ms, self._time_s())
             if self.clock.reboots != self._boots:
                 self.state = VehicleState()
             elif self.time_us - before_us > GAP_US:
@@ -167,6 +175,7 @@ class Conversation:
             )
         self.family = FAMILIES[heartbeat.autopilot]
         self.system = heartbeat.get_srcSystem()
+        self._address.hold()
 
     def _noticed(self) -> None:
         """Called after every change of the state."""

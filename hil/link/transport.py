@@ -40,6 +40,7 @@ class Transport(Protocol):
 
     def follow(self, peer: str) -> None:
         """From now on send to this address alone. Does nothing where there is one other end."""
+        return None
 
     def close(self) -> None: ...
 

@@ -30,6 +30,9 @@ class SerialLine(Transport):
     def send(self, data):
         pass
 
+    def close(self):
+        pass
+
 
 @pytest.mark.parametrize("patience_s", [1.0, 30.0])
 def test_small_pieces_do_not_shorten_the_wait_for_a_heartbeat(patience_s):

@@ -9,7 +9,6 @@ import hashlib
 import hmac
 import struct
 
-from autopilot.mavlink.telemetry_source import Message
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32
@@ -42,7 +41,7 @@ class Signing:
         self._time, self._set_us = min(timestamp, LATEST), now_us
         self._heard.clear()
 
-    def accepts(self, message: Message, now_us: int) -> bool:
+    def accepts(self, message: dialect.MAVLink_message, now_us: int) -> bool:
         """Return whether a message may be acted on. Counts those that may not."""
         if not self._key or message.get_type() in ALWAYS_HEARD:
             return True
