@@ -1,6 +1,7 @@
 """The link to any MAVLink autopilot, ours or PX4: one class through which every flight goes."""
 
 import math
+import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
@@ -46,16 +47,19 @@ class Link(Conversation):
         transport: Transport,
         *,
         silence_s: float = SILENCE_S,
+        key: bytes = b"",
+        unix_s: Callable[[], float] = time.time,
         limits: Limits | None = None,
         mute: bool = False,
         simulated: bool = False,
     ) -> None:
         """`limits`: the safety envelope of every setpoint. `mute`: nothing that would move the vehicle is sent.
 
+        `key`, `unix_s`: as `Conversation` has them.
         `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
         does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
         """
-        super().__init__(transport, silence_s=silence_s)
+        super().__init__(transport, silence_s=silence_s, key=key, unix_s=unix_s)
         self.limits = limits
         self.mute = mute
         self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not

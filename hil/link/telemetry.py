@@ -19,7 +19,7 @@ class _Doubt(NamedTuple):
 
     newest_ms: int
     since_s: float | None
-    count: int
+    seen: int
 
 
 class VehicleClock:
@@ -56,9 +56,9 @@ class VehicleClock:
         doubt = self._doubt
         if doubt is None or abs(_between(doubt.newest_ms, time_boot_ms)) > LATE_MS:
             doubt = _Doubt(time_boot_ms, heard_s, 0)
-        self._doubt = _Doubt(time_boot_ms, doubt.since_s, doubt.count + 1)
+        self._doubt = _Doubt(time_boot_ms, doubt.since_s, doubt.seen + 1)
         lasts = heard_s is None or doubt.since_s is None or heard_s - doubt.since_s >= CONFIRMED_S
-        return lasts and self._doubt.count >= CONFIRMED
+        return lasts and self._doubt.seen >= CONFIRMED
 
     def of(self, time_boot_ms: int) -> int:
         """Return the time (µs) of a message that was just seen: before the newest where others have overtaken it."""

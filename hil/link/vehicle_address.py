@@ -11,7 +11,7 @@ NOTICE_S = 10.0  # s between two notices of ignored messages
 
 
 class VehicleAddress:
-    """Parses what arrives, separately for the vehicle and for others, and tells the vehicle's messages from forged ones.
+    """Parses what arrives, separately for the vehicle and for others, and tells which messages are the vehicle's.
 
     The address of the vehicle's first heartbeat is held. Another address that uses the vehicle's ids is ignored until
     the held one has been silent for REPLACED_S: a bridge that restarts comes back with another port.
@@ -50,9 +50,7 @@ class VehicleAddress:
             if silent_s < REPLACED_S:
                 if now_s >= self._noticed_s + NOTICE_S:
                     self._noticed_s = now_s
-                    self._notice(
-                        f"{peer} sends messages with the vehicle's id, which {self._held} has; they are ignored"
-                    )
+                    self._notice(f"{peer} sends messages with the id of the vehicle at {self._held}; ignored")
                 return False
             self._notice(f"the vehicle now speaks from {peer}; {self._held} has been silent for {silent_s:.1f} s")
             self.hold()

@@ -7,7 +7,7 @@ from foundation.mavlink import Packer, dialect
 from foundation.px4 import MODES
 from foundation.setpoints import Velocity
 from hil.link.link import Link, TakeoverError
-from hil.link.transport import MemoryTransport, connect
+from hil.link.transport import MemoryTransport, UdpTransport
 from tests.hil.link import listening
 from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
@@ -18,9 +18,10 @@ class SharedPort(MemoryTransport):
     """A UDP port to which the vehicle sends, and a stranger before each of its messages when there is one."""
 
     def __init__(self, vehicle):
-        super().__init__(
-            "udpin://:14540", vehicle.take, vehicle.give, lambda: vehicle.step(), lambda: vehicle.time_ms / 1000
-        )
+        def step():
+            vehicle.step()
+
+        super().__init__("udpin://:14540", vehicle.take, vehicle.give, step, lambda: vehicle.time_ms / 1000)
         self.vehicle_at = VEHICLE
         self.stranger = b""
         self.followed = []
@@ -48,7 +49,8 @@ def port(vehicle):
 
 def flying(port):
     """Return a link that has flown the vehicle ahead for a second, and the lines that it has said since."""
-    link, said = Link(port), []
+    link = Link(port)
+    said: list[str] = []
     link.connect(10.0)
     link.fly(Velocity(1.2, None), 60.0)
     link.start_offboard()
@@ -127,7 +129,7 @@ def test_a_vehicle_whose_bridge_comes_back_at_another_port_is_followed_there(veh
 
 def test_one_read_of_a_udp_port_is_of_one_address_and_the_followed_one_alone_is_answered():
     server = listening.udp()
-    vehicle, stranger = (connect(f"udpout://127.0.0.1:{server.port}") for _ in range(2))
+    vehicle, stranger = (UdpTransport("udpout://", "127.0.0.1", server.port, listen=False) for _ in "12")
     for end, word in ((vehicle, b"one "), (vehicle, b"two"), (stranger, b"three"), (vehicle, b"four")):
         end.send(word)
     reads = [(server.receive(2.0), server.peer) for _ in range(3)]
