@@ -11,7 +11,6 @@ import struct
 from pathlib import Path
 
 from foundation.errors import UsageError
-
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32

@@ -9,12 +9,23 @@ from hil.link.link import Link
 
 
 class SafetyLog:
-    """Hears the links' envelopes, writes and says what they do. The file begins with the first limit that acts."""
+    """Hears the links' envelopes, writes and says what they do, and says the links' notices.
+
+    The file begins with the first limit that acts.
+    """
 
     def __init__(self, path: Path, links: Sequence[Link], say: Callable[[str], None]) -> None:
         self._path, self._say = path, say
         for drone, link in enumerate(links):
             link.on_limit = self._hearing(drone, link)
+            link.on_notice = self._noticing(drone)
+
+    def _noticing(self, drone: int) -> Callable[[str], None]:
+        def notice(line: str) -> None:
+            with contextlib.suppress(OSError):
+                self._say(f"      link: drone {drone}: {line}")
+
+        return notice
 
     def _hearing(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
         def hear(names: tuple[str, ...]) -> None:

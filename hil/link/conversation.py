@@ -274,8 +274,8 @@ class Conversation:
                     self._request_streams()
                     return
         raise LinkError(
-            f"{self.firmware or 'the autopilot'} does not sign after it was given a key: PX4 signs from version 1.17 on,"
-            " and a vehicle that has a key takes another only from its owner"
+            f"{self.firmware or 'the autopilot'} does not sign after it was given a key: PX4 signs from version 1.17"
+            " on, and a vehicle that has a key takes another only from its owner"
         )
 
     # -- time ----------------------------------------------------------------------------------------------------

@@ -68,10 +68,11 @@ class Link(Conversation):
         self._rate = SetpointRate()
         self._offboard = False  # whether offboard is ours
         self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
-        self._leaving: str | None = None  # the mode before that order, until it has been obeyed for a moment
+        self._leaving: tuple[str, ...] = ()  # the modes before that order, until it has been obeyed for a moment
         self._obeyed_us = 0  # µs, when it was first seen to be obeyed
         self._taken_by: str | None = None
         self.simulated = simulated
+        self.failsafe = ""  # what the vehicle does when setpoints stop in offboard, as words; empty: not known
         self._strayed_us = 0  # µs, since when a simulated vehicle is in a mode that we have not ordered
         self._failed = False  # whether a failsafe of a simulated vehicle has acted
         self._offboard_us = 0  # since when
@@ -150,6 +151,11 @@ class Link(Conversation):
     # -- who flies -----------------------------------------------------------------------------------------------
 
     @property
+    def is_left_to_failsafe(self) -> bool:
+        """Whether the vehicle, as far as is known, is in offboard and gets no setpoints from us."""
+        return self.state.mode in ("", "OFFBOARD") and not self.streaming
+
+    @property
     def taken_by(self) -> str | None:
         """The mode into which somebody else has switched the vehicle, None while nobody has."""
         return self._taken_by
@@ -157,7 +163,9 @@ class Link(Conversation):
     def _expect(self, *modes: str) -> None:
         """From now on any mode but these, and the present one until one of them is there, is somebody else's hand."""
         if self._taken_by is None:
-            self._expected, self._leaving, self._obeyed_us = modes, self.state.mode, 0
+            # an order that is acknowledged may be shown only after the next one
+            unshown = () if self._obeyed_us else self._expected
+            self._expected, self._leaving, self._obeyed_us = modes, (self.state.mode, *unshown), 0
 
     def _noticed(self) -> None:
         mode, armed = self.state.mode, self.state.armed
@@ -167,9 +175,10 @@ class Link(Conversation):
         believed = disarmed and (self.simulated or self._is_disarmed())
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
-        if self._obeyed_us and self._leaving != "OFFBOARD" and self.time_us > self._obeyed_us + OVERTAKEN_US:
-            self._leaving = None  # a late word of an offboard that we left is no hand at any time
-        if believed or (self._expected and mode not in (*self._expected, self._leaving)):
+        if self._obeyed_us and self.time_us > self._obeyed_us + OVERTAKEN_US:
+            # a late word of an offboard that we left is no hand at any time
+            self._leaving = tuple(left for left in self._leaving if left == "OFFBOARD")
+        if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):
                 return
             self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
