@@ -126,7 +126,8 @@ def test_what_a_vehicle_does_that_is_left_without_setpoints_is_said(vehicle, end
 
 
 def test_a_notice_of_the_link_reaches_the_user(vehicle, tmp_path):
-    link, said = flying(vehicle), []
+    link = flying(vehicle)
+    said: list[str] = []
     SafetyLog(tmp_path / "safety.jsonl", [link], said.append)
     link.on_notice("an address sends messages")
     assert "an address sends messages" in said[0]

@@ -5,6 +5,7 @@ import pytest
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from hil.preflight.check import check, mend
+from hil.preflight.failsafes import read_failsafe
 from tests.hil.preflight.damaged_autopilot import HEALTHY, PREARM, STICKS
 
 FINE = {"COM_OBL_RC_ACT = 0"}  # what every autopilot of these tests fails in: PX4's own default
