@@ -23,7 +23,7 @@ class SafetyLog:
     def _noticing(self, drone: int) -> Callable[[str], None]:
         def notice(line: str) -> None:
             with contextlib.suppress(OSError):
-                self._say(f"      link: drone {drone}: {line}")
+                self._say(f"      link: drone {drone + 1}: {line}")
 
         return notice
 
