@@ -42,7 +42,7 @@ def test_who_has_the_key_is_obeyed_also_after_a_reboot_and_nobody_else(ports):
     stranger.close()
     thief = Link(connect(url), key=KEY[::-1])
     with pytest.raises(LinkError, match="another key"):
-        thief.connect(1.0)
+        thief.connect(0.5)
     thief.close()
     owner = Link(connect(url), key=KEY)
     owner.connect()
@@ -54,5 +54,5 @@ def test_who_has_the_key_is_obeyed_also_after_a_reboot_and_nobody_else(ports):
     again.close()
     log = Link(connect(f"udpout://127.0.0.1:{ports['log'][0]}"))
     with pytest.raises(LinkError):
-        log.connect(1.0)
+        log.connect(0.5)
     log.close()
