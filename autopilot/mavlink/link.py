@@ -54,6 +54,14 @@ def request_data_stream(node: Node, port: Port, message: Message) -> None:
 
 
 def setup_signing(node: Node, port: Port, message: Message) -> None:
-    """Take the key of SETUP_SIGNING for this port. It never goes further, and only who is addressed takes it."""
-    if message.target_system == node.system_id:
-        port.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)
+    """Take the key of SETUP_SIGNING for every port, as PX4 does. It never goes further; only the addressed take it.
+
+    An armed vehicle takes none: its agent must not be shut out in flight.
+    """
+    if message.target_system != node.system_id:
+        return
+    if node.vehicle.commander.armed:
+        node.complain("Signing key refused: vehicle is armed")
+        return
+    for each in node.ports:
+        each.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)

@@ -4,11 +4,11 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
-from autopilot.mavlink.signing import Signing
 from autopilot.mavlink.streams import BY_ID, HEARTBEAT_ID, PROFILES, TABLE
 from autopilot.mavlink.telemetry_source import Message
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
+from foundation.signing import Signing
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s

@@ -11,6 +11,7 @@ from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
 from dronecats.cli.disturbance_options import add_disturbance_options
 from dronecats.cli.model_options import add_accounts, add_manners, add_options, told
+from dronecats.cli.sign_option import add_sign
 from dronecats.cli.view_options import add_view, view_of
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument(
         "--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"
     )
+    add_sign(vehicle, "with --connect: ")
     vehicle.add_argument(
         "--camera", metavar="URL", help="with --connect: http://, rtsp://, v4l2:0, a video file or a folder"
     )

@@ -9,6 +9,7 @@ from dronecats.agent.names import STEADY
 from dronecats.cli import disturbance_options
 from dronecats.cli.disturbance_options import disturbances_of
 from dronecats.cli.model_options import OPTIONS, model_of
+from dronecats.cli.sign_option import key_of
 from dronecats.cli.speed import speed
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ SIMULATED_ONLY = (
 )  # fmt: skip
 CONNECTED_ONLY = (
     "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
-    "target", "target_std",
+    "target", "target_std", "sign",
 )  # fmt: skip
 ACCOUNTS = ("cost_limit", "token_limit", "ledger", "cache")
 BESIDE_SPEC = (
@@ -176,6 +177,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
     from hil.link.envelope import Limits
 
     _check_eyes(args)
+    key_of(args.sign)
     if args.arm and args.dry_run:
         raise UsageError("--dry-run moves nothing, so it goes without --arm")
     vehicle = Connected(
@@ -183,6 +185,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         camera=args.camera,
         calibration=load_calibration(args.calibration) if args.calibration else None,
         truth=args.truth,
+        sign=str(args.sign) if args.sign else None,
         authority=Authority(arm=args.arm, then=args.then or ("land" if args.arm else "hold"), dry=args.dry_run),
     )
     return FlightSpec(

@@ -7,10 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.sign_option import add_sign, key_of
+
 if TYPE_CHECKING:
     from hil.preflight.check import Check
 
 YES = "yes"
+GIVES_KEY = "--give-key sends the key in clear: do it over USB. From then on the vehicle obeys only who has the key.\n"
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -21,6 +24,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         required=True,
         metavar="URL",
         help="the vehicle: udpin://0.0.0.0:14540, serial:///dev/ttyACM0:57600",
+    )
+    add_sign(parser)
+    parser.add_argument(
+        "--give-key", action="store_true", help="give the vehicle the key of --sign first, after a typed yes"
     )
     parser.add_argument("--camera", metavar="URL", help="look through the camera too")
     parser.add_argument("--seconds", type=float, default=5.0, metavar="N", help="how long to listen (default 5)")
@@ -39,9 +46,17 @@ def run(args: argparse.Namespace) -> int:
 
     if not 1.0 <= args.seconds <= 600.0:
         raise UsageError(f"--seconds wants 1 to 600, got {args.seconds:g}")
-    link = Link(transport.connect(args.connect))
+    if args.give_key and not args.sign:
+        raise UsageError("--give-key goes with --sign KEYFILE; add it or leave --give-key out")
+    key = key_of(args.sign)
+    link = Link(transport.connect(args.connect), key=b"" if args.give_key else key)
+    link.on_notice = lambda line: print(line, file=sys.stderr)
     try:
         link.connect()
+        if args.give_key:
+            if not _typed_yes(GIVES_KEY, "give it the key"):
+                return 1
+            link.give_key(key)
         found = check(link, seconds=args.seconds, folder=args.out, camera_url=args.camera)
         if not args.json:
             _show(found)
@@ -71,7 +86,11 @@ def _agreed(found: "Check", *, quiet: bool) -> bool:
     from hil.preflight.row import proposal
 
     print(f"\n--fix would set, on the vehicle itself:\n\n{proposal(found.changes)}\n", file=sys.stderr)
-    print(f"type {YES} to set them: ", end="", file=sys.stderr, flush=True)
+    return _typed_yes("", "set them", quiet=quiet)
+
+
+def _typed_yes(warning: str, what: str, *, quiet: bool = True) -> bool:
+    print(f"{warning}type {YES} to {what}: ", end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline().strip()
     if answer == YES:
         return True

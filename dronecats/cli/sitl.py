@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from dronecats.cli import signals
+from dronecats.cli.sign_option import add_sign, key_of
 from dronecats.cli.view_options import add_view, view_of
 
 WIND_MAX = 40.0  # m/s, a hurricane
@@ -50,6 +51,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument(
         "--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits for one"
     )
+    add_sign(parser)
     parser.add_argument("--hitl", metavar="URL", help="a PX4 board flies: serial:///dev/ttyACM0:921600")
     add_view(parser)
     parser.set_defaults(run=run)
@@ -88,6 +90,11 @@ def run(args: argparse.Namespace) -> int:
     elif args.autopilot == "px4" and args.instance + (args.count or 1) > PX4_INSTANCES:
         raise UsageError(f"PX4 has offboard ports of their own for instances 0 to {PX4_INSTANCES - 1} only")
     view = view_of(args)
+    key_of(args.sign)
+    if args.sign and (args.autopilot == "px4" or args.hitl):
+        raise UsageError("--sign is for our autopilot; give a PX4 its key with `dronecats preflight --give-key`")
+    if args.sign and view:
+        raise UsageError("the page of --view asks for telemetry unsigned: leave --view or --sign out")
     if view and view.stays:
         raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
     signals.as_interrupts()
@@ -116,6 +123,7 @@ def run(args: argparse.Namespace) -> int:
         autopilot=args.autopilot,
         px4=args.px4,
         restart=True,
+        sign=str(args.sign) if args.sign else None,
         hitl=args.hitl,
     )
     simulator: Simulator | Px4Simulator | BoardSimulator

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
 from dronecats.cli.fly import add_pilot, unsaid
+from dronecats.cli.sign_option import add_sign
 
 if TYPE_CHECKING:
     from dronecats.flight.spec import FlightSpec
@@ -28,6 +29,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     )
     rig = parser.add_argument_group("the rig")
     rig.add_argument("--connect", metavar="URL", required=True, help="the vehicle: udpin://0.0.0.0:14540, serial://…")
+    add_sign(rig)
     rig.add_argument(
         "--camera", metavar="URL", required=True, help="http://, rtsp://, v4l2:0, a video file or a folder"
     )

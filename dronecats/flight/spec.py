@@ -50,6 +50,7 @@ class Connected:
     camera: str | None = None  # address of its camera; None: our world, drawn where `truth` says that the vehicle is
     calibration: Calibration | None = None
     truth: str | None = None  # URL of its true poses
+    sign: str | None = None  # file of the key with which its messages are signed; None: they are not
     authority: Authority = Authority(arm=False, then="hold")
 
 

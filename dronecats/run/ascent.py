@@ -13,6 +13,7 @@ from hil.link.arrival import Arrival
 from hil.link.envelope import broken_off
 from hil.link.link import Link
 from hil.link.telemetry import VehicleState
+from hil.preflight.failsafes import read_failsafe
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
 AVERAGE_S = 3.0  # s over which the place on the ground is averaged
@@ -56,6 +57,8 @@ def ascend(
     for link in links:
         link.connect()
         _on_the_ground(link)
+        if not link.simulated:
+            link.failsafe = read_failsafe(link)
         if link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
             link.set_mode("HOLD")
     say("waiting until the autopilot is ready to arm …")

@@ -19,6 +19,7 @@ from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
 from dronecats.stages.connected import ConnectedStage
 from foundation.errors import CameraError, UsageError
+from foundation.signing import load_key
 from hil.cameras.address import shown
 from hil.cameras.open import open_camera
 from hil.cameras.patient import FRAMES_S, PatientCamera
@@ -85,8 +86,9 @@ def fly_connected(
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:
     """Return the link to somebody else's vehicle, whose cable may come and go. Raises UsageError, LinkError."""
+    key = load_key(Path(vehicle.sign)) if vehicle.sign else b""
     wire = Reopening(lambda: connect(vehicle.url))
-    return Link(wire, silence_s=SILENCE_S, limits=limits, mute=vehicle.authority.dry)
+    return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, mute=vehicle.authority.dry)
 
 
 def told_by(link: Link) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from foundation.protocol import CAP_S
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
+from hil.preflight.failsafes import read_failsafe
 
 EVERYTHING = Authority()
 
@@ -132,6 +133,7 @@ def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], 
     for link in links:
         link.connect()
         if not authority.dry:
+            link.failsafe = read_failsafe(link)
             say(f"{link.firmware or 'the vehicle'}: waiting for a person to arm …")
             link.await_handover(say)
 

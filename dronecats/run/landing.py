@@ -80,6 +80,7 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
         try:
             if link.taken_by is not None or link.mute:
                 link.stop_stream()
+                say_failsafe(link, say)
             elif link.may_fly():
                 say({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
                 link.give_up(then)
@@ -88,7 +89,14 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
         except Exception as fault:  # after the episode, so it changes no verdict; and the next vehicle is told too
             link.stop_stream()
             say(f"the vehicle could not be told to {then}: {fault}")
+            say_failsafe(link, say)
     return told
+
+
+def say_failsafe(link: Link, say: Callable[[str], None]) -> None:
+    """Say what a vehicle does that we have left in offboard without setpoints."""
+    if link.is_left_to_failsafe and link.failsafe:
+        say(f"no setpoints are sent any more; a vehicle that still flies in offboard does by itself: {link.failsafe}")
 
 
 def await_landing(links: Sequence[Link], say: Callable[[str], None] = lambda line: None) -> None:

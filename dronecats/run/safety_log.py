@@ -4,13 +4,14 @@ import contextlib
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from hil.link.link import Link
 
 
 class SafetyLog:
-    """Writes every change of the links' envelopes to the file. Says the first time that a limit acts on a drone.
+    """Writes every change of the links' envelopes to the file. Says the links' notices, and a limit when it first acts.
 
     A limit may act at every step, so the other times are counted, and `sum_up` says them. The file begins with the
     first limit that acts.
@@ -21,13 +22,14 @@ class SafetyLog:
         self._times = [Counter[str]() for _ in links]  # how often each limit began to act, by drone
         for drone, link in enumerate(links):
             link.on_limit = self._listener(drone, link)
+            link.on_notice = partial(self._tell, "link", drone)
 
     def sum_up(self) -> None:
         """Say how often each limit acted on each drone, if any did so more than once."""
         for drone, times in enumerate(self._times):
             if times and max(times.values()) > 1:
                 counts = ", ".join(f"by {name} {_times(count)}" for name, count in times.most_common())
-                self._tell(drone, f"limited in the whole flight {counts}; {self._path} has each")
+                self._tell("envelope", drone, f"limited in the whole flight {counts}; {self._path} has each")
 
     def _listener(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
         acting: frozenset[str] = frozenset()
@@ -42,14 +44,14 @@ class SafetyLog:
             with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             if first:
-                self._tell(drone, f"limited by {', '.join(first)}")
+                self._tell("envelope", drone, f"limited by {', '.join(first)}")
 
         return listen
 
-    def _tell(self, drone: int, what: str) -> None:
+    def _tell(self, source: str, drone: int, what: str) -> None:
         name = f"drone {drone + 1} " if len(self._times) > 1 else ""
         with contextlib.suppress(OSError, ValueError):  # a closed terminal stops no setpoint and no landing
-            self._say(f"      envelope: {name}{what}")
+            self._say(f"      {source}: {name}{what}")
 
 
 def _times(count: int) -> str:

@@ -31,6 +31,7 @@ class SimulatorConfig:
     px4: str | None = None  # the command that starts a PX4; None: it is waited for
     log_dir: str | None = None  # for what a PX4 prints
     restart: bool = False  # whether a PX4 that ends is started again
+    sign: str | None = None  # file of the key with which our autopilot signs; None: it does not
     hitl: str | None = None  # URL of a board that flies the vehicle
 
 

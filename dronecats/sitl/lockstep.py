@@ -57,7 +57,7 @@ class Lockstep(TurnOrder[SimulatedVehicle]):
     def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
         """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
         port = self.simulation.vehicles[vehicle].open_port(profile)
-        return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump)
+        return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump, lambda: self.time_s)
 
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
         port = self.simulation.vehicles[vehicle].open_port("minimal")

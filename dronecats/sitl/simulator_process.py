@@ -1,5 +1,6 @@
 """The simulator as a process: vehicles and autopilots in real time, MAVLink on UDP, the truth on a bus beside it."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from dronecats.sitl.pace import PaceReport, RateKeeper
 from dronecats.sitl.ports import Ports
 from dronecats.sitl.scenario import build, load_world, noise_seed
 from dronecats.sitl.simulation import TICK_US
+from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script
 
@@ -39,6 +41,10 @@ class Simulator:
                 vehicle.plant.keep_charge(config.least_charge)
         self.simulation.advance()  # compiles, on the first run of an installation
         self.ports = Ports(self.simulation, config.instance)
+        if config.sign is not None:
+            key, now = load_key(Path(config.sign)), timestamp(time.time())  # the calendar, as a PX4 has it from its key
+            for vehicle in self.simulation.vehicles:
+                vehicle.sign(key, now)
         self.speed = 1.0 if config.speed is None else config.speed
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
         self.pace = PaceReport(self._keeper)

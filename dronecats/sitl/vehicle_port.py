@@ -27,5 +27,10 @@ class VehiclePort:
 
     def move(self, autopilot: Autopilot) -> None:
         """Lead to an autopilot that has just booted; what the former one had still to say is kept."""
-        self._last_words = self.take()
+        self._last_words, signing = self.take(), self._port.signing
         self._port = autopilot.open_port(self._profile)
+        self._port.signing = signing  # PX4 keeps the key on its memory card
+
+    def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
+        """Sign with a key, and believe nobody else, from `timestamp` (10 µs since 2015) on, which is `now_us`."""
+        self._port.signing.set_up(key, timestamp, now_us)

@@ -74,16 +74,8 @@ class LockstepStage:
         self._disturbed = disturbed = DisturbedLinks(flight)
         if disturbed.wired:
             wires = [clock.wire(index, disturbed.seed(index)) for index in drones]
-            # a wire that is silent is so in vehicle time, which goes on meanwhile
             self.links = [
-                Link(
-                    wire,
-                    silence_s=disturbed.silence_s,
-                    wall_s=lambda: clock.time_s,
-                    limits=spec.envelope,
-                    simulated=True,
-                )
-                for wire in wires
+                Link(wire, silence_s=disturbed.silence_s, limits=spec.envelope, simulated=True) for wire in wires
             ]
             disturbed.take(self.links, wires)
         else:

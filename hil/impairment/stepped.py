@@ -4,9 +4,10 @@ from collections.abc import Callable
 
 from hil.impairment.channel import Counts, Impairment
 from hil.impairment.one_way import PERFECT, OneWay
+from hil.link.transport import Transport
 
 
-class SteppedWire:
+class SteppedWire(Transport):
     """The agent's end of a wire that is perfect until it is impaired. Whoever reads from it when it is dry `pump`s.
 
     It carries at ticks: so a delay is lengthened to whole ones.
@@ -30,7 +31,13 @@ class SteppedWire:
         self._take, self._give, self._pump, self._now_s = take, give, pump, now_s
         self._up, self._down = OneWay(PERFECT, seed, "up"), OneWay(PERFECT, seed, "down")
         self._heard = bytearray()
-        self.close = close
+        self._close = close
+
+    def time_s(self) -> float:
+        return self._now_s()
+
+    def close(self) -> None:
+        self._close()
 
     @property
     def counts(self) -> tuple[Counts, Counts]:

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 
 from foundation.errors import LinkError
-from foundation.mavlink import Packer, Parser, dialect, frame_of
+from foundation.mavlink import Packer, dialect, frame_of
+from foundation.signing import Signing, is_signed, timestamp
 from hil.link.family import Family
 from hil.link.firmware import Firmware, firmware, kind_name
 from hil.link.px4 import PX4
@@ -15,13 +16,16 @@ from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import TOLD, VehicleClock, VehicleState, update
 from hil.link.track import Track
 from hil.link.transport import Transport
+from hil.link.vehicle_address import VehicleAddress
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
-SILENCE_S = 5.0  # wall seconds without a byte after which the vehicle is gone
+SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
 GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing that was known of the mode is believed
-AWAY_S = 0.5  # wall seconds between two words of ours after which what has piled up is read first
+AWAY_S = 0.5  # s of the transport's clock between two words of ours after which what has piled up is read first
+ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator that has just booted tells no place for a second
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
+KEY_TRIES = 5
 AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
 WORDS_S = 0.3  # s of vehicle time in which an autopilot says why it refused
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
@@ -41,9 +45,18 @@ class Conversation:
     """Telemetry in, commands out, on the vehicle's clock. The clock moves only inside this class."""
 
     def __init__(
-        self, transport: Transport, *, silence_s: float = SILENCE_S, wall_s: Callable[[], float] = time.monotonic
+        self,
+        transport: Transport,
+        *,
+        silence_s: float = SILENCE_S,
+        key: bytes = b"",
+        unix_s: Callable[[], float] = time.time,
     ) -> None:
-        """`wall_s` reads the clock by which the other side is silent; where vehicle time waits for us, that is it."""
+        """`silence_s`: s of the transport's clock without telemetry after which the vehicle is gone.
+
+        `key`: 32 bytes with which messages are signed and checked; empty: no message is. `unix_s` reads the calendar,
+        from which the signatures' timestamps begin.
+        """
         self.transport = transport
         self.behind_us = 0  # µs by which telemetry is known to come late, as a time synchronisation would tell
         self.tick_us = TICK_US  # µs of vehicle time between two words of ours
@@ -58,39 +71,43 @@ class Conversation:
         self.texts = StatusTexts()
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
-        self._silence_s, self._wall_s = silence_s, wall_s
-        self._parser = Parser()
+        self._silence_s, self._time_s = silence_s, transport.time_s
+        self.on_notice: Callable[[str], None] = lambda line: None  # receives lines for the user
+        self._address = VehicleAddress(transport, lambda line: self.on_notice(line))
         self._packer = Packer(SYSTEM, COMPONENT)
+        self._unix_s = unix_s
+        self._signing = Signing(0)
+        self._vehicle_signs = False  # whether the autopilot's last message had a signature
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
         self._gap_us = 0  # when telemetry came back after its last gap
         self._boots = 0
-        self._spoke_s = wall_s()
+        self._spoke_s = self._time_s()
         self._ack: dialect.MAVLink_message | None = None
+        self._sign_with(key)
 
     # -- the wire ------------------------------------------------------------------------------------------------
 
     def connect(self, timeout_s: float = 30.0) -> None:
         """Wait for the autopilot's heartbeat, telemetry and version, and ask for the streams that flying needs.
 
-        Raises LinkError when no autopilot is heard within `timeout_s` wall seconds, or one that is not PX4.
+        Raises LinkError when no autopilot is heard within `timeout_s` of the transport's clock, or one that is not PX4.
         """
-        waited_s, patience_s, asked_s, told_s = 0.0, 0.5, -math.inf, math.inf
-        known = self.system
-        while not self._told() or (self.firmware is None and waited_s < told_s + 1.0):
-            if waited_s >= asked_s + 1.0 or known != self.system:  # not more often: it starts the interval anew
-                asked_s, known = waited_s, self.system
+        began_s, asked_s, told_s, known = self._time_s(), -math.inf, math.inf, self.system
+        while not self._told() or (self.firmware is None and self._time_s() < told_s + 1.0):
+            now_s = self._time_s()
+            if now_s >= asked_s + ASK_AGAIN_S or known != self.system:  # not more often: it starts the interval anew
+                asked_s, known = now_s, self.system
                 self._send_heartbeat()
                 if self.system:
                     self._request_streams()
-            # bytes that are not what is waited for come at the autopilot's rate, about a hundred times a second
-            waited_s += 0.01 if self._receive(patience_s) else patience_s
+            self._receive(0.5)
             if self._told():
-                told_s = min(told_s, waited_s)
+                told_s = min(told_s, self._time_s())
             self.on_wait()
-            if waited_s >= timeout_s and not self._told():
+            if self._time_s() >= began_s + timeout_s and not self._told():
                 what = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
-                raise LinkError(f"{what} on {self.transport.url} within {timeout_s:g} s")
+                raise LinkError(f"{what} on {self.transport.url} within {timeout_s:g} s{self._why_unheard()}")
         self._boots = self.clock.reboots
         # the first heartbeat comes before the clock is known
         self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
@@ -100,7 +117,10 @@ class Conversation:
         return bool(self.system) and self.state.position_ned is not None and self.state.euler is not None
 
     def send(self, message: dialect.MAVLink_message) -> None:
-        self.transport.send(self._packer.pack(message))
+        frame = self._packer.pack(message)
+        self.transport.send(
+            self._signing.sign(frame, message.crc_extra, self._wire_us) if self._signing.active else frame
+        )
 
     def close(self) -> None:
         """Leave the wire as it was found: every stream that we have changed goes back to the autopilot's own rate."""
@@ -111,9 +131,17 @@ class Conversation:
 
     def _receive(self, timeout_s: float) -> bool:
         data = self.transport.receive(timeout_s)
-        for message in self._parser.feed(data):
-            self._take(message)
+        for message in self._address.messages(data) if data else ():
+            if self._is_credible(message):
+                self._take(message)
         return bool(data)
+
+    def _is_credible(self, message: dialect.MAVLink_message) -> bool:
+        """Return whether a message that was just received may come from the one whose ids it has."""
+        if not self._signing.accepts(message, self._wire_us):
+            return False
+        ids = message.get_srcSystem(), message.get_srcComponent()
+        return not self.system or ids != (self.system, AUTOPILOT) or self._address.admits()
 
     def _take(self, message: dialect.MAVLink_message) -> None:
         for listener in self.listeners:
@@ -125,7 +153,9 @@ class Conversation:
             self._meet(message)
         if message.get_srcSystem() != self.system:
             return
-        self.streams.saw(kind, len(frame_of(message)))
+        frame = frame_of(message)
+        self._vehicle_signs = is_signed(frame)
+        self.streams.saw(kind, len(frame))
         if kind not in HEARD:
             return
         if kind == COMMAND_ACK:
@@ -137,7 +167,7 @@ class Conversation:
             return
         if kind in STAMPED:
             before_us = self.time_us
-            self.clock.see(message.time_boot_ms)
+            self.clock.see(message.time_boot_ms, self._time_s())
             if self.clock.reboots != self._boots:
                 self.state = VehicleState()
             elif self.time_us - before_us > GAP_US:
@@ -170,6 +200,7 @@ class Conversation:
             )
         self.family = FAMILIES[heartbeat.autopilot]
         self.system = heartbeat.get_srcSystem()
+        self._address.hold()
 
     def _noticed(self) -> None:
         """Called after every change of the state."""
@@ -192,6 +223,59 @@ class Conversation:
             dialect.MAVLink_heartbeat_message(
                 dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
             )
+        )
+
+    # -- signing -------------------------------------------------------------------------------------------------
+
+    @property
+    def _wire_us(self) -> int:
+        return round(self._time_s() * 1e6)
+
+    def _sign_with(self, key: bytes) -> None:
+        if key:
+            self._signing.set_up(key, timestamp(self._unix_s()), self._wire_us)
+
+    def _why_unheard(self) -> str:
+        """Return what signing has to do with a wait that was in vain, as the end of a sentence."""
+        signing = self._signing
+        if not signing.active:
+            wanted = "; the vehicle signs its messages and ignores others: give its key with --sign KEYFILE"
+            return wanted if self._vehicle_signs else ""
+        if not signing.rejected or signing.believed:
+            return ""
+        if signing.unsigned == signing.rejected:
+            return (
+                f"; the vehicle does not sign its messages ({signing.rejected} ignored): give it the key with"
+                " `dronecats preflight --give-key`, or leave --sign out"
+            )
+        return (
+            f"; {signing.rejected} messages are signed with another key, or are older than a minute, and were ignored"
+        )
+
+    def give_key(self, key: bytes) -> None:
+        """Give the autopilot a key (32 bytes) over this wire, in clear, and sign from now on.
+
+        Raises LinkError for an armed vehicle, and for one that does not sign afterwards.
+        """
+        if self.state.armed:
+            raise LinkError("the vehicle is armed, and takes no key then; disarm it first")
+        message = dialect.MAVLink_setup_signing_message(
+            self.system, self.component, list(key), timestamp(self._unix_s())
+        )
+        given = self._packer.pack(message)  # unsigned, since it has no key yet
+        self._sign_with(key)
+        for _ in range(KEY_TRIES):
+            self.transport.send(given)
+            self._send_heartbeat()
+            end_s = self._time_s() + 1.0
+            while self._time_s() < end_s:
+                self._receive(0.1)
+                if self._signing.believed:
+                    self._request_streams()
+                    return
+        raise LinkError(
+            f"{self.firmware or 'the autopilot'} does not sign after it was given a key: PX4 signs from version 1.17"
+            " on, and a vehicle that has a key takes another only from its owner"
         )
 
     # -- time ----------------------------------------------------------------------------------------------------
@@ -227,7 +311,7 @@ class Conversation:
 
     def _speak(self) -> None:
         """Send the heartbeat and requests when they are due, and what else a subclass has to say."""
-        now_s = self._wall_s()
+        now_s = self._time_s()
         if now_s - self._spoke_s > AWAY_S:
             self.listen()  # after a pause of ours the state is old news: what has changed meanwhile comes first
         self._spoke_s = now_s
@@ -245,7 +329,7 @@ class Conversation:
         return self.state.mode_us >= self._gap_us
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
-        patience_s, moved_s, moved_us, reads = 0.5, self._wall_s(), self.time_us, 0
+        patience_s, moved_s, moved_us, reads = 0.5, self._time_s(), self.time_us, 0
         while not reached():
             heard = self._receive(patience_s)
             if self.clock.reboots != self._boots:
@@ -255,9 +339,9 @@ class Conversation:
             self.on_wait()
             reads += 1
             if self.time_us != moved_us:
-                moved_s, moved_us, reads = self._wall_s(), self.time_us, 0
-            # wall time is the subject here; several reads, so that one long pause of our own is not held against it
-            elif reads >= 5 and self._wall_s() - moved_s >= self._silence_s:
+                moved_s, moved_us, reads = self._time_s(), self.time_us, 0
+            # several reads, so that one long pause of our own is not held against it
+            elif reads >= 5 and self._time_s() - moved_s >= self._silence_s:
                 what = "sends no telemetry any more" if heard else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
 
@@ -296,7 +380,7 @@ class Conversation:
                 ack = self._ack
                 if ack is not None and ack.command == command and ack.result != dialect.MAV_RESULT_IN_PROGRESS:
                     return int(ack.result)
-        raise LinkError(f"the autopilot does not acknowledge command {command}")
+        raise LinkError(f"the autopilot does not acknowledge command {command}{self._why_unheard()}")
 
     def order(self, what: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
         """Send a command that has to be accepted, and again for `insist_s` (vehicle time) while it is only not yet.

@@ -23,6 +23,7 @@ GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone t
 OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
 ARMED_S = 10.0  # s for which arming is asked for again: a pre-arm check may flicker
 OFFERED_S = 2.0  # s for which offboard is asked for again while it is temporarily refused
+DISARMED_US = 1_500_000  # µs for which a vehicle in the air has to say that it is disarmed: more than one heartbeat
 TOLD_US = 2_000_000  # µs before a change of mode in which a failsafe is told that has brought it about
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
@@ -46,17 +47,19 @@ class Link(Conversation):
         transport: Transport,
         *,
         silence_s: float = SILENCE_S,
-        wall_s: Callable[[], float] = time.monotonic,
+        key: bytes = b"",
+        unix_s: Callable[[], float] = time.time,
         limits: Limits | None = None,
         mute: bool = False,
         simulated: bool = False,
     ) -> None:
         """`limits`: the safety envelope of every setpoint. `mute`: nothing that would move the vehicle is sent.
 
+        `key`, `unix_s`: as `Conversation` has them.
         `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
         does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
         """
-        super().__init__(transport, silence_s=silence_s, wall_s=wall_s)
+        super().__init__(transport, silence_s=silence_s, key=key, unix_s=unix_s)
         self.limits = limits
         self.mute = mute
         self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not
@@ -65,10 +68,11 @@ class Link(Conversation):
         self._rate = SetpointRate()
         self._offboard = False  # whether offboard is ours
         self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
-        self._leaving: str | None = None  # the mode before that order, until it has been obeyed for a moment
+        self._leaving: tuple[str, ...] = ()  # the modes before that order, until it has been obeyed for a moment
         self._obeyed_us = 0  # µs, when it was first seen to be obeyed
         self._taken_by: str | None = None
         self.simulated = simulated
+        self.failsafe = ""  # what the vehicle does when setpoints stop in offboard, as words; empty: not known
         self._strayed_us = 0  # µs, since when a simulated vehicle is in a mode that we have not ordered
         self._failed = False  # whether a failsafe of a simulated vehicle has acted
         self._offboard_us = 0  # since when
@@ -77,7 +81,8 @@ class Link(Conversation):
         self._home_ned: Vec3 | None = None  # where the envelope's distances begin, once that is settled
         self._first_ned: Vec3 | None = None  # in its stead while the autopilot has told no home
         self._tried_to_arm = False
-        self._flew_armed = False  # whether it was armed when last seen in our offboard
+        self._flew_armed = False  # whether it has been armed in our present offboard
+        self._disarmed_us: int | None = None  # µs, since when its heartbeats say otherwise
 
     # -- modes ---------------------------------------------------------------------------------------------------
 
@@ -109,10 +114,12 @@ class Link(Conversation):
         """Return whether the vehicle may be in the air by our doing, or stand there armed: ground it then.
 
         One that a person has armed and not handed over is none of ours. Heartbeats lag by up to a second, so one that
-        we have just told to arm is asked: it disarms on the ground and refuses to in the air.
+        we have just told to arm is asked: it disarms on the ground and refuses to in the air. One that we fly and that
+        has sent no heartbeat since a reboot may still be in the air.
         """
         if not self._tried_to_arm or self.state.armed:
-            return self.state.armed and (self._offboard or self._tried_to_arm)
+            may_be_armed = self.state.armed or not self.state.heartbeat_us
+            return may_be_armed and (self._offboard or self._tried_to_arm)
         return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
 
     def await_handover(self, say: Callable[[str], None] = lambda line: None) -> None:
@@ -144,6 +151,11 @@ class Link(Conversation):
     # -- who flies -----------------------------------------------------------------------------------------------
 
     @property
+    def is_left_to_failsafe(self) -> bool:
+        """Whether the vehicle, as far as is known, is in offboard and gets no setpoints from us."""
+        return self.state.mode in ("", "OFFBOARD") and not self.streaming
+
+    @property
     def taken_by(self) -> str | None:
         """The mode into which somebody else has switched the vehicle, None while nobody has."""
         return self._taken_by
@@ -151,24 +163,42 @@ class Link(Conversation):
     def _expect(self, *modes: str) -> None:
         """From now on any mode but these, and the present one until one of them is there, is somebody else's hand."""
         if self._taken_by is None:
-            self._expected, self._leaving, self._obeyed_us = modes, self.state.mode, 0
+            # an order that is acknowledged may be shown only after the next one
+            unshown = () if self._obeyed_us else self._expected
+            self._expected, self._leaving, self._obeyed_us = modes, (self.state.mode, *unshown), 0
 
     def _noticed(self) -> None:
         mode, armed = self.state.mode, self.state.armed
         if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
             return  # nothing told yet, lost already, or a rehearsal on the ground
-        disarmed, self._flew_armed = self._offboard and self._flew_armed and not armed, self._offboard and armed
+        disarmed = self._is_said_disarmed()
+        believed = disarmed and (self.simulated or self._is_disarmed())
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
-        if self._obeyed_us and self._leaving != "OFFBOARD" and self.time_us > self._obeyed_us + OVERTAKEN_US:
-            self._leaving = None  # a late word of an offboard that we left is no hand at any time
-        if disarmed or (self._expected and mode not in (*self._expected, self._leaving)):
+        if self._obeyed_us and self.time_us > self._obeyed_us + OVERTAKEN_US:
+            # a late word of an offboard that we left is no hand at any time
+            self._leaving = tuple(left for left in self._leaving if left == "OFFBOARD")
+        if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):
                 return
             self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
             self._stream.stop()
         else:
             self._strayed_us = 0
+
+    def _is_said_disarmed(self) -> bool:
+        """Return whether the last heartbeat says that the vehicle which we fly in offboard is disarmed."""
+        self._flew_armed = self._offboard and (self._flew_armed or self.state.armed)
+        if not self._flew_armed or self.state.armed:
+            self._disarmed_us = None
+        elif self._disarmed_us is None:
+            self._disarmed_us = self.state.heartbeat_us
+        return self._disarmed_us is not None
+
+    def _is_disarmed(self) -> bool:
+        """Return whether that is believed: at once on the ground, in the air when no heartbeat has contradicted it."""
+        assert self._disarmed_us is not None
+        return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
         """Return whether it was, or for want of a heartbeat may have been, a failsafe that has changed the mode."""

@@ -10,7 +10,7 @@ from hil.link.transport import Transport
 RETRY_S = 0.5  # wall seconds between two attempts
 
 
-class Reopening:
+class Reopening(Transport):
     """A transport around a transport. While it is broken it receives nothing and what is sent is lost.
 
     How long that may last is not decided here: `Conversation` raises when the vehicle has been silent for too long.
@@ -24,12 +24,18 @@ class Reopening:
         self.reopened = 0  # how often it has come back
         self._retry_s = 0.0
 
+    def follow(self, peer: str) -> None:
+        if self._transport is not None:
+            self._transport.follow(peer)
+
     def receive(self, timeout_s: float) -> bytes:
         if self._transport is None and not self._reopen(timeout_s):
             return b""
         try:
             assert self._transport is not None
-            return self._transport.receive(timeout_s)
+            data = self._transport.receive(timeout_s)
+            self.peer = self._transport.peer
+            return data
         except LinkError:
             self._break()
             return b""

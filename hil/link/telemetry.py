@@ -8,8 +8,18 @@ from foundation.frames import Vec3
 from foundation.mavlink import dialect
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # a stamp further ahead than this, or one from after a reboot, is believed when a second one agrees
+FAR_MS = 60_000  # a stamp further ahead than this, or one from after a reboot, is doubted until others confirm it
 LATE_MS = 5_000  # what is this much older is no packet that was on the way
+CONFIRMED = 5  # stamps that agree, without one in between that goes on from the last one believed, …
+CONFIRMED_S = 0.3  # … and, where messages are heard live, s from the first of them to the last
+
+
+class _Doubt(NamedTuple):
+    """Stamps that contradict the vehicle's clock."""
+
+    newest_ms: int
+    since_s: float | None
+    seen: int
 
 
 class VehicleClock:
@@ -19,27 +29,36 @@ class VehicleClock:
         self.time_us = 0
         self.reboots = 0
         self._last_ms: int | None = None
-        self._doubted_ms: int | None = None  # a stamp that nobody has borne out yet
+        self._doubt: _Doubt | None = None
 
-    def see(self, time_boot_ms: int) -> None:
-        """Take note of a time stamp."""
+    def see(self, time_boot_ms: int, heard_s: float | None = None) -> None:
+        """Take note of a time stamp, heard at `heard_s` of another clock than the vehicle's; None: in a recording."""
         if self._last_ms is None:
             self._last_ms, self.time_us = time_boot_ms, time_boot_ms * 1000
             return
         ahead_ms = _between(self._last_ms, time_boot_ms)
         rebooted = ahead_ms < -LATE_MS and time_boot_ms < FAR_MS
         if ahead_ms < 0 and not rebooted:
+            if ahead_ms >= -LATE_MS:
+                self._doubt = None
             return  # a late packet
-        if rebooted or ahead_ms > FAR_MS:  # a damaged stamp must not stop the clock for good
-            doubted_ms, self._doubted_ms = self._doubted_ms, time_boot_ms
-            if doubted_ms is None or abs(_between(doubted_ms, time_boot_ms)) > LATE_MS:
-                return
-        self._doubted_ms, self._last_ms = None, time_boot_ms
+        # a damaged stamp must not stop the clock for good, and a forged one must not end the flight
+        if (rebooted or ahead_ms > FAR_MS) and not self._is_confirmed(time_boot_ms, heard_s):
+            return
+        self._doubt, self._last_ms = None, time_boot_ms
         if rebooted:
             self.reboots += 1
             self.time_us = time_boot_ms * 1000
         else:
             self.time_us += ahead_ms * 1000
+
+    def _is_confirmed(self, time_boot_ms: int, heard_s: float | None) -> bool:
+        doubt = self._doubt
+        if doubt is None or abs(_between(doubt.newest_ms, time_boot_ms)) > LATE_MS:
+            doubt = _Doubt(time_boot_ms, heard_s, 0)
+        self._doubt = _Doubt(time_boot_ms, doubt.since_s, doubt.seen + 1)
+        lasts = heard_s is None or doubt.since_s is None or heard_s - doubt.since_s >= CONFIRMED_S
+        return lasts and self._doubt.seen >= CONFIRMED
 
     def of(self, time_boot_ms: int) -> int:
         """Return the time (µs) of a message that was just seen: before the newest where others have overtaken it."""

@@ -20,24 +20,37 @@ BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lo
 
 
 class Transport(Protocol):
-    """Bytes in, bytes out."""
+    """Bytes in, bytes out. The defaults are those of a wire on which only one other end can send."""
 
     url: str
+    peer: str = ""  # address that the bytes of the last `receive` came from; "" where there is one other end
+
+    def time_s(self) -> float:
+        """Return s of the clock by which the other end is silent: the wall's, in lockstep the vehicle's."""
+        return time.monotonic()
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return what has arrived, b'' when nothing came within `timeout_s` wall seconds. Raises LinkError."""
+        """Return what has arrived from one address, b'' when nothing came within `timeout_s` of `time_s`.
+
+        Raises LinkError.
+        """
         ...
 
     def send(self, data: bytes) -> None: ...
 
+    def follow(self, peer: str) -> None:
+        """From now on send to this address alone. Does nothing where there is one other end."""
+        return None
+
     def close(self) -> None: ...
 
 
-class UdpTransport:
+class UdpTransport(Transport):
     """A UDP socket that listens (`udpin`) or speaks first (`udpout`).
 
-    It answers whoever spoke last, and everybody else who spoke within PEER_S: where two vehicles send to one port, what
-    is said goes to both, and MAVLink's target says whom it is for. One thread may receive while others send.
+    Until it follows one address it answers whoever spoke last, and everybody else who spoke within PEER_S: where two
+    vehicles send to one port, what is said goes to both, and MAVLink's target says whom it is for. One thread may
+    receive while others send.
     """
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
@@ -46,6 +59,8 @@ class UdpTransport:
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._peers: dict[Any, float] = {}  # address -> wall clock when it last spoke, the newest last
+        self._followed: Any = None  # the address that alone is answered, once one is followed
+        self._waiting: tuple[bytes, Any] | None = None  # a datagram that came behind those of another address
         self._lock = threading.Lock()  # of the peers: a camera's server threads send while its main thread receives
         try:
             if listen:
@@ -64,25 +79,37 @@ class UdpTransport:
         return int(self._socket.getsockname()[1])
 
     def receive(self, timeout_s: float) -> bytes:
-        if not select.select([self._socket], [], [], timeout_s)[0]:
+        if self._waiting is None and not select.select([self._socket], [], [], timeout_s)[0]:
             return b""
         parts: list[bytes] = []
+        first: Any = None
         # an ICMP refusal of something we sent surfaces here: the peer is not up yet, which silence will tell in time
         with contextlib.suppress(OSError):
             while len(parts) < 256:
-                data, peer = self._socket.recvfrom(65536)
-                with self._lock:
-                    self._peers.pop(peer, None)
-                    self._peers[peer] = time.monotonic()
+                data, address = self._waiting or self._socket.recvfrom(65536)
+                self._waiting = None
+                if parts and address != first:
+                    self._waiting = data, address
+                    break
+                first = address
                 parts.append(data)
+        if parts:
+            self.peer = _shown(first)
+            with self._lock:
+                self._peers.pop(first, None)
+                self._peers[first] = time.monotonic()
         return b"".join(parts)
+
+    def follow(self, peer: str) -> None:
+        with self._lock:
+            self._followed = next((address for address in self._peers if _shown(address) == peer), self._followed)
 
     def send(self, data: bytes) -> None:
         with self._lock:
             if len(self._peers) > 1:
                 newest, oldest_s = next(reversed(self._peers)), time.monotonic() - PEER_S
                 self._peers = {peer: at_s for peer, at_s in self._peers.items() if peer == newest or at_s > oldest_s}
-            peers = tuple(self._peers)
+            peers = tuple(self._peers) if self._followed is None else (self._followed,)
         for peer in peers:
             with contextlib.suppress(OSError):  # no network for the moment: lost, as any datagram may be
                 self._socket.sendto(data, peer)
@@ -91,7 +118,7 @@ class UdpTransport:
         self._socket.close()
 
 
-class TcpTransport:
+class TcpTransport(Transport):
     """A TCP client."""
 
     def __init__(self, url: str, host: str, port: int) -> None:
@@ -123,7 +150,7 @@ class TcpTransport:
         self._socket.close()
 
 
-class TcpListener:
+class TcpListener(Transport):
     """A TCP server for one client at a time; a client that comes later takes its place."""
 
     def __init__(self, url: str, host: str, port: int) -> None:
@@ -178,7 +205,7 @@ class TcpListener:
         self._listening.close()
 
 
-class SerialTransport:
+class SerialTransport(Transport):
     """A serial line, through pyserial (extra `serial`)."""
 
     def __init__(self, url: str, device: str, baud: int) -> None:
@@ -212,19 +239,31 @@ class SerialTransport:
         self._port.close()
 
 
-class MemoryTransport:
+class MemoryTransport(Transport):
     """One end of a pipe inside a process. When it runs dry it calls `pump`, which makes the other side go on.
 
     This is lockstep: the vehicle's time advances only when somebody waits for it.
     """
 
-    def __init__(self, url: str, take: Callable[[], bytes], give: Callable[[bytes], None], pump: Callable[[], None]):
+    def __init__(
+        self,
+        url: str,
+        take: Callable[[], bytes],
+        give: Callable[[bytes], None],
+        pump: Callable[[], None],
+        time_s: Callable[[], float],
+    ) -> None:
+        """`time_s` reads the clock (s) that `pump` moves on."""
         self.url = url
-        self._take, self._give, self._pump = take, give, pump
+        self._take, self._give, self._pump, self._time_s = take, give, pump, time_s
+
+    def time_s(self) -> float:
+        return self._time_s()
 
     def receive(self, timeout_s: float) -> bytes:
+        due_s = self._time_s() + timeout_s
         data = self._take()
-        while not data and timeout_s > 0:
+        while not data and self._time_s() < due_s:
             self._pump()
             data = self._take()
         return data
@@ -234,6 +273,12 @@ class MemoryTransport:
 
     def close(self) -> None:
         pass
+
+
+def _shown(address: Any) -> str:
+    """Return a socket's address as HOST:PORT."""
+    host = f"[{address[0]}]" if ":" in address[0] else address[0]
+    return f"{host}:{address[1]}"
 
 
 def connect(url: str) -> Transport:

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from foundation.protocol import SPEED_MAX
-from hil.link.parameters import Value
+from hil.link.link import Link
+from hil.link.parameters import Parameters, Value
 from hil.preflight.row import Change, Finding, Row
 
 OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold", 6: "Terminate",
@@ -173,6 +174,16 @@ RULES: dict[str, Callable[[Situation, Value], Finding]] = {
 }
 PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
 VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # what happens to a vehicle whose agent dies must be known
+
+
+def read_failsafe(link: Link) -> str:
+    """Read what the vehicle does by itself when setpoints stop, as words for a user. Raises LinkError."""
+    values = Parameters(link).read_many(VITAL)
+    action, after_s = (values[name] for name in VITAL)
+    if action is None:
+        return "COM_OBL_RC_ACT, which it has not told"
+    after = "" if after_s is None else f", after COM_OF_LOSS_T = {after_s:g} s"
+    return f"COM_OBL_RC_ACT = {action:g} ({OFFBOARD_LOSS.get(int(action), 'an unknown action')}){after}"
 
 
 def findings(situation: Situation) -> list[Finding]:

@@ -130,3 +130,32 @@ def test_an_empty_battery_takes_nothing_off(vehicle):
     with pytest.raises(LinkError, match="10%"):
         ascend([Link(vehicle.transport(), limits=Limits())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
     assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in {c[0] for c in vehicle.commands}
+
+
+SINKS = "COM_OBL_RC_ACT = 0 (Position)"
+
+
+@pytest.mark.parametrize("ending", ["disarmed", "unreachable", "landed", "taken"])
+def test_what_a_vehicle_does_that_is_left_without_setpoints_is_said(vehicle, ending):
+    link = flying(vehicle)
+    link.failsafe = SINKS
+    said: list[str] = []
+    if ending == "disarmed":  # says a heartbeat; whether it is true nobody knows
+        vehicle.armed = False
+    if ending == "taken":
+        vehicle.mode = "POSCTL"
+    if ending in ("disarmed", "taken"):
+        with pytest.raises(LinkError):
+            link.wait(5.0)
+    if ending == "unreachable":
+        vehicle.command = lambda message: None
+    finish(stage(link), "error", None, "land", said.append)
+    assert any(SINKS in line for line in said) == (ending in ("disarmed", "unreachable"))
+
+
+def test_a_notice_of_the_link_reaches_the_user(vehicle, tmp_path):
+    link = flying(vehicle)
+    said: list[str] = []
+    SafetyLog(tmp_path / "safety.jsonl", [link], said.append)
+    link.on_notice("an address sends messages")
+    assert "an address sends messages" in said[0]

@@ -63,7 +63,7 @@ def aloft(payload_kg: float = 0.0, disturbed: FlightConditions = AS_EVER, wired:
     lockstep = Lockstep(Simulation([vehicle], disturbed=disturbed))
     wire = lockstep.wire(0, seed=5)
     transport = wire if wired else lockstep.transport(0)
-    link = Link(transport, wall_s=lambda: lockstep.time_s, simulated=True, silence_s=1e9)
+    link = Link(transport, simulated=True, silence_s=1e9)
     link.connect()
     link.wait_for(lambda state: state.healthy, 60.0, "becoming ready")
     link.arm()

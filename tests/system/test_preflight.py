@@ -12,7 +12,7 @@ import pytest
 from foundation import wire
 from foundation.mavlink import dialect
 from hil.link.link import Link
-from hil.link.transport import connect
+from hil.link.transport import Transport, connect
 from hil.preflight import disk
 from hil.preflight.rehearsal import rehearse
 from tests.support.command_line import DRONECATS
@@ -72,12 +72,18 @@ def test_a_dead_port_is_the_links_fault_and_a_wrong_url_the_users(tmp_path):
     assert preflight("--connect", "udpin://127.0.0.1:0", "--seconds", "0", folder=tmp_path).returncode == 2
 
 
-class SetpointsLost:
+class SetpointsLost(Transport):
     """A wire on which everything passes but offboard setpoints."""
 
     def __init__(self, url):
         self._transport = connect(url)
-        self.url, self.receive, self.close, self.lost = url, self._transport.receive, self._transport.close, 0
+        self.url, self.lost = url, 0
+
+    def receive(self, timeout_s):
+        return self._transport.receive(timeout_s)
+
+    def close(self):
+        self._transport.close()
 
     def send(self, data):
         (frame,), _, _ = wire.scan(data)

@@ -48,7 +48,7 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
         return connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}")
 
 
-class PumpedTransport:
+class PumpedTransport(Transport):
     """A socket that lets vehicle time pass when it runs dry."""
 
     def __init__(self, socket: Transport, clock: Px4Lockstep) -> None:
@@ -61,7 +61,11 @@ class PumpedTransport:
         while not data and time.monotonic() < due_s:
             self._clock.pump()
             data = self._socket.receive(MOMENT_S)
+        self.peer = self._socket.peer
         return data
+
+    def follow(self, peer: str) -> None:
+        self._socket.follow(peer)
 
     def send(self, data: bytes) -> None:
         self._socket.send(data)

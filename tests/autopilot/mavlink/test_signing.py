@@ -119,11 +119,20 @@ def test_a_modem_needs_no_key() -> None:
     assert bench.client.port.signing.rejected == 0
 
 
-def test_a_key_belongs_to_its_port() -> None:
-    bench = keyed()
+def test_a_key_is_of_every_port() -> None:
+    bench = Bench(profile="minimal")
     other = Client(bench.autopilot.open_port("minimal"), 255, 190)
+    bench.client.send(dialect.MAVLink_setup_signing_message(1, 1, list(KEY), NOW))
     other.send(ping(4))
-    assert [m.seq for m in other.of("PING") if m.target_system] == [4]
+    assert [m.seq for m in other.of("PING") if m.target_system] == []
+
+
+def test_an_armed_vehicle_takes_no_key() -> None:
+    bench = Bench(profile="minimal")
+    bench.client.send(dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    assert bench.commander.armed
+    bench.client.send(dialect.MAVLink_setup_signing_message(1, 1, list(KEY), NOW))
+    assert not bench.client.port.signing.active
 
 
 def test_only_the_owner_changes_or_ends_it() -> None:

@@ -27,7 +27,7 @@ class ScriptedVehicle:
         self.out = b""
 
     def transport(self):
-        return MemoryTransport("memory://", self.take, self.give, self.step)
+        return MemoryTransport("memory://", self.take, self.give, self.step, lambda: self.time_ms / 1000)
 
     def take(self):
         data, self.out = self.out, b""

@@ -273,3 +273,30 @@ def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(
     vehicle.silent.clear()
     link.wait(3.0)
     assert link.taken_by is None
+
+
+class LateHold(ScriptedVehicle):
+    """Acknowledges a hold before it shows it, and shows it when the next order has come, as a PX4 may."""
+
+    def __init__(self):
+        super().__init__()
+        self.late = b""
+
+    def command(self, message):
+        before = self.out
+        super().command(message)
+        shown = self.out.removeprefix(before)
+        if message.command == 176 and self.mode == "HOLD":
+            beat = self.packer.pack(self.heartbeat())
+            self.late, self.out = beat, before + shown[len(beat) :]
+        elif message.command == 176:
+            self.out = before + self.late + shown
+
+
+def test_our_own_hold_that_is_shown_after_the_order_to_land_is_no_takeover():
+    vehicle = LateHold()
+    link = flying(vehicle)
+    link.give_up("land")
+    link.wait(2.0)
+    assert link.taken_by is None
+    assert vehicle.mode == "LAND"

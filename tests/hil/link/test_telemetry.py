@@ -9,30 +9,49 @@ from hil.link.telemetry import VehicleClock, VehicleState, update
 
 def test_clock_survives_the_wrap_of_49_days():
     clock = VehicleClock()
-    clock.see((1 << 32) - 50)
+    clock.see((1 << 32) - 50, 0.0)
     before = clock.time_us
-    clock.see(30)
+    clock.see(30, 0.1)
     assert clock.time_us == before + 80_000
 
 
 def test_clock_ignores_late_packets_and_notices_a_reboot():
     clock = VehicleClock()
-    clock.see(100_000)
-    clock.see(99_900)
+    clock.see(100_000, 0.0)
+    clock.see(99_900, 0.1)
     assert clock.time_us == 100_000_000
-    clock.see(700)
-    clock.see(720)
-    assert clock.time_us == 720_000
+    for n in range(10):
+        clock.see(700 + 50 * n, 1.0 + 0.05 * n)
+    assert clock.time_us == 1_150_000
     assert clock.reboots == 1
+
+
+@pytest.mark.parametrize("claimed_ms", [700, 300_000])
+def test_stamps_that_contradict_the_clock_are_not_believed_while_others_go_on_from_it(claimed_ms):
+    clock = VehicleClock()
+    for n in range(200):
+        clock.see(100_000 + 50 * n, 0.05 * n)
+        for k in range(9):
+            clock.see(claimed_ms + 10 * k, 0.05 * n)
+    assert clock.time_us == (100_000 + 50 * 199) * 1000
+    assert clock.reboots == 0
+
+
+def test_a_burst_of_stamps_confirms_nothing():
+    clock = VehicleClock()
+    clock.see(100_000, 0.0)
+    for n in range(100):
+        clock.see(700 + n, 0.1)
+    assert clock.reboots == 0
 
 
 @pytest.mark.parametrize("damaged_ms", [4_000_000_000, 2_000_000_000, 300_000, 5])
 def test_one_damaged_stamp_neither_stops_nor_throws_the_clock(damaged_ms):
     clock = VehicleClock()
-    clock.see(100_000)
-    clock.see(damaged_ms)
+    clock.see(100_000, 0.0)
+    clock.see(damaged_ms, 0.0)
     for stamp in (100_020, 100_040):
-        clock.see(stamp)
+        clock.see(stamp, stamp / 1000 - 100)
         assert clock.time_us == stamp * 1000
     assert clock.reboots == 0
 
@@ -40,22 +59,22 @@ def test_one_damaged_stamp_neither_stops_nor_throws_the_clock(damaged_ms):
 def test_a_late_packet_from_before_the_wrap_is_late():
     clock = VehicleClock()
     for stamp in ((1 << 32) - 50, 30, (1 << 32) - 10, 50):
-        clock.see(stamp)
+        clock.see(stamp, 0.0)
     assert clock.time_us == ((1 << 32) + 50) * 1000
 
 
 def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
     clock = VehicleClock()
-    for stamp in (100_000, 500_000, 500_020):
-        clock.see(stamp)
-    assert clock.time_us == 500_020_000
+    for stamp in (100_000, *range(500_000, 500_400, 20)):
+        clock.see(stamp, stamp / 1000)
+    assert clock.time_us == 500_380_000
 
 
 def test_a_message_is_of_its_own_time_however_late_it_comes():
     clock = VehicleClock()
     assert clock.of(90) == 0  # nobody has told the time yet
     for stamp in ((1 << 32) - 50, 30):
-        clock.see(stamp)
+        clock.see(stamp, 0.0)
     now_us = ((1 << 32) + 30) * 1000
     assert [clock.of(stamp) for stamp in (30, 10, (1 << 32) - 10)] == [now_us, now_us - 20_000, now_us - 40_000]
     assert [clock.of(stamp) for stamp in (40, (1 << 32) - 6_000)] == [now_us, now_us]  # a damaged stamp tells nothing
@@ -86,9 +105,9 @@ def test_what_is_no_number_has_not_been_told():
 @given(st.lists(st.integers(0, (1 << 32) - 1), max_size=30))
 def test_clock_never_runs_backwards_without_a_reboot(stamps):
     clock = VehicleClock()
-    for stamp in stamps:
+    for n, stamp in enumerate(stamps):
         before, reboots = clock.time_us, clock.reboots
-        clock.see(stamp)
+        clock.see(stamp, 0.1 * n)
         assert clock.time_us >= before or clock.reboots > reboots
 
 

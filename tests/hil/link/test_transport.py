@@ -131,13 +131,18 @@ def test_memory_pipe_pumps_only_when_it_runs_dry():
         if len(pumped) == 3:
             queue.append(b"second")
 
-    pipe = MemoryTransport("memory://", lambda: queue.pop(0) if queue else b"", queue.append, pump)
+    def take():
+        return queue.pop(0) if queue else b""
+
+    pipe = MemoryTransport("memory://", take, queue.append, pump, lambda: len(pumped) / 10)
     assert pipe.receive(1.0) == b"first"
     assert not pumped
     assert pipe.receive(0.0) == b""
     assert not pumped
     assert pipe.receive(1.0) == b"second"
     assert len(pumped) == 3
+    assert pipe.receive(0.5) == b""  # a vehicle that is silent for so long by its own clock
+    assert len(pumped) == 8
 
 
 def test_a_tcp_server_serves_the_newest_client():

@@ -5,6 +5,7 @@ import pytest
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from hil.preflight.check import check, mend
+from hil.preflight.failsafes import read_failsafe
 from tests.hil.preflight.damaged_autopilot import HEALTHY, PREARM, STICKS
 
 FINE = {"COM_OBL_RC_ACT = 0"}  # what every autopilot of these tests fails in: PX4's own default
@@ -130,3 +131,10 @@ def test_what_is_mended_is_read_back_and_nothing_else_is_touched(meet, tmp_path)
     assert mended.changes == []
     assert autopilot.parameters == {**before, "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5}
     assert autopilot.heard.count("PARAM_SET") == 2
+
+
+def test_what_follows_lost_setpoints_is_read_from_the_vehicle(meet):
+    autopilot, link = meet()
+    assert read_failsafe(link) == "COM_OBL_RC_ACT = 0 (Position), after COM_OF_LOSS_T = 1 s"
+    autopilot.parameters.clear()
+    assert "not told" in read_failsafe(link)

@@ -1,15 +1,16 @@
-"""MAVLink 2 message signing of one port: off until a client sets it up, then nothing unsigned is believed.
+"""MAVLink 2 message signing of one end of a wire: off until a key is set, then nothing unsigned is believed.
 
 Source: mavlink.io, guide/message_signing. A signature is the link, a timestamp and the first 48 bits of
-SHA-256(key, message, link, timestamp). The vehicle's calendar is a simulated one, so the time is that of SETUP_SIGNING
-and goes on with the vehicle's clock.
+SHA-256(key, message, link, timestamp). pymavlink's own check takes the timestamp of a message before it looks at the
+signature, so that one forged message shuts out the true sender; hence this one.
 """
 
 import hashlib
 import hmac
 import struct
+from pathlib import Path
 
-from autopilot.mavlink.telemetry_source import Message
+from foundation.errors import UsageError
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32
@@ -18,13 +19,46 @@ SIGNED = dialect.MAVLINK_IFLAG_SIGNED
 UNITS_PER_MINUTE = 6_000_000  # a timestamp counts 10 µs
 LATEST = (1 << 48) - 1
 ALWAYS_HEARD = frozenset({"RADIO_STATUS"})  # modems speak without a key
+EPOCH_S = 1_420_070_400  # s of Unix time, 2015-01-01
+
+
+def load_key(path: Path) -> bytes:
+    """Return the 32 bytes of a key file: as they are, or as 64 hexadecimal digits. Raises UsageError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"--sign {path} cannot be read: {error.strerror}; give a file with a key") from None
+    digits = data.strip()
+    if len(digits) == 2 * KEY_BYTES:
+        try:
+            data = bytes.fromhex(digits.decode("ascii"))
+        except ValueError:  # says what it has read, which is no business of an error message
+            data = b""
+    if len(data) != KEY_BYTES or not any(data):
+        raise UsageError(
+            f"--sign {path} is no key: it has to hold 64 hexadecimal digits or 32 bytes, not all of them zero;"
+            f" make one with `openssl rand -hex 32 > {path}`"
+        )
+    return data
+
+
+def timestamp(unix_s: float) -> int:
+    """Return a time of day as a signature's timestamp: 10 µs since 2015-01-01."""
+    return max(0, round((unix_s - EPOCH_S) * 1e5))
+
+
+def is_signed(frame: bytes) -> bool:
+    """Return whether a message's bytes have a signature, good or not."""
+    return frame[0] == dialect.PROTOCOL_MARKER_V2 and bool(frame[2] & SIGNED)
 
 
 class Signing:
     """Signs what a port sends and judges what it receives, once a key is set."""
 
     def __init__(self, link: int) -> None:
-        self.rejected = 0  # messages without a good signature
+        self.rejected = 0  # messages without a good signature, …
+        self.unsigned = 0  # … of these without any
+        self.believed = 0  # messages with a good one
         self._link = link & 0xFF
         self._key = b""
         self._time = 0  # newest timestamp sent or believed
@@ -42,13 +76,16 @@ class Signing:
         self._time, self._set_us = min(timestamp, LATEST), now_us
         self._heard.clear()
 
-    def accepts(self, message: Message, now_us: int) -> bool:
+    def accepts(self, message: dialect.MAVLink_message, now_us: int) -> bool:
         """Return whether a message may be acted on. Counts those that may not."""
         if not self._key or message.get_type() in ALWAYS_HEARD:
             return True
         frame = bytes(message.get_msgbuf())
-        good = frame[0] == dialect.PROTOCOL_MARKER_V2 and bool(frame[2] & SIGNED) and self._believes(frame, now_us)
+        signed = is_signed(frame)
+        good = signed and self._believes(frame, now_us)
         self.rejected += not good
+        self.unsigned += not signed
+        self.believed += good
         return good
 
     def _believes(self, frame: bytes, now_us: int) -> bool:

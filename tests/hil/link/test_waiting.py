@@ -1,0 +1,44 @@
+"""How long a link waits is read from a clock, however many pieces the bytes come in."""
+
+import pytest
+
+from foundation.errors import LinkError
+from foundation.mavlink import Packer, dialect
+from hil.link.link import Link
+from hil.link.transport import Transport
+
+
+class SerialLine(Transport):
+    """A line at 57,600 baud on which a camera speaks and no autopilot: one small piece every 3 ms of its clock."""
+
+    url, PIECE_S = "serial:///dev/test:57600", 0.003
+
+    def __init__(self):
+        self.now_s = 100.0
+        camera = Packer(1, 100)
+        self.said = camera.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3))
+        self.at = 0
+
+    def time_s(self):
+        return self.now_s
+
+    def receive(self, timeout_s):
+        self.now_s += self.PIECE_S
+        self.at = (self.at + 3) % len(self.said)
+        return self.said[self.at : self.at + 3]
+
+    def send(self, data):
+        pass
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("patience_s", [1.0, 30.0])
+def test_small_pieces_do_not_shorten_the_wait_for_a_heartbeat(patience_s):
+    line = SerialLine()
+    began_s = line.now_s
+    link = Link(line)
+    with pytest.raises(LinkError, match=f"within {patience_s:g} s"):
+        link.connect(patience_s)
+    assert line.now_s - began_s == pytest.approx(patience_s, abs=0.1)
