@@ -107,7 +107,7 @@ class Decision:
             Number, _of("s of wall time × speed by which the vehicle's clock fell behind since the last decision")
         ]
         | UnsetType
-    ) = UNSET  # in lockstep and on a vehicle of its own there is no such thing
+    ) = UNSET  # in lockstep there is no such thing
     frame_wait_s: (
         Annotated[Number, _of("s of wall time × speed for which the picture was waited for, of a fleet for each")]
         | UnsetType

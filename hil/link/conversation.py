@@ -18,6 +18,9 @@ from hil.link.transport import Transport
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
 SILENCE_S = 5.0  # wall seconds without a byte after which the vehicle is gone
+LOST_S = 1.0  # the same of a vehicle that was silent for so long and has not spoken since
+WARNING_S = 1.0  # wall seconds without telemetry that are worth a warning
+PATIENCE_S = 0.5  # wall seconds of one read
 GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing that was known of the mode is believed
 AWAY_S = 0.5  # wall seconds between two words of ours after which what has piled up is read first
 COMMAND_RETRY_US = 500_000
@@ -58,7 +61,9 @@ class Conversation:
         self.texts = StatusTexts()
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
+        self.on_silence: Callable[[float], None] = lambda seconds: None  # hears for how many s (wall) no telemetry came
         self._silence_s, self._wall_s = silence_s, wall_s
+        self._lost = False  # whether it was silent for that long, and has been since
         self._parser = Parser()
         self._packer = Packer(SYSTEM, COMPONENT)
         self._heartbeat_due_us = 0
@@ -245,21 +250,25 @@ class Conversation:
         return self.state.mode_us >= self._gap_us
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
-        patience_s, moved_s, moved_us, reads = 0.5, self._wall_s(), self.time_us, 0
+        moved_s, moved_us, reads = self._wall_s(), self.time_us, 0
         while not reached():
-            heard = self._receive(patience_s)
+            heard = self._receive(PATIENCE_S)
             if self.clock.reboots != self._boots:
                 self._boots, self._heartbeat_due_us, self._tick_due_us = self.clock.reboots, 0, 0
                 self._request_streams()
                 raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
             self.on_wait()
             reads += 1
-            if self.time_us != moved_us:
-                moved_s, moved_us, reads = self._wall_s(), self.time_us, 0
             # wall time is the subject here; several reads, so that one long pause of our own is not held against it
-            elif reads >= 5 and self._wall_s() - moved_s >= self._silence_s:
+            silent_s = self._wall_s() - moved_s
+            if self.time_us != moved_us:
+                if silent_s >= WARNING_S and reads * PATIENCE_S >= silent_s:
+                    self.on_silence(silent_s)
+                moved_s, moved_us, reads, self._lost = self._wall_s(), self.time_us, 0, False
+            elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
+                self._lost = True  # whoever ends the flight now does not wait as long for every order
                 what = "sends no telemetry any more" if heard else "has been silent"
-                raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
+                raise LinkError(f"the vehicle on {self.transport.url} {what} for {silent_s:.3g} s")
 
     def wait(self, seconds: float) -> None:
         """Let vehicle time pass, streaming on."""

@@ -273,3 +273,15 @@ def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(
     vehicle.silent.clear()
     link.wait(3.0)
     assert link.taken_by is None
+
+
+def test_a_takeover_has_no_text_of_long_before(vehicle):
+    link = flying(vehicle)
+    vehicle.say(dialect.MAVLink_statustext_message(4, b"Preflight Fail: something else"))
+    link.wait(5.0)
+    vehicle.mode = "POSCTL"
+    vehicle.say(dialect.MAVLink_statustext_message(4, b"Pilot took over using sticks"))
+    with pytest.raises(TakeoverError) as taken:
+        link.wait(5.0)
+    assert "sticks" in str(taken.value)
+    assert "Preflight" not in str(taken.value)
