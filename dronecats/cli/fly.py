@@ -57,6 +57,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
     vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
+    vehicle.add_argument(
+        "--keep-ulog", action="store_true", help="with --connect or --px4: keep the log that PX4 writes on board"
+    )
     pilot = parser.add_argument_group("pilot")
     add_pilot(pilot)
     pilot.add_argument(

@@ -11,6 +11,7 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
 from dronecats.run.instruments import UNWATCHED, Instruments
+from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.pilot import opened
 from dronecats.run.settings import settings
@@ -78,6 +79,8 @@ def fly_connected(
 
     def afterwards(flown: Flown) -> None:
         folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
+        if spec.keep_ulog:
+            fetch_onboard_log(vehicle.url, link, folder, say)
         if dry:
             say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
 

@@ -13,7 +13,8 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 @pytest.mark.parametrize("fault", [TakeoverError("another hand has it"), LinkError("it is silent")])
 def test_the_reason_is_said_before_the_vehicle_is_landed_and_the_logger_told(tmp_path, fault):
-    vehicle, happened = ScriptedVehicle(), []
+    vehicle = ScriptedVehicle()
+    happened: list[str] = []
     link = Link(vehicle.transport())
     stage = SimpleNamespace(
         links=[link], camera=None, camera_model=None, executor=None, lockstep=False, speed=1.0,
@@ -21,15 +22,11 @@ def test_the_reason_is_said_before_the_vehicle_is_landed_and_the_logger_told(tmp
         end=lambda reason, error: happened.append(reason),
     )  # fmt: skip
 
-    class Agent:
-        now_s, steps = 1.0, 0
+    def broken(cap_s, decided):
+        raise fault
 
-        def fly(self, cap_s, decided):
-            raise fault
-
-    flown = fly(
-        stage, [], lambda cockpit: Agent(), tmp_path, authority=Authority(dry=True), say=happened.append
-    )  # fmt: skip
+    agent = SimpleNamespace(now_s=1.0, steps=0, fly=broken)
+    flown = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), say=happened.append)
     assert isinstance(flown.error, DronecatsError)
     said = next(k for k, line in enumerate(happened) if str(fault) in line)
     assert said < min(happened.index("mend"), happened.index(flown.reason))

@@ -91,7 +91,8 @@ class Stopping:
 
 
 def test_a_vehicle_that_was_stopped_is_told_with_the_time_lost():
-    wire, silences = Stopping(), []
+    wire = Stopping()
+    silences: list[float] = []
     link = wire.flown()
     link.on_silence = silences.append
     wire.stopped_s = 3.0
@@ -100,7 +101,8 @@ def test_a_vehicle_that_was_stopped_is_told_with_the_time_lost():
 
 
 def test_a_pause_of_our_own_is_not_the_vehicles():
-    wire, silences = Stopping(), []
+    wire = Stopping()
+    silences: list[float] = []
     link = wire.flown()
     link.on_silence = silences.append
     wire.away_s = 3.0
