@@ -1,7 +1,7 @@
 """Says why a landing does not end, or how the vehicle leans when it has ended.
 
-PX4 says nothing of the kind: a vehicle that hangs on a roof's edge stays armed in LAND without a word, and one that lies
-on its side learns it at the next arming.
+PX4 says nothing of the kind: a vehicle that hangs on a roof's edge stays armed in LAND without a word, and one that
+lies on its side learns it at the next arming.
 """
 
 import math

@@ -83,7 +83,7 @@ def fly(
         for link in stage.links:
             link.on_wait = _tending(stage, link)
         for drone, link in enumerate(stage.links):
-            link.on_silence = partial(_warn_of_silence, say, drone)
+            link.on_silence = partial(_warn_of_silence, say, f"drone {drone + 1}: " if len(stage.links) > 1 else "")
         if authority.dry or not authority.arm:
             take_over(stage.links, authority, say)
         else:
@@ -131,9 +131,9 @@ def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
     return tend
 
 
-def _warn_of_silence(say: Callable[[str], None], drone: int, seconds: float) -> None:
+def _warn_of_silence(say: Callable[[str], None], whose: str, seconds: float) -> None:
     """Say how much time was lost; in the record it is the `host_lag_s` of the decision under way."""
-    tell(say, f"      drone {drone}: no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
+    tell(say, f"      {whose}no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
 
 
 def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:
