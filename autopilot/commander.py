@@ -12,6 +12,7 @@ from autopilot.estimated_state import EstimatedState
 from autopilot.failsafe import QUIET, Failsafe, Reaction, reaction
 from autopilot.home import home_at, moved
 from autopilot.land_detector import LandDetector
+from autopilot.landing_watch import LANDING, LandingWatch
 from autopilot.modes.flight import FlightContext, Mode
 from autopilot.modes.roster import behaviours
 from autopilot.modes.setpoint import IDLE, CascadeSetpoint, SetpointWriter
@@ -56,6 +57,7 @@ class Commander:
         self._detector = LandDetector(parameters)
         self._ramp = TakeoffRamp(parameters)
         self._auto_disarm = AutoDisarm(parameters)
+        self._landing = LandingWatch(say)
         self._mode_chosen_disarmed = True
         self._home_looked_us = 0
         self._override = StickOverride()
@@ -134,6 +136,7 @@ class Commander:
         self._detector.update(self.flight.state, False, False, IDLE)
         self.flight.landed = True
         self._say(dialect.MAV_SEVERITY_INFO, f"Disarmed {why}")
+        self._landing.ended(self.flight.state)
         return ACCEPTED
 
     def set_mode(self, mode: str) -> int:
@@ -276,6 +279,7 @@ class Commander:
         elif was and not landed:
             self.takeoff_us = now
             self._say(dialect.MAV_SEVERITY_INFO, "Take-off detected")
+        self._landing.follow(state, self.mode in LANDING and not landed)
         reason = self._auto_disarm.reason(now, landed, climbing)
         if reason:
             self.disarm(why=reason)

@@ -75,6 +75,7 @@ class EstimatedState:
     rates_setpoint: Vec3
     thrust_setpoint: float
     hover_thrust: float
+    resets: int
 
     def __init__(self, estimate: Any, sensors: Any) -> None:
         self.estimate = estimate

@@ -214,6 +214,7 @@ def update(
         estimate.position_ned[i] = state.position[i]
         estimate.gyro_bias[i] = b[i]
         estimate.accel_bias[i] = c[i]
+    estimate.resets = state.resets + state.restarts
     r, s = estimate.rates_frd, estimate.accel_frd
     r[0], r[1], r[2] = gx, gy, gz
     s[0], s[1], s[2] = ax, ay, az

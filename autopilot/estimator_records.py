@@ -90,7 +90,7 @@ ESTIMATOR_STATE = np.dtype(
         ("innovation", "f8", (TESTS,)),  # of the newest samples, m/s, m and rad
         ("innovation_variance", "f8", (TESTS,)),
         ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance), as in PX4's logs
-        ("resets", "i8"),  # times position or velocity was set to the receiver's
+        ("resets", "i8"),  # times heading, height, velocity or position was set to what its sensor says
         ("rejected", "i8"),  # samples beyond their gate
         ("bad_samples", "i8"),  # samples that were not finite
         ("restarts", "i8"),  # alignments after a filter that lost its numbers

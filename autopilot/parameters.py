@@ -45,6 +45,7 @@ DEFAULTS: dict[str, int | float] = {
     "RTL_CONE_ANG": 45, "RTL_LOITER_RAD": 80.0, "FLW_TGT_HT": 8.0, "FLW_TGT_DST": 8.0, "FLW_TGT_FA": 180.0,
     "FLW_TGT_RS": 0.1, "FLW_TGT_ALT_M": 0, "FLW_TGT_MAX_VEL": 5.0, "MC_ORBIT_RAD_MAX": 1000.0, "MC_ORBIT_YAW_MOD": 0,
     "PLD_BTOUT": 5.0, "PLD_MAX_SRCH": 3, "TRIG_MODE": 0, "MNT_MODE_IN": -1, "SDLOG_MODE": 0, "SDLOG_PROFILE": 1,
+    "SDLOG_DIRS_MAX": 0,
     # multicopter position control as far as a mode uses it
     "MPC_XY_CRUISE": 5.0, "MPC_XY_VEL_MAX": 12.0, "MPC_XY_VEL_ALL": -10.0, "MPC_Z_VEL_MAX_UP": 3.0,
     "MPC_Z_VEL_MAX_DN": 1.5, "MPC_Z_V_AUTO_UP": 3.0, "MPC_Z_V_AUTO_DN": 1.5, "MPC_Z_VEL_ALL": -3.0,

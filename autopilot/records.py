@@ -70,6 +70,7 @@ ESTIMATE = np.dtype(
         ("rates_setpoint", "f8", (3,)),  # rad/s
         ("thrust_setpoint", "f8"),  # 0 … 1
         ("hover_thrust", "f8"),  # 0 … 1
+        ("resets", "i8"),  # times the filter set a quantity anew or began anew, since boot
     ],
     align=True,
 )

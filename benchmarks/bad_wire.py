@@ -41,7 +41,7 @@ from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
 ORIGIN = (47.397742, 8.545594, 488.0)  # only differences are looked at
-SILENCE_S = 30.0  # wall seconds that `fly --connect` lets a cable be out
+SILENCE_S = 30.0  # wall seconds, more than a cable is out here; `fly --connect` gives up after 6
 PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for the flights in which it is: Hold, after half a second
 CUT_AT_S, CUT_S = 20.0, 10.0  # of the minute
 LEG: tuple[tuple[Setpoint, float], ...] = (

@@ -68,6 +68,16 @@ class LogDirectory:
             logs.append(LogFile(len(logs), path, stat.st_size, max(int(stat.st_mtime), 0)))
         return logs
 
+    def make_room(self, most: int) -> None:
+        """Remove the oldest logs so that there are `most` with the next one; 0: remove none.
+
+        PX4's SDLOG_DIRS_MAX counts folders; here every log stands in one folder and counts by itself.
+        """
+        for log in self.logs()[: 1 - most or None] if most > 0 else ():
+            if log.path != self.active:
+                with contextlib.suppress(OSError):
+                    log.path.unlink()
+
     def erase(self) -> None:
         """Remove every log but the one being written, as far as the disk lets it."""
         for log in self.logs():

@@ -114,6 +114,7 @@ class FlightLogWriter:
 
     def _begin(self) -> None:
         path = self.directory.next_path()
+        self.directory.make_room(int(self._vehicle.parameters["SDLOG_DIRS_MAX"]))
         self.failed, self._lost_since_us, self._size, self._was_armed = None, None, 0, False
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)

@@ -104,7 +104,8 @@ def odometry(v: TelemetrySource) -> Message | None:
         s.time_us, dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_BODY_FRD, *s.position_ned, list(s.attitude),
         *rotate_inverse(s.attitude, s.velocity_ned), *s.rates_frd,
         _diagonal(s.position_std_h, s.position_std_v, s.tilt_std, s.yaw_std),
-        _diagonal(s.velocity_std_h, s.velocity_std_v, 0.0, 0.0), 0, dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT, 100,
+        _diagonal(s.velocity_std_h, s.velocity_std_v, 0.0, 0.0), s.resets % 256,
+        dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT, 100,
     )  # fmt: skip
 
 

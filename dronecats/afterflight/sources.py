@@ -4,12 +4,15 @@ import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.afterflight.smoothing import Estimates
+from dronecats.rundir import layout
 from foundation.errors import UsageError
+from foundation.extras import is_installed
 from foundation.frames import Vec3
 from foundation.mavlink import Parser, dialect
 from hil.link.telemetry import VehicleClock
@@ -132,13 +135,28 @@ def tlog_messages(
         at = end + 8
 
 
-def from_ulog(path: Path) -> FlightRecord:
-    """Return what PX4's estimator wrote down on board. Raises UsageError when the file is no such log."""
+def kept_ulog(folder: Path, drone: int = 0) -> Path | None:
+    """Return the log that a drone's autopilot wrote on board; None where it was not kept, or pyulog is missing."""
+    path = folder / layout.onboard_log_name(drone)
+    return path if path.is_file() and is_installed("pyulog") else None
+
+
+def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
+    """Return the columns of these topics of a ULog, those that it has. Raises UsageError when the file is none."""
     from pyulog import ULog
 
-    topics = ["vehicle_local_position", "vehicle_gps_position", "sensor_gps"]
     try:
-        log = {d.name: d.data for d in reversed(ULog(str(path), topics).data_list)}  # instance 0 of each stays
+        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # instance 0 of each stays
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
+    except Exception as error:  # pyulog raises whatever a damaged file makes it trip over
+        raise UsageError(f"{path} is no ULog: {type(error).__name__} {error}") from None
+
+
+def from_ulog(path: Path) -> FlightRecord:
+    """Return what PX4's estimator wrote down on board. Raises UsageError when the file is no such log."""
+    log = ulog_topics(path, "vehicle_local_position", "vehicle_gps_position", "sensor_gps")
+    try:
         local = log["vehicle_local_position"]
         columns = [[local[name] for name in names] for names in (("x", "y", "z"), ("vx", "vy", "vz"))]
         estimated = np.column_stack([local["eph"], local["eph"], local["epv"]]).astype(float)
@@ -146,10 +164,8 @@ def from_ulog(path: Path) -> FlightRecord:
         time_us = local["timestamp"].astype(float)
         heading, has_origin = local["heading"].astype(float), local["xy_global"].astype(bool)
         origin = tuple(float(local[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt"))
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
-    except Exception as error:  # pyulog raises whatever a damaged file makes it trip over
-        raise UsageError(f"{path} is no ULog with vehicle_local_position: {type(error).__name__} {error}") from None
+    except (KeyError, IndexError) as missing:
+        raise UsageError(f"{path} is no ULog with vehicle_local_position: {missing} is missing") from None
     receiver = log.get("vehicle_gps_position") or log.get("sensor_gps")
     if receiver is not None:
         seen_us = receiver["timestamp"].astype(float)

@@ -5,6 +5,7 @@ truth.jsonl when the episode began and ended, and flight.tlog, or the autopilot'
 """
 
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.afterflight.smoothing import SmoothedPath, smooth
-from dronecats.afterflight.sources import FlightRecord, from_tlog, from_ulog
+from dronecats.afterflight.sources import FlightRecord, from_tlog, from_ulog, kept_ulog
 from dronecats.afterflight.surveyed_target import SurveyedTarget, target_of
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, estimate, json_object, read
@@ -28,13 +29,15 @@ MARGIN_US = 5e6  # µs of the flight before and after the episode that help to s
 def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None = None) -> Path:
     """Write estimate.jsonl of an episode folder and return it; without `target`, the one in episode.json, if any.
 
+    Without `ulog` it is derived from the log of the autopilot that the folder holds, else from flight.tlog.
+
     Raises UsageError when the logs do not tell enough, or when a target is given and the frame's origin was never told.
     """
     logs = read(folder)
     begin = logs.begin
     if begin is None:
         raise UsageError(f"{folder} holds no episode that began")
-    record = from_ulog(ulog) if ulog else from_tlog(folder / layout.TLOG)
+    record = from_ulog(ulog) if ulog else _heard(folder)
     target = target or _target_of_episode(folder)
     target_ned = None
     if target is not None:
@@ -65,6 +68,14 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     except OSError as error:
         raise UsageError(f"{file} cannot be written: {error.strerror}") from None
     return file
+
+
+def _heard(folder: Path) -> FlightRecord:
+    kept = kept_ulog(folder)
+    if kept is not None:
+        with suppress(UsageError):  # it broke off before it told anything
+            return from_ulog(kept)
+    return from_tlog(folder / layout.TLOG)
 
 
 def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:

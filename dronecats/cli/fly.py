@@ -59,6 +59,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
     vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
     vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
+    vehicle.add_argument(
+        "--keep-ulog", action="store_true", help="with --connect or --px4: keep the log that PX4 writes on board"
+    )
     pilot = parser.add_argument_group("pilot")
     add_pilot(pilot)
     pilot.add_argument(
@@ -180,20 +183,24 @@ def _verdict(result: dict[str, Any]) -> str:
     return f"FAILURE: {result['ne_m']:.2f} m from the target at the last action"
 
 
-def _hits(run: Path) -> list[str]:
-    """Return one line about what the drones flew into; nothing when they touched nothing."""
+def _incidents(run: Path) -> list[str]:
+    """Return a line about what the drones flew into, and one about estimator resets; none for what did not happen."""
+    from dronecats.judge.incidents import contacts, estimator_resets, hits_of, resets_of
     from dronecats.metrics.flown_episode import flown_episode
-    from dronecats.metrics.trajectories import contact_time
 
     flown = flown_episode(run)
-    hardest: dict[str, float] = {}
-    for hit in flown.logs.hits:
+    lines, hardest = [], dict[str, float]()
+    for hit in hits_of(flown.logs, flown.cap_s) or []:
         hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)
-    if not hardest:
-        return []
-    things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
-    count = len(flown.logs.hits)
-    return [f"{count} hit{'' if count == 1 else 's'} ({things}), {contact_time(flown) or 0.0:.1f} s in contact"]
+    told = contacts(flown.logs, flown.cap_s)
+    if told and told.hits:
+        things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
+        lines.append(f"{told.hits} hit{'' if told.hits == 1 else 's'} ({things}), {told.contact_s:.1f} s in contact")
+    if count := estimator_resets(flown.logs, flown.cap_s):
+        each = resets_of(flown.logs, flown.cap_s) or []
+        which = ", ".join(f"{' and '.join(reset.quantities) or 'small'} at {reset.t:.1f} s" for reset in each)
+        lines.append(f"{count} estimator reset{'' if count == 1 else 's'} ({which})")
+    return lines
 
 
 def _report(result: dict[str, Any], as_json: bool) -> int:
@@ -208,7 +215,7 @@ def _report(result: dict[str, Any], as_json: bool) -> int:
             f"{'' if result['declarations'] == 1 else 's'},"
             f" {result['sim_seconds']:.1f} s of flight at {result['real_time_factor']:.1f} × real time"
         )
-        for line in _hits(Path(result["run_dir"])):
+        for line in _incidents(Path(result["run_dir"])):
             print(line)
     print(f"run folder: {result['run_dir']}", flush=True)
     if as_json:

@@ -75,6 +75,8 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 
     if args.px4 and args.autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+    if args.keep_ulog and not args.px4:
+        raise UsageError("--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND; add them")
     factor = speed(args.speed or "1")
     vehicle = Simulated(
         airframe=args.airframe or Simulated().airframe,
@@ -94,6 +96,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         seed=args.seed or 0,
         full=args.full,
         envelope=_envelope(args),
+        keep_ulog=args.keep_ulog,
     )
 
 
@@ -106,6 +109,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     from foundation.errors import UsageError
 
     path = args.model.removeprefix(REPLAY)
+    if args.keep_ulog:
+        raise UsageError("--keep-ulog does not go with --model replay:RUN; leave it out")
     if args.connect:
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
     if args.base_url:
@@ -197,6 +202,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         patience_s=PATIENCE_S if args.patience is None else args.patience,
         **({} if args.seconds is None else {"seconds": args.seconds}),
         envelope=_limits(args.envelope, Limits()),
+        keep_ulog=args.keep_ulog,
     )
 
 

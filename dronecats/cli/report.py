@@ -17,6 +17,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--pool-anyway", action="store_true", help="count runs together though they are of other kinds")
     parser.add_argument("--drop-stalled", action="store_true", help="leave out episodes that the host held up")
     parser.add_argument(
+        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out episodes with more of it"
+    )
+    parser.add_argument(
         "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="add a file of your own metrics"
     )
     parser.add_argument("--no-page", action="store_true", help="write no page for the browser")
@@ -32,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.metrics.own import own_metrics
     from dronecats.metrics.registry import METRICS
     from dronecats.results.collection import collect, without_stalled
+    from dronecats.results.exclusion import exclude, parse_exclusion
     from dronecats.review.figures.all import draw
     from dronecats.review.report import as_json, lineup, opening, write
     from dronecats.review.tables.all import tables
@@ -43,13 +47,15 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--embed is of the page; leave out --no-page")
     if args.out.exists() and not args.out.is_dir():
         raise UsageError(f"--out {args.out} is a file; name a folder")
+    exclusions = [parse_exclusion(text) for text in args.exclude_above]
     own = tuple(metric for file in args.metric for metric in own_metrics(file))
     collection = collect(args.runs, args.delta, (*METRICS.values(), *own))
     if args.drop_stalled:
         collection = without_stalled(collection)
+    collection = exclude(collection, exclusions)
     who = lineup(collection, command(args), pool_anyway=args.pool_anyway)
     made = tables(who, own)
-    written = write(made, draw(who, made, args.out / "figures"), opening(who, args.delta), args.out)
+    written = write(made, draw(who, made, args.out / "figures"), opening(who, args.delta, exclusions), args.out)
     page = None
     if not args.no_page:
         from dronecats.review.page import write_page
@@ -68,6 +74,7 @@ def command(args: argparse.Namespace) -> str:
     said = ["dronecats", "report", *(str(path) for path in args.runs)]
     said += [] if args.delta == RADIUS_M else ["--delta", f"{args.delta:g}"]
     said += ["--pool-anyway"] * args.pool_anyway + ["--drop-stalled"] * args.drop_stalled
+    said += [part for text in args.exclude_above for part in ("--exclude-above", text)]
     return shlex.join(
         [*said, *(part for path in args.metric for part in ("--metric", str(path))), "--out", str(args.out)]
     )

@@ -11,12 +11,16 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser = actions.add_parser("report", help="what a study says: a page, figures, tables and data")
     parser.add_argument("study", type=Path, metavar="DIR", help="folder of a study")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write the report into (default DIR/report)")
+    parser.add_argument(
+        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out flights with more of it"
+    )
     parser.add_argument("--json", action="store_true", help="print the tables as one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the report; status 0 whatever it says."""
+    from dronecats.results.exclusion import parse_exclusion
     from dronecats.study.analysis.flown_study import flown_study
     from dronecats.study.report.writing import as_json, write
     from foundation.errors import UsageError
@@ -26,7 +30,9 @@ def run(args: argparse.Namespace) -> int:
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file; name a folder")
     words = ["dronecats", "study", "report", str(args.study), *(["--out", str(args.out)] if args.out else [])]
-    made = write(flown_study(args.study), shlex.join(words), out)
+    words += [word for text in args.exclude_above for word in ("--exclude-above", text)]
+    exclusions = [parse_exclusion(text) for text in args.exclude_above]
+    made = write(flown_study(args.study, exclusions=exclusions), shlex.join(words), out)
     if args.json:
         print(json.dumps(as_json(made)))
         return 0

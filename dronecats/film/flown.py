@@ -1,11 +1,13 @@
 """A flight as a film wants it: everything that its folder tells, at any time of the episode."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from dronecats.film.track import DroneTrack, logged, traced
+from dronecats.afterflight.sources import kept_ulog
+from dronecats.film.track import DroneTrack, logged, onboard, traced
 from dronecats.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.results.flown_run import flown_run
 from dronecats.rundir import layout
@@ -17,6 +19,7 @@ from episodes.assets.multirotor import Outline, outline
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.truth import Origin
 from vehicles import airframe as airframes
 
 DEFAULT_AIRFRAME = "x500"
@@ -109,10 +112,21 @@ def filmed_flight(episode: FlownEpisode) -> FilmedFlight:
     world = world_of(records.load(folder / layout.EPISODE), airframe)
     begin_us = logs.begin.t0_us if logs.begin is not None else 0
     fine = logged(folder / layout.TLOG, begin_us, origin(world))
-    tracks = {drone: fine.get(drone, track) for drone, track in traced((*logs.poses, *logs.frames.values())).items()}
+    tracks = {
+        drone: fine.get(drone) or _onboard(folder, drone, begin_us, origin(world)) or track
+        for drone, track in traced((*logs.poses, *logs.frames.values())).items()
+    }
     who = run.pilot if run.is_model else f"built-in pilot {run.pilot}, no model"
     pictured = simulated.get("rendered") is not False
     return FilmedFlight(episode, who, pictured, airframe, CameraModel(), tracks, world)
+
+
+def _onboard(folder: Path, drone: int, begin_us: int, map_origin: Origin) -> DroneTrack | None:
+    """Return the track in the log that a PX4 wrote on board; None without one that tells the truth."""
+    kept = kept_ulog(folder, drone)
+    with suppress(UsageError):  # torn: the trace of truth.jsonl stands
+        return onboard(kept, begin_us, map_origin) if kept else None
+    return None
 
 
 def _newest(decisions: Sequence[Decision], t: float, when: Callable[[Decision], float]) -> Decision | None:

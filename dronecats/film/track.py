@@ -1,7 +1,8 @@
 """Where a drone really was, at any time of the episode.
 
-flight.tlog holds the truth bus as it travelled: fifty poses a second, with attitude. Where it is missing, truth.jsonl
-has two places a second and a heading, and the drone is drawn level between them.
+flight.tlog holds the truth bus as it travelled: fifty poses a second, with attitude. So does the log that a simulated
+PX4 wrote on board, where it was kept. Without both, truth.jsonl has two places a second and a heading, and the drone is
+drawn level between them.
 """
 
 import math
@@ -15,9 +16,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
+from dronecats.afterflight.sources import ulog_topics
 from dronecats.rundir.rows import FrameTruth, Pose
 from episodes.fleet import DronePose
-from foundation.frames import Vec3, quat_from_euler
+from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler
 from foundation.mavlink import Parser, dialect
 from foundation.truth import Origin, TruthSample, truth_sample
 
@@ -81,6 +83,26 @@ def logged(path: Path, t0_us: int, origin: Origin) -> dict[int, DroneTrack]:
         turned = Rotation.from_quat([(*one.attitude[1:], one.attitude[0]) for one in samples])
         tracks[drone] = DroneTrack(t, _smoothed(t, places), turned, level=False)
     return tracks
+
+
+def onboard(path: Path, t0_us: int, origin: Origin) -> DroneTrack | None:
+    """Return the truth that a simulated PX4 wrote into its own log; None where it wrote none, as a real one.
+
+    Raises UsageError when the file is no ULog.
+    """
+    log = ulog_topics(path, "vehicle_local_position_groundtruth", "vehicle_attitude_groundtruth")
+    place, turned = log.get("vehicle_local_position_groundtruth"), log.get("vehicle_attitude_groundtruth")
+    if place is None or turned is None or len(place["timestamp"]) < 2 or len(turned["timestamp"]) < 2:
+        return None
+    first = geodetic_to_ned(*origin, *(float(place[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt")))
+    at_us, attitude_us = place["timestamp"].astype(float), turned["timestamp"].astype(float)
+    inside = (at_us >= attitude_us[0]) & (at_us <= attitude_us[-1])
+    quaternions = np.column_stack([turned[f"q[{k}]"] for k in (1, 2, 3, 0)])
+    places = np.column_stack([place[name] for name in ("x", "y", "z")]).astype(float) + first
+    t = (at_us[inside] - t0_us) / 1e6
+    return DroneTrack(
+        t, places[inside], Slerp(attitude_us, Rotation.from_quat(quaternions))(at_us[inside]), level=False
+    )
 
 
 def _of_truth(data: bytes) -> bytes:

@@ -106,6 +106,7 @@ class FlightSpec:
     seconds: float = CAP_S  # s of vehicle time, the length of the flight
     full: bool = False  # fly to its end although the verdict is decided
     envelope: Limits | None = SIMULATED  # None: no limits at all
+    keep_ulog: bool = False  # keep the log that a PX4 writes on board in the episode's folder
 
     def __post_init__(self) -> None:
         """Look that it is one flight."""
@@ -127,6 +128,9 @@ class FlightSpec:
             raise ValueError("disturbances go with simulated: what is connected has its own")
         if self.disturbances.vehicle.stalled and self.simulated and self.simulated.speed is None:
             raise ValueError("a host can stall only in real time: in lockstep everything waits for everything")
+
+        if self.keep_ulog and self.simulated and not (self.simulated.autopilot == "px4" and self.simulated.px4):
+            raise ValueError("keep_ulog goes with connected, or with autopilot px4 and the command that starts it")
 
     @property
     def scripted_commander(self) -> str | None:

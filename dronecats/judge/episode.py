@@ -13,6 +13,7 @@ from dronecats.judge.commanding import commanding
 from dronecats.judge.diagnostics import of_drones, of_fleet, wide_rotations
 from dronecats.judge.distances import distances
 from dronecats.judge.host_stalls import host_stalls
+from dronecats.judge.incidents import contacts, estimator_resets
 from dronecats.judge.measured import declarations, finished, last_action, reasons
 from dronecats.judge.measures import NOTHING_KNOWN, measures
 from dronecats.judge.stored import Comparison, compare
@@ -74,6 +75,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     claims = finished(logs)
     drones = of_drones(logs, delta_m, cap_s)
     whole = error is None and seen
+    resets = estimator_resets(logs, cap_s)
     return Verdict(
         outcome=named,
         success=scored.success if logs.true and named != "censored" else None,
@@ -94,6 +96,8 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
         commanding=commanding(logs, cap_s) or UNSET,
         host_stalls=host_stalls(logs.decisions) or UNSET,
         cap_s=UNSET if cap_s == CAP_S else cap_s,
+        contacts=contacts(logs, cap_s) or UNSET,
+        estimator_resets=UNSET if resets is None else resets,
     )
 
 

@@ -3,6 +3,9 @@
 import math
 from pathlib import Path
 
+from msgspec import UNSET
+
+from dronecats.logger.estimator_resets import ResetWatch, reset_row
 from dronecats.rundir import layout
 from dronecats.rundir.rows import Begin, End, Pose
 from dronecats.rundir.writing import LineLog, TelemetryLog
@@ -18,13 +21,15 @@ class EstimateRecorder:
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
         self._parser = Parser()
         self._clock = VehicleClock()
+        self._resets = ResetWatch()
         self._yaw_deg: float | None = None
         self._t0_us: int | None = None
         self._next_pose = 0
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         self._t0_us = t0_us
-        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate"))
+        resets = True if self._resets.is_told else UNSET
+        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate", resets=resets))
 
     def end(self, reason: str, error: str | None = None) -> None:
         if self._t0_us is not None:
@@ -46,6 +51,10 @@ class EstimateRecorder:
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self._clock.see(message.time_boot_ms)
                 self._pose(message)
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_ODOMETRY:
+                reset = self._resets.message(message)
+                if reset is not None and self._t0_us is not None:
+                    self._rows.write(reset_row(self._t(), 0, reset))
         self._tlog.flush()
 
     def _pose(self, message: dialect.MAVLink_message) -> None:

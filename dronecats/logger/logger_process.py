@@ -1,5 +1,6 @@
 """The logger as a process: listens on the truth bus and on a telemetry port of its own, and writes."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ class Logger:
         self._recorder = Recorder(Path(config.folder), origin(world), measured_in(world), CameraModel())
         self._drones = len(world.record.starts)
         self._truth = Listener(config.truth, self._recorder.truth)
-        self._telemetry = [Listener(url, self._recorder.telemetry) for url in config.telemetry]
+        self._telemetry = [
+            Listener(url, partial(self._recorder.telemetry, drone=drone)) for drone, url in enumerate(config.telemetry)
+        ]
         for index, listener in enumerate(self._telemetry):
             subscribe(listener.send, index + 1)
 

@@ -6,6 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import overload
 
+from msgspec import UNSET
+
+from dronecats.logger.estimator_resets import ResetWatch, reset_row
 from dronecats.logger.measure import Measure, TruthMeasurement
 from dronecats.rundir import layout
 from dronecats.rundir.rows import Begin, Clear, End, FrameTruth, Hit, InPicture, Pose
@@ -39,7 +42,8 @@ class Recorder:
     def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
         self._origin, self._measure, self._camera = origin, measure, camera
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
-        self._truth_parser, self._telemetry_parser = Parser(), Parser()
+        self._truth_parser = Parser()
+        self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # of each drone
         self._samples: dict[int, deque[HeardTruth]] = {}
         self._next_pose: dict[int, int] = {}
         self._due: deque[HeardTruth] = deque()  # poses to be written once it is known where the others are
@@ -54,7 +58,9 @@ class Recorder:
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         """The episode's clock is zero at this vehicle time; it is flown for `cap_s` seconds at most."""
         self._t0_us = t0_us
-        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True))
+        told = {drone for drone, (_, watch) in self._telemetry.items() if watch.is_told}
+        resets = True if told and told >= set(self._samples) else UNSET
+        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True, resets=resets))
 
     def end(self, reason: str, error: str | None = None) -> None:
         """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""
@@ -79,12 +85,16 @@ class Recorder:
             self._tlog.write(self._time_us, frame_of(message))
         self._tlog.flush()
 
-    def telemetry(self, data: bytes) -> None:
-        """Take bytes of an autopilot's telemetry; kept raw for the ground-station tools."""
+    def telemetry(self, data: bytes, drone: int = 0) -> None:
+        """Take bytes of a drone's autopilot; kept raw for the ground-station tools."""
         if not data:
             return
-        for frame in self._telemetry_parser.frames(data):
+        parser, watch = self._telemetry.setdefault(drone, (Parser(), ResetWatch()))
+        for frame in parser.frames(data):
             self._tlog.write(self._time_us, frame)
+            reset = watch.frame(frame)
+            if reset is not None and self._t0_us is not None:
+                self._rows.write(reset_row(self._t(self._time_us), drone, reset))
         self._tlog.flush()
 
     def _pose(self, sample: HeardTruth) -> None:

@@ -5,10 +5,10 @@ Of a fleet each is the best drone's, and the paths are added up (`dronecats/judg
 
 from collections.abc import Callable
 
+from dronecats.judge.incidents import contacts, estimator_resets
 from dronecats.metrics.flown_episode import FlownEpisode
 from dronecats.metrics.metric import Metric, MetricValue
 from dronecats.rundir.results import Diagnostics
-from dronecats.rundir.rows import Clear, Hit
 
 
 def min_distance_box(flown: FlownEpisode) -> float | None:
@@ -19,41 +19,31 @@ def min_distance_box(flown: FlownEpisode) -> float | None:
 
 def hits(flown: FlownEpisode) -> int | None:
     """Return how often a drone flew into something within the cap; None where hits were not written."""
-    return len(_hits(flown)) if _contacts(flown) else None
+    told = contacts(flown.logs, flown.cap_s)
+    return told.hits if told else None
 
 
 def crashes(flown: FlownEpisode) -> int | None:
     """Return how many drones hit something hard enough to break; None where hits were not written."""
-    return sum(hit.crash for hit in _hits(flown)) if _contacts(flown) else None
+    told = contacts(flown.logs, flown.cap_s)
+    return told.crashes if told else None
 
 
 def hardest_hit(flown: FlownEpisode) -> float | None:
     """Return the fastest closing speed (m/s) of a hit; None without one."""
-    return max((hit.closing_speed for hit in _hits(flown) if hit.closing_speed is not None), default=None)
+    told = contacts(flown.logs, flown.cap_s)
+    return told.hardest_hit_mps if told else None
 
 
 def contact_time(flown: FlownEpisode) -> float | None:
-    """Return the seconds in contact with anything, of all drones; a contact that the end cut off lasts until then."""
-    if not _contacts(flown):
-        return None
-    total, open_since = 0.0, dict[int, float]()
-    rows: list[Hit | Clear] = [*_hits(flown), *flown.logs.clears]
-    for row in sorted(rows, key=lambda row: row.t):
-        if isinstance(row, Hit):
-            open_since.setdefault(row.drone, row.t)
-        elif (since := open_since.pop(row.drone, None)) is not None:
-            total += min(row.contact_s, flown.cap_s - since)
-    end_s = min(flown.cap_s, flown.logs.end.t if flown.logs.end else flown.cap_s)
-    return round(total + sum(max(end_s - since, 0.0) for since in open_since.values()), 2)
+    """Return the seconds in contact with anything, of all drones; None where hits were not written."""
+    told = contacts(flown.logs, flown.cap_s)
+    return told.contact_s if told else None
 
 
-def _contacts(flown: FlownEpisode) -> bool:
-    begin = flown.logs.begin
-    return begin is not None and begin.contacts is True
-
-
-def _hits(flown: FlownEpisode) -> list[Hit]:
-    return [hit for hit in flown.logs.hits if hit.t <= flown.cap_s]
+def resets(flown: FlownEpisode) -> int | None:
+    """Return how often the drones' estimators were reset; None where the autopilot did not tell it."""
+    return estimator_resets(flown.logs, flown.cap_s)
 
 
 def _told(value: Callable[[Diagnostics], MetricValue]) -> Callable[[FlownEpisode], MetricValue]:
@@ -140,5 +130,10 @@ METRICS = (
         name="contact_s", title="In contact", unit="s", level="episode", better="less",
         definition="time in contact with obstacles or other drones, of a fleet all together",
         paper="", of=contact_time,
+    ),
+    Metric(
+        name="estimator_resets", title="Estimator resets", unit="count", level="episode", better="less",
+        definition="times an autopilot set its estimate of yaw, position, velocity or height anew, of all drones",
+        paper="", of=resets,
     ),
 )  # fmt: skip

@@ -2,17 +2,19 @@
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
-from dronecats.afterflight.sources import tlog_messages
+from dronecats.afterflight.sources import kept_ulog, tlog_messages, ulog_topics
 from dronecats.film.track import DroneTrack
 from dronecats.watch.heard import asked_velocity
+from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
@@ -110,6 +112,38 @@ def vehicle_logs(path: Path, t0_us: int) -> dict[int, VehicleLog]:
             _hear(systems.setdefault(message.get_srcSystem(), _Wires()), message, t0_us)
     flying = [number for number in sorted(systems) if systems[number].true or systems[number].places]
     return {drone: _told(drone, systems[number], t0_us) for drone, number in enumerate(flying)}
+
+
+def with_onboard_logs(vehicles: dict[int, VehicleLog], folder: Path, t0_us: int) -> dict[int, VehicleLog]:
+    """Return them with the estimates of the logs that PX4 wrote on board, where they were kept."""
+    found = dict(vehicles)
+    for drone in range(max(vehicles, default=0) + 1):
+        kept = kept_ulog(folder, drone)
+        with suppress(UsageError):  # a torn log: what the wires told stands
+            if kept is not None:
+                found[drone] = _with_log(vehicles.get(drone, VehicleLog(drone)), kept, t0_us)
+    return found
+
+
+def _with_log(told: VehicleLog, path: Path, t0_us: int) -> VehicleLog:
+    log = ulog_topics(path, "vehicle_local_position", "vehicle_attitude")
+    place, turned = log.get("vehicle_local_position"), log.get("vehicle_attitude")
+    if place is None or turned is None or len(turned["timestamp"]) < 2:
+        return told
+    names = ("x", "y", "z", "vx", "vy", "vz")
+    rows = np.column_stack([place["timestamp"].astype(float), *(place[name] for name in names)])
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    at_us = turned["timestamp"].astype(float)
+    rows = rows[(rows[:, 0] >= at_us[0]) & (rows[:, 0] <= at_us[-1])]
+    if not len(rows):
+        return told
+    attitude = Rotation.from_quat(np.column_stack([turned[f"q[{k}]"] for k in (1, 2, 3, 0)]))
+    t_s = (rows[:, 0] - t0_us) / 1e6
+    return replace(
+        told,
+        own_velocity=Timeline(tuple(map(float, t_s)), tuple((float(n), float(e), float(d)) for n, e, d in rows[:, 4:])),
+        own_track=DroneTrack(t_s, rows[:, 1:4], Slerp(at_us, attitude)(rows[:, 0]), level=False),
+    )
 
 
 def _hear(wires: _Wires, m: dialect.MAVLink_message, t0_us: int) -> None:

@@ -18,7 +18,7 @@ from dronecats.judge.measured import measured
 from dronecats.judge.verdict import Measured
 from dronecats.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.playback.occurrences import OFFBOARD, Occurrence, OccurrenceKind, envelope_rows, occurrences
-from dronecats.playback.onboard import Timeline, VehicleLog, vehicle_logs
+from dronecats.playback.onboard import Timeline, VehicleLog, vehicle_logs, with_onboard_logs
 from dronecats.results.flown_run import FlownRun, flown_run
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, episode_folder, exchanges
@@ -254,7 +254,7 @@ def playable_flight(path: Path) -> PlayableFlight:
     if logs.begin is None:
         raise UsageError(f"{folder} never began: its {layout.TRUTH} has no beginning")
     t0_us, end_s = logs.begin.t0_us, _last_heard_s(logs) if logs.end is None else logs.end.t
-    vehicles = vehicle_logs(folder / layout.TLOG, t0_us)
+    vehicles = with_onboard_logs(vehicle_logs(folder / layout.TLOG, t0_us), folder, t0_us)
     missing = [] if logs.end is not None else [NO_END]
     missing += [] if vehicles else [NO_TLOG]
     filmed, unknown = _filmed(episode)

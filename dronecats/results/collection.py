@@ -43,7 +43,7 @@ class ScoredEpisode:
     mode: str | None = None  # how it ended, success or its failure mode; None: it is nobody's score
     outlooks: tuple[StepOutlook, ...] = ()  # its steps beside one another, for what a think bought
     host_stalls: int | None = None  # steps that the host held up; None: not told, as in lockstep
-    left_out: bool = False  # whoever asked does not want it counted
+    left_out: str | None = None  # why the reader of a report does not want it counted
     usage: Usage = NONE_TOLD
     record_sha256: str = ""  # of the record that was flown; empty: there is none
     served: tuple[str, ...] = ()  # models that answered, in the vendors' words; empty: not told
@@ -51,7 +51,7 @@ class ScoredEpisode:
     @property
     def scored(self) -> bool:
         """Whether it counts: what the infrastructure broke is nobody's success and nobody's failure."""
-        return self.verdict is not None and self.verdict.outcome in SCORED and not self.left_out
+        return self.verdict is not None and self.verdict.outcome in SCORED and self.left_out is None
 
     @property
     def success(self) -> bool:
@@ -121,7 +121,7 @@ def scored_episode(run: FlownRun, folder: Path, delta_m: float, metrics: Sequenc
 def without_stalled(collection: Collection) -> Collection:
     """Return the collection with every flight that the host held up left uncounted."""
     kept = (
-        replace(each, left_out=True, error=f"the host held it up on {each.host_stalls} steps")
+        replace(each, left_out="the host held it up", error=f"the host held it up on {each.host_stalls} steps")
         if each.scored and each.host_stalls
         else each
         for each in collection.episodes

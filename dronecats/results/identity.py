@@ -30,7 +30,7 @@ NAMES = {  # key of run.json → what it is called in a sentence
     "firmware": "the firmware",
 }
 # of a flight; prompt and agent are known by what they came to, and a recorded latency is named after its own
-FREE = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace")
+FREE = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
 PARTS = ("the suite ", "the protocol's ")  # of which one may have what the other has not, as each has its own suite
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
 

@@ -7,6 +7,7 @@ from typing import Any
 from dronecats.results.collection import Collection
 from dronecats.results.completeness import unflown
 from dronecats.results.entrants import entrants
+from dronecats.results.exclusion import Exclusion, exclusion_sentences
 from dronecats.review.lineup import Lineup
 from dronecats.review.report_table import ReportTable
 from dronecats.review.writers.csv_table import as_csv
@@ -22,13 +23,12 @@ def lineup(collection: Collection, command: str, *, pool_anyway: bool = False) -
     return Lineup(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind.load(), command=command)
 
 
-def opening(who: Lineup, delta_m: float) -> list[str]:
+def opening(who: Lineup, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
     """Return what is to be known before any table, sentences."""
     flown = who.episodes
     scored = sum(each.scored for each in flown)
     said = [f"{len(flown)} flights of {len({each.episode for each in flown})} episodes, {scored} of them scored."]
-    if left_out := sum(each.left_out for each in flown):
-        said.append(f"Left out, since the host held them up: {left_out}.")
+    said += exclusion_sentences(flown, exclusions)
     for each in unflown(run for entrant in who.entrants for run in entrant.runs):
         said.append(f"Of the benchmark in {each.folder}, {each.missing} of {each.flights} flights are not in here.")
     if delta_m != RADIUS_M:

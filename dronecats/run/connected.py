@@ -11,6 +11,7 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
 from dronecats.run.instruments import UNWATCHED, Instruments
+from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.pilot import opened
 from dronecats.run.settings import settings
@@ -30,7 +31,8 @@ from hil.link.transport import connect
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off, PX4's MIS_TAKEOFF_ALT
-SILENCE_S = 30.0  # wall seconds that a cable may be out; what the vehicle does meanwhile is its own failsafe's matter
+# wall seconds for which a vehicle may be silent or a cable out. It has left Offboard by its own failsafe long before
+SILENCE_S = 6.0
 
 
 def fly_connected(
@@ -78,6 +80,8 @@ def fly_connected(
 
     def afterwards(flown: Flown) -> None:
         folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
+        if spec.keep_ulog:
+            fetch_onboard_log(vehicle.url, link, folder, say)
         if dry:
             say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
 

@@ -12,6 +12,7 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import start_of
 from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
+from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.oracle import opened_in
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.settings import settings
@@ -81,6 +82,8 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
 
     def afterwards(flown: Flown) -> None:
         folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
+        if spec.keep_ulog:
+            fetch_onboard_log(vehicle.url, link, folder, say)
         if flown.steps and judged:
             draw(folder)
         if dry:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -13,7 +14,7 @@ from dronecats.agent.pictures import PicturePath
 from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
 from dronecats.run.ascent import StartOffset, ascend, unchecked
-from dronecats.run.landing import finish, unexpected
+from dronecats.run.landing import finish, tell, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.rundir import layout
 from dronecats.rundir.reading import read
@@ -82,6 +83,8 @@ def fly(
     try:
         for link in stage.links:
             link.on_wait = _tending(stage, link)
+        for drone, link in enumerate(stage.links):
+            link.on_silence = partial(_warn_of_silence, say, f"drone {drone + 1}: " if len(stage.links) > 1 else "")
         if authority.dry or not authority.arm:
             take_over(stage.links, authority, say)
         else:
@@ -106,6 +109,8 @@ def fly(
         reason, error = "error", fault
     except Exception as bug:
         reason, error = "error", unexpected(bug, folder)
+    if error is not None:
+        tell(say, f"the flight ends: {error}")  # at once: landing and closing take seconds
     flown_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     stage.mend()
@@ -126,6 +131,11 @@ def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
             link.keep_up()
 
     return tend
+
+
+def _warn_of_silence(say: Callable[[str], None], whose: str, seconds: float) -> None:
+    """Say how much time was lost; in the record it is the `host_lag_s` of the decision under way."""
+    tell(say, f"      {whose}no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
 
 
 def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:

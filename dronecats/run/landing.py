@@ -5,6 +5,7 @@ import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from dronecats.stages.stage import Stage
@@ -21,14 +22,10 @@ def finish(
     told to land. The error is that of a process that is gone or hangs, if there is one, else `error`, else the
     logger's.
     """
-
-    def tell(line: str) -> None:
-        with contextlib.suppress(OSError, ValueError):  # whoever listened may be gone
-            say(line)
-
+    say_safely = partial(tell, say)
     try:
-        with orders_first(tell) as hurried:
-            flying = order_landing(stage, then, tell)
+        with orders_first(say_safely) as hurried:
+            flying = order_landing(stage, then, say_safely)
         if error and reason == "error":
             error = stage.cause(error)
         try:
@@ -39,10 +36,16 @@ def finish(
             error = error or InfrastructureError(f"the logger cannot be told of the end: {broken}")
         if hurried:
             raise KeyboardInterrupt
-        await_landing(flying, tell)
+        await_landing(flying, say_safely)
     except KeyboardInterrupt:
-        tell("asked twice to stop: not waiting any longer")
+        say_safely("asked twice to stop: not waiting any longer")
     return error
+
+
+def tell(say: Callable[[str], None], line: str) -> None:
+    """Say a line to somebody who may be gone."""
+    with contextlib.suppress(OSError, ValueError):
+        say(line)
 
 
 @contextlib.contextmanager

@@ -37,6 +37,9 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any
         folders.write_run(folder.parent, {**found, "served_rate_hz": served_rate_hz(folder)})
         if flown.steps:
             draw(folder)
+        for drone in range(len(record.starts) if spec.keep_ulog else 0):
+            if not (folder / layout.onboard_log_name(drone)).exists():
+                say(f"PX4's log of drone {drone + 1} is not kept: it wrote none, as before its first arming")
 
     return fly_in(folder, flight, say, found, afterwards)
 

@@ -36,5 +36,10 @@ def intent_name(step: int, drone: int = 0) -> str:
     return f"{step:04d}{_of(drone)}.jpg"
 
 
+def onboard_log_name(drone: int = 0) -> str:
+    """Return the name of the log that a drone's autopilot wrote itself: onboard.ulg, of others onboard_dK.ulg."""
+    return f"onboard{_of(drone)}.ulg"
+
+
 def _of(drone: int) -> str:
     return f"_d{drone}" if drone else ""

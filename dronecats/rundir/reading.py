@@ -29,13 +29,14 @@ from dronecats.rundir.rows import (
     FrameTruth,
     Hit,
     Pose,
+    Reset,
 )
 from foundation.errors import UsageError
 
 SCHEMA = 1  # version of the run folder's files; counts up when a field changes its meaning, which adding one does not
 
 Row = TypeVar("Row")
-TruthRow = Begin | Pose | FrameTruth | Hit | Clear | End
+TruthRow = Begin | Pose | FrameTruth | Hit | Clear | Reset | End
 EstimateRow = EstimateHead | EstimatedPose | EstimatedFrame
 
 
@@ -61,6 +62,7 @@ class Logs:
     record: FlownRecord | None = None  # None: there is none that can be read
     hits: tuple[Hit, ...] = ()
     clears: tuple[Clear, ...] = ()
+    resets: tuple[Reset, ...] = ()
 
     @property
     def true(self) -> bool:
@@ -82,6 +84,7 @@ def read(folder: Path) -> Logs:
         end=next(iter(told[End]), None),
         hits=tuple(told[Hit]),
         clears=tuple(told[Clear]),
+        resets=tuple(told[Reset]),
         record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))

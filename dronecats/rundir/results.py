@@ -122,6 +122,16 @@ class CommandingDiagnostics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Contacts:
+    """What the drones of an episode flew into, all together, within the cap."""
+
+    hits: Annotated[Whole, _of("times a drone flew into something; of one contact each thing counts once")]
+    crashes: Annotated[Whole, _of("drones that hit something hard enough to break")]
+    hardest_hit_mps: Annotated[float | None, _of("m/s, fastest closing speed; null: of none")]
+    contact_s: Annotated[float, _of("s in contact with anything")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """What the logs of an episode come to: verdict.json."""
 
@@ -147,6 +157,11 @@ class Verdict:
     commanding: Annotated[CommandingDiagnostics | UnsetType, _of("only of a commanding episode")] = UNSET
     cap_s: Annotated[float | UnsetType, _of("s, what is declared later does not count; only where not 300")] = UNSET
     host_stalls: Annotated[Whole, _of("steps that the host delayed; only if any")] | UnsetType = UNSET
+    contacts: Annotated[Contacts | UnsetType, _of("only where hits are written; never part of the outcome")] = UNSET
+    estimator_resets: (
+        Annotated[Whole, _of("of all drones; only where the autopilot tells them; never part of the outcome")]
+        | UnsetType
+    ) = UNSET
 
     def as_json(self) -> dict[str, Any]:
         """Return it as verdict.json holds it."""

@@ -39,6 +39,7 @@ ActionObject = Annotated[
 ]
 Cap = Annotated[float, Meta(gt=0.0, lt=LARGE, extra={"wrong": "is not a time"})]
 TraceSource = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
+ResetQuantity = Literal["yaw", "position", "velocity", "height"]
 Surveyed = Annotated[dict[str, Number | None], Meta(extra={"wrong": "is not a surveyed place"})]
 
 
@@ -106,7 +107,7 @@ class Decision:
             Number, _of("s of wall time × speed by which the vehicle's clock fell behind since the last decision")
         ]
         | UnsetType
-    ) = UNSET  # in lockstep and on a vehicle of its own there is no such thing
+    ) = UNSET  # in lockstep there is no such thing
     frame_wait_s: (
         Annotated[Number, _of("s of wall time × speed for which the picture was waited for, of a fleet for each")]
         | UnsetType
@@ -173,6 +174,10 @@ class Begin:
     cap_s: Annotated[Cap | None, _of("s, the length of the flight")] = None
     source: Annotated[TraceSource | UnsetType | None, _of("estimate: all that follows is an autopilot's own")] = UNSET
     contacts: Annotated[bool, _of("whether hits are written; missing: they are not")] | UnsetType = UNSET
+    resets: (
+        Annotated[bool, _of("whether estimator resets are written; missing: the autopilot does not tell them")]
+        | UnsetType
+    ) = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,6 +242,26 @@ class Clear:
     t: Seconds
     drone: DroneNumber
     contact_s: Annotated[Number, _of("s, from the first hit of the contact to its last touch")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reset:
+    """The autopilot's estimator was reset, in truth.jsonl: its counter in ODOMETRY went up.
+
+    The jumps are what the estimate moved by between two messages beyond its own velocity and rate of turn.
+    """
+
+    kind: Literal["reset"] = "reset"
+    t: Seconds
+    drone: DroneNumber
+    count: Annotated[Whole, _of("resets since the message before, 1 or more")]
+    quantities: Annotated[
+        tuple[ResetQuantity, ...], _of("yaw, position, velocity, height: those whose jump is too large to be motion")
+    ]
+    yaw_deg: Annotated[Number, _of("°, jump of the heading, + right")]
+    position_m: Annotated[Number, _of("m, horizontal jump of the position")]
+    height_m: Annotated[Number, _of("m, jump of the height, + up")]
+    velocity_mps: Annotated[Number, _of("m/s, change of the velocity")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -309,5 +334,7 @@ class FlownRecord:
     candidates: tuple[FlownThing, ...] = ()
 
 
-TRUTH_ROWS = {"begin": Begin, "pose": Pose, "frame": FrameTruth, "hit": Hit, "clear": Clear, "end": End}  # by `kind`
+TRUTH_ROWS = {  # by `kind`
+    "begin": Begin, "pose": Pose, "frame": FrameTruth, "hit": Hit, "clear": Clear, "reset": Reset, "end": End,
+}  # fmt: skip
 ESTIMATE_ROWS = {"estimate": EstimateHead, "pose": EstimatedPose, "frame": EstimatedFrame}

@@ -30,6 +30,7 @@ class SimulatorConfig:
     autopilot: Literal["ours", "px4"] = "ours"
     px4: str | None = None  # the command that starts a PX4; None: it is waited for
     log_dir: str | None = None  # for what a PX4 prints
+    keep_ulogs: str | None = None  # folder for the logs that each PX4 has written on board; None: they are not kept
     restart: bool = False  # whether a PX4 that ends is started again
     sign: str | None = None  # file of the key with which our autopilot signs; None: it does not
     hitl: str | None = None  # URL of a board that flies the vehicle

@@ -17,7 +17,7 @@ class ConnectedStage:
     """The link's bytes are copied to the logger, which is a process of its own here as well."""
 
     lockstep = False
-    speed = None
+    speed = 1.0  # a vehicle whose clock is its own
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
         """`folder` is the episode's, for the logs. Raises InfrastructureError."""

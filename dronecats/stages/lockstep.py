@@ -63,7 +63,7 @@ class LockstepStage:
         for vehicle in ours:
             port = vehicle.open_port("minimal")
             subscribe(port.receive, vehicle.index + 1)
-            clock.followers.append(partial(self._log, port))
+            clock.followers.append(partial(self._log, port, vehicle.index))
         self.camera = WorldCamera(
             world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics,
             seed=spec.seed, kept=truth_kept(spec.disturbances.frame),
@@ -82,15 +82,15 @@ class LockstepStage:
             self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
             disturbed.take(self.links, ())
         if self._px4:
-            for link in self.links:
-                link.listeners.append(self._keep)
+            for drone, link in enumerate(self.links):
+                link.listeners.append(partial(self._keep, drone))
         self.executor: Executor = InlineExecutor()
 
-    def _log(self, port: VehiclePort) -> None:
-        self._recorder.telemetry(port.take())
+    def _log(self, port: VehiclePort, drone: int) -> None:
+        self._recorder.telemetry(port.take(), drone)
 
-    def _keep(self, message: dialect.MAVLink_message) -> None:
-        self._recorder.telemetry(bytes(message.get_msgbuf()))
+    def _keep(self, drone: int, message: dialect.MAVLink_message) -> None:
+        self._recorder.telemetry(bytes(message.get_msgbuf()), drone)
 
     def tap(self, feed: Callable[[bytes], None]) -> "FedTap":
         """Have the truth bus fed to somebody after every tick."""

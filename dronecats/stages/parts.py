@@ -34,6 +34,7 @@ def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> Si
         autopilot=simulated.autopilot,
         px4=simulated.px4,
         log_dir=str(folder),
+        keep_ulogs=str(folder) if spec.keep_ulog else None,
         payload_kg=spec.disturbances.vehicle.payload_kg,
         disturbed=conditions_of(spec.disturbances.vehicle),
         stalls=HostStalls(share=spec.disturbances.vehicle.stalled, seconds=spec.disturbances.vehicle.stall_s),

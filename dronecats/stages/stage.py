@@ -40,7 +40,7 @@ class Stage(Protocol):
 
     @property
     def speed(self) -> float | None:
-        """The factor on real time that the vehicle's clock is held to; None: it waits, or it is not ours to hold."""
+        """The factor on real time at which the vehicle's clock should run; None: it waits."""
         ...
 
     def begin(self, t0_us: int, cap_s: float) -> None:

@@ -23,7 +23,7 @@ class WorldStage:
     """The truth comes over a bridge onto a bus of our own, where camera, logger and oracle listen as they always do."""
 
     lockstep = False
-    speed = None
+    speed = 1.0  # a vehicle whose clock is its own
 
     def __init__(
         self,

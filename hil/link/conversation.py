@@ -20,6 +20,9 @@ from hil.link.vehicle_address import VehicleAddress
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
 SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
+LOST_S = 1.0  # the same of a vehicle that was silent for so long and has not spoken since
+WARNING_S = 1.0  # s of the transport's clock without telemetry that are worth a warning
+PATIENCE_S = 0.5  # s of the transport's clock of one read
 GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing that was known of the mode is believed
 AWAY_S = 0.5  # s of the transport's clock between two words of ours after which what has piled up is read first
 ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator that has just booted tells no place for a second
@@ -71,8 +74,10 @@ class Conversation:
         self.texts = StatusTexts()
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
         self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
-        self._silence_s, self._time_s = silence_s, transport.time_s
+        self.on_silence: Callable[[float], None] = lambda seconds: None  # receives how long no telemetry came, s
         self.on_notice: Callable[[str], None] = lambda line: None  # receives lines for the user
+        self._silence_s, self._time_s = silence_s, transport.time_s
+        self._lost = False  # whether it was silent for that long, and has been since
         self._address = VehicleAddress(transport, lambda line: self.on_notice(line))
         self._packer = Packer(SYSTEM, COMPONENT)
         self._unix_s = unix_s
@@ -329,21 +334,25 @@ class Conversation:
         return self.state.mode_us >= self._gap_us
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
-        patience_s, moved_s, moved_us, reads = 0.5, self._time_s(), self.time_us, 0
+        moved_s, moved_us, reads = self._time_s(), self.time_us, 0
         while not reached():
-            heard = self._receive(patience_s)
+            heard = self._receive(PATIENCE_S)
             if self.clock.reboots != self._boots:
                 self._boots, self._heartbeat_due_us, self._tick_due_us = self.clock.reboots, 0, 0
                 self._request_streams()
                 raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
             self.on_wait()
             reads += 1
-            if self.time_us != moved_us:
-                moved_s, moved_us, reads = self._time_s(), self.time_us, 0
             # several reads, so that one long pause of our own is not held against it
-            elif reads >= 5 and self._time_s() - moved_s >= self._silence_s:
+            silent_s = self._time_s() - moved_s
+            if self.time_us != moved_us:
+                if silent_s >= WARNING_S and reads * PATIENCE_S >= silent_s:
+                    self.on_silence(silent_s)
+                moved_s, moved_us, reads, self._lost = self._time_s(), self.time_us, 0, False
+            elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
+                self._lost = True  # whoever ends the flight now does not wait as long for every order
                 what = "sends no telemetry any more" if heard else "has been silent"
-                raise LinkError(f"the vehicle on {self.transport.url} {what} for {self._silence_s:g} s")
+                raise LinkError(f"the vehicle on {self.transport.url} {what} for {silent_s:.3g} s")
 
     def wait(self, seconds: float) -> None:
         """Let vehicle time pass, streaming on."""

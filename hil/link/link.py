@@ -219,9 +219,9 @@ class Link(Conversation):
 
     def _takeover(self) -> TakeoverError:
         self._tried_to_arm = False
-        said = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
         what = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
         of_late = self.texts.since(self.time_us - TOLD_US)
+        said = f"; the autopilot said: {of_late}" if of_late else ""
         failsafe = self.state.system_status >= dialect.MAV_STATE_CRITICAL or "failsafe" in of_late.lower()
         whose = "by a failsafe of its own" if failsafe else "by another hand, which has it now"
         return TakeoverError(f"the vehicle was {what} {whose}{said}")

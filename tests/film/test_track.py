@@ -1,16 +1,20 @@
 """Where everybody was, by somebody else's reader of the same logs."""
 
 import math
+import shutil
 
 import numpy as np
 import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
+from dronecats.afterflight.trace import derive
+from dronecats.film.flown import filmed_flight, told
 from dronecats.film.track import logged, traced
 from dronecats.rundir import layout
-from dronecats.rundir.reading import read
+from dronecats.rundir.reading import estimate, read
 from dronecats.sitl.scenario import origin
+from tests.support.onboard_logs import with_onboard_log
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +78,36 @@ def test_before_the_first_sample_and_after_the_last_it_stays(flown):
     track = traced(read(flown).poses)[0]
     assert track.at(-5.0) == track.at(float(track.t[0]))
     assert track.at(1e6) == track.at(float(track.t[-1]))
+
+
+def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flown, tmp_path):
+    folder = tmp_path / flown.parent.name / flown.name
+    shutil.copytree(flown.parent, folder.parent)
+    true = with_onboard_log(folder)
+    (folder / layout.TLOG).unlink()
+    track = filmed_flight(told(folder)).tracks[0]
+    assert not track.level
+    for t in np.arange(0.1, float(true.t[-1]) - 0.1, 0.31):
+        assert math.dist(track.at(t).position_ned, true.at(t).position_ned) < 0.01
+        assert angle_deg(track.at(t).attitude, true.at(t).attitude) < 0.1
+    torn = folder / layout.onboard_log_name()
+    torn.write_bytes(torn.read_bytes()[:40])
+    assert filmed_flight(told(folder)).tracks[0].level
+
+
+def test_a_trace_is_derived_from_the_log_on_board_where_it_was_kept(flown, tmp_path):
+    folder = tmp_path / flown.parent.name / flown.name
+    shutil.copytree(flown.parent, folder.parent)
+    derive(folder)
+    trace = estimate(folder)
+    assert trace is not None
+    assert trace.head.source == layout.TLOG
+    with_onboard_log(folder, off=(7.0, 0.0, 0.0))
+    derive(folder)
+    trace = estimate(folder)
+    assert trace is not None
+    assert trace.head.source == layout.onboard_log_name()
+    true = {pose.t: pose.position_ned for pose in read(folder).poses}
+    north = [pose.position_ned[0] - true[round(pose.t, 6)][0] for pose in trace.poses if round(pose.t, 6) in true]
+    assert north
+    assert np.median(north) == pytest.approx(7.0, abs=0.2)

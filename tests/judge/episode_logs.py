@@ -45,6 +45,7 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
         end=end and row(end, TRUTH_ROWS["end"]),
         hits=tuple(row(r, TRUTH_ROWS["hit"]) for r in truth if r["kind"] == "hit"),
         clears=tuple(row(r, TRUTH_ROWS["clear"]) for r in truth if r["kind"] == "clear"),
+        resets=tuple(row(r, TRUTH_ROWS["reset"]) for r in truth if r["kind"] == "reset"),
         record=record and row(record, FlownRecord),
     )
 

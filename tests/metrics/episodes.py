@@ -17,7 +17,7 @@ RECORD = {
     "candidates": [{"position_ned": [20.0, 8.0, 0.5]}, {"position_ned": [20.0, -8.0, 0.5]}],
 }
 TARGET = [20.0, 0.0, -0.5]
-BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S, "contacts": True}
+BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S, "contacts": True, "resets": True}
 
 number = st.integers(0, 1000).map(float) | st.sampled_from([0.0, 100.0, 128.0, 164.0, 72.0, 52.0, 500.0])
 go = st.builds(
@@ -57,6 +57,17 @@ def contacts(draw: Any, drone: int) -> list[dict[str, Any]]:
 
 
 @st.composite
+def resets(draw: Any, drone: int) -> list[dict[str, Any]]:
+    """Return the rows of a drone's estimator resets, some of them after the cap."""
+    times = draw(st.lists(st.sampled_from([0.5, 7.0, 29.0, 31.0]), max_size=2))
+    return [
+        {"kind": "reset", "t": t, "drone": drone, "count": draw(st.integers(1, 3)), "quantities": ["yaw"],
+         "yaw_deg": -87.0, "position_m": 0.0, "height_m": 0.0, "velocity_mps": 0.0}
+        for t in times
+    ]  # fmt: skip
+
+
+@st.composite
 def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
     """Return (decisions, truth, record)."""
     drones, commanding, whole = draw(st.integers(1, 3)), draw(st.booleans()), draw(maybe)
@@ -91,7 +102,7 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
             truth.append(pose(at, away(where), seen, drone, list(where), yaw_deg=yaw_deg, target_ned=TARGET))
             at += draw(st.sampled_from([0.5, 0.5, 1.0]))
     for drone in range(drones):
-        truth += draw(contacts(drone))
+        truth += draw(contacts(drone)) + draw(resets(drone))
     record = {**RECORD, "cell": "commanding" if commanding else "approaching"} if draw(maybe) else None
     return decisions, truth, record
 

@@ -278,6 +278,7 @@ METRICS = {
     "crashes": lambda e: sum(row["crash"] for row in struck(e)),
     "hardest_hit_mps": lambda e: max((r["closing_speed"] for r in struck(e) if r["closing_speed"]), default=None),
     "contact_s": contact_s,
+    "estimator_resets": lambda e: sum(r["count"] for r in e.truth if r["kind"] == "reset" and r["t"] <= e.cap_s),
     "success": scored(lambda e: e.won),
     "oracle_success": lambda e: any(r["distance_m"] <= 5.0 for r in e.samples) if e.samples else None,
     "declared": scored(lambda e: bool(e.claims)),

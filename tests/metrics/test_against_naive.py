@@ -39,10 +39,13 @@ def test_every_metric_is_as_its_definition_has_it(rows):
             assert value is None or type(value) is bool or metric.unit != "share", name
 
 
-def test_where_no_hits_were_written_none_is_told():
+INCIDENTS = ("hits", "crashes", "hardest_hit_mps", "contact_s", "estimator_resets")
+
+
+def test_where_no_hits_and_no_resets_were_written_none_is_told():
     begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
     episode = FlownEpisode(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
-    assert [METRICS[name].of(episode) for name in ("hits", "crashes", "hardest_hit_mps", "contact_s")] == [None] * 4
+    assert [METRICS[name].of(episode) for name in INCIDENTS] == [None] * len(INCIDENTS)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

@@ -19,6 +19,7 @@ from foundation.errors import UsageError
 from foundation.frames import quat_conjugate, quat_multiply, quat_to_euler, rotate_inverse
 from foundation.mavlink import Packer, dialect
 from tests.support.json_lines import rows
+from tests.support.onboard_logs import with_onboard_log
 from tests.support.run_folders import run_folder
 
 SOON = 1e-4  # s
@@ -270,3 +271,16 @@ def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
     assert told.t_s == (1.0, 2.0)
     assert told.values[0] == pytest.approx((1.0, 0.5, 0.3))
     assert told.values[1] == (1.0, 0.5, 0.0)
+
+
+def test_the_estimate_is_that_of_the_log_on_board_where_it_was_kept(flight, copied):
+    true = with_onboard_log(copied, off=(7.0, 0.0, 0.0))
+    known = playable_flight(copied)
+    own, wire = known.vehicles[0].own_track, flight.vehicles[0].own_track
+    assert own is not None
+    assert wire is not None
+    assert len(own.t) > 5 * len(wire.t)
+    for t in (1.0, 2.0, 3.0):
+        assert own.at(t).position_ned[0] - true.at(t).position_ned[0] == pytest.approx(7.0, abs=0.01)
+        assert known.tracks[0].at(t) == flight.tracks[0].at(t)
+    assert known.vehicles[0].states == flight.vehicles[0].states

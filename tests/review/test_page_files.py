@@ -212,7 +212,7 @@ def test_ones_own_metrics_and_what_is_left_out_are_told(tmp_path):
                  paper="", of=lambda flown: float(len(flown.logs.decisions)))  # fmt: skip
     found = collect([run], metrics=(*METRICS.values(), own))
     first, *others = found.episodes
-    page = write_page(replace(found, episodes=(replace(first, left_out=True), *others)), [], tmp_path / "report")
+    page = write_page(replace(found, episodes=(replace(first, left_out="chosen"), *others)), [], tmp_path / "report")
     held = re.search(r'id="index">(.*?)</script>', page.read_text(), re.DOTALL)
     assert held
     index = json.loads(held[1])

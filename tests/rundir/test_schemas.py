@@ -29,6 +29,11 @@ ROWS: dict[str, list[tuple[dict[str, Any], Any]]] = {
         ({"kind": "hit", "t": 7.5, "drone": 1, "what": "house-25", "closing_speed": 1.2, "crash": True},
           TRUTH_ROWS["hit"]),
         ({"kind": "clear", "t": 9.5, "drone": 1, "contact_s": 1.5}, TRUTH_ROWS["clear"]),
+        (
+            {"kind": "reset", "t": 9.5, "drone": 1, "count": 2, "quantities": ["yaw", "height"], "yaw_deg": -87.0,
+             "position_m": 0.1, "height_m": -2.0, "velocity_mps": 0.0},
+            TRUTH_ROWS["reset"],
+        ),
         ({"kind": "end", "t": 300.0, "reason": "cap", "error": None}, TRUTH_ROWS["end"]),
     ],
     "estimate": [

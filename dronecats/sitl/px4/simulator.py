@@ -1,5 +1,6 @@
 """The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
 
+import shutil
 import socket
 import sys
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
 
+from dronecats.rundir.layout import onboard_log_name
 from dronecats.sitl.config import SimulatorConfig
 from dronecats.sitl.host_stalls import Staller
 from dronecats.sitl.pace import PaceReport, RateKeeper
@@ -27,6 +29,7 @@ from vehicles import fault_script
 
 INSTANCES = 10  # of which each has an offboard port of its own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
+ULOGS = "log/*/*.ulg"  # in the folder in which a PX4 runs, by date
 IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
 
 
@@ -77,6 +80,11 @@ def _servers(config: SimulatorConfig, count: int) -> list[SimulatorServer]:
     return [SimulatorServer(PORT + (config.instance or 0) + k, instead=instead) for k in range(count)]
 
 
+def _state_name(index: int) -> str:
+    """Return the name of the folder in which a vehicle's PX4 runs."""
+    return f"vehicle-{index + 1}"
+
+
 def _say(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
@@ -120,6 +128,8 @@ class Px4Simulator:
             self._started_at = [0] * len(self.vehicles)
             self._processes: list[Px4Process] = []
             self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
+            if config.keep_ulogs:
+                parts.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
             if command is not None:
                 for vehicle in self.vehicles:
                     self._processes.append(self._px4(command, vehicle.index, config))
@@ -134,10 +144,19 @@ class Px4Simulator:
         return Px4Vehicle(index, airframe, pose, server=self._servers[index], **physics)
 
     def _px4(self, command: str, index: int, config: SimulatorConfig) -> Px4Process:
-        name = f"vehicle-{index + 1}"
+        name = _state_name(index)
         folder = Path(config.state_dir or self._passing).absolute() / name
         log = Path(config.log_dir).absolute() / f"px4-{name}.log" if config.log_dir else folder / "px4.log"
         return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
+
+    def _keep_ulogs(self, kept: Path, states: Path) -> None:
+        """Copy the newest log of every PX4, all of which have ended."""
+        for vehicle in self.vehicles:
+            logs = sorted((states / _state_name(vehicle.index)).glob(ULOGS), key=lambda log: log.stat().st_mtime)
+            if not logs:
+                self._say(f"vehicle {vehicle.index + 1}: PX4 wrote no log")
+                continue
+            shutil.copyfile(logs[-1], kept / onboard_log_name(vehicle.index))
 
     def _reset_pace(self) -> None:
         self._keeper = RateKeeper(TICK_US / 1e6 / (self.speed or 1.0))

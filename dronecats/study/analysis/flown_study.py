@@ -13,12 +13,13 @@ from dronecats.metrics.metric import Metric
 from dronecats.metrics.registry import METRICS
 from dronecats.results.collection import collect
 from dronecats.results.entrants import FLAT, Setting, setting
+from dronecats.results.exclusion import Exclusion, exclude, exclusion_sentences
 from dronecats.results.flown_run import FlownRun
 from dronecats.results.identity import Identity, differences, identity
 from dronecats.rundir import layout
 from dronecats.rundir.study import Level, Study, StudyRun
 from dronecats.study import folder as study_folder
-from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, StudiedLevel
+from dronecats.study.analysis.studied import MANY, Studied, StudiedFactor, StudiedFlight, StudiedLevel
 from dronecats.study.analysis.target_motion import METRICS as MOTION
 from dronecats.study.factors import POLICY, WHO_FLIES, at_levels
 from episodes.record import CELLS
@@ -29,15 +30,15 @@ NONE_COUNTS = "No flight counts yet."
 ALIKE = ("the code", "the camera", "the clock", "the protocol", "the suite", "the version")  # whoever flew
 
 
-def flown_study(folder: Path, metrics: Sequence[Metric] = ()) -> Studied:
-    """Return the study that was flown in a folder; `metrics` are measured besides.
+def flown_study(folder: Path, metrics: Sequence[Metric] = (), exclusions: Sequence[Exclusion] = ()) -> Studied:
+    """Return the study that was flown in a folder; `metrics` are measured besides, `exclusions` leave flights out.
 
     Raises UsageError where there is none, where a run is not what study.json says of it, where runs of one entrant
     differ in more than their levels, where flights that are a pair have not the same seed, and where one of them was
     flown twice.
     """
     study = study_folder.read(folder)
-    collection = collect([folder], metrics=(*METRICS.values(), *MOTION, *metrics))
+    collection = exclude(collect([folder], metrics=(*METRICS.values(), *MOTION, *metrics)), exclusions)
     told = {run.name: run for run in study.runs}
     runs = [run for run in collection.runs if run.folder.name in told]
     if not runs:
@@ -59,15 +60,20 @@ def flown_study(folder: Path, metrics: Sequence[Metric] = ()) -> Studied:
         if scored.run.folder in labels
     )
     cells = {each.scored.cell for each in flights}
+    factors = tuple(_factor(study, name) for name in names)
     return Studied(
         name=study.name,
         design=study.design,
-        factors=tuple(_factor(study, name) for name in names),
+        factors=factors,
         entrants=tuple(dict.fromkeys(labels.values())),
         cells=tuple(cell for cell in (*CELLS, "") if cell in cells),
         flights=flights,
         planned=len(study.runs) * len(study.episodes),
-        notes=(*_notes(runs, labels, kinds), *(() if any(each.scored.scored for each in flights) else [NONE_COUNTS])),
+        notes=(
+            *_notes(runs, labels, kinds),
+            *_excluded(flights, factors, exclusions),
+            *(() if any(each.scored.scored for each in flights) else [NONE_COUNTS]),
+        ),
     )
 
 
@@ -198,3 +204,20 @@ def _notes(runs: Sequence[FlownRun], labels: Mapping[Path, str], kinds: Mapping[
     seeds = {label: min(run.seed for run in runs if labels[run.folder] == label) for label in first}
     if len(set(seeds.values())) > 1:
         yield "The entrants' seeds begin at different numbers, so that pairs of theirs share their episodes alone."
+
+
+def _excluded(
+    flights: Sequence[StudiedFlight], factors: Sequence[StudiedFactor], exclusions: Sequence[Exclusion]
+) -> Iterator[str]:
+    """Yield which flights are left out, and of each factor at which levels: unequal shares favour some of them."""
+    yield from exclusion_sentences([each.scored for each in flights], exclusions)
+    if not any(each.scored.left_out for each in flights):
+        return
+    for k, factor in enumerate(factors):
+        at = {level: [each for each in flights if each.levels[k] == level] for level in factor.levels}
+        shares = (
+            f"{sum(each.scored.left_out is not None for each in flown)} of {len(flown)} at {factor.told(level)}"
+            for level, flown in at.items()
+        )
+        if len(at) <= MANY:
+            yield f"Left out along {factor.name.replace('_', ' ')}: {', '.join(shares)}."

@@ -37,6 +37,8 @@ def columns(studied: Studied) -> list[FlightColumn]:
         kind = "DOUBLE" if factor.numeric else "VARCHAR"
         found.append(FlightColumn(f"level_{factor.name}", kind, tuple(each.levels[k] for each in flights)))
     found.append(FlightColumn("scored", "BOOLEAN", tuple(each.scored.scored for each in flights)))
+    if any(each.scored.left_out for each in flights):
+        found.append(FlightColumn("left_out", "VARCHAR", tuple(each.scored.left_out for each in flights)))
     for name, metric in METRICS.items():
         if metric.level == "episode":
             values = tuple(each.scored.values.get(name) for each in flights)

@@ -142,6 +142,21 @@ def test_numbers_go_on_after_a_restart(tmp_path: Path) -> None:
     assert [log.path.name for log in LogDirectory(tmp_path).logs()] == ["log007.ulg", "log008.ulg"]
 
 
+@pytest.mark.parametrize(("most", "kept"), [(0, [1, 2, 3, 4]), (2, [3, 4]), (1, [4])])
+def test_the_oldest_logs_make_room_for_the_next(tmp_path: Path, most: int, kept: list[int]) -> None:
+    (tmp_path / "notes.txt").write_bytes(b"not a log")
+    bench = Bench(profile="minimal", log_dir=tmp_path)
+    bench.autopilot.parameters.set("SDLOG_DIRS_MAX", most)
+    bench.run(1.0)
+    for _ in range(4):
+        assert bench.commander.arm() == 0
+        bench.run(0.2)
+        bench.commander.disarm(force=True)
+        bench.run(0.2)
+    assert [log.path.name for log in LogDirectory(tmp_path).logs()] == [f"log{k:03d}.ulg" for k in kept]
+    assert (tmp_path / "notes.txt").exists()
+
+
 def test_a_full_disk_costs_data_and_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.commander.arm()

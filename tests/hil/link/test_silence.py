@@ -7,9 +7,11 @@ import pytest
 
 from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect
+from foundation.setpoints import Velocity
 from hil.link.link import Link
-from hil.link.transport import connect
+from hil.link.transport import Transport, connect
 from tests.hil.link import listening
+from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 class Peer(threading.Thread):
@@ -61,6 +63,72 @@ def test_heartbeats_without_telemetry_are_noticed(flying):
     peer.positions = False
     with pytest.raises(LinkError, match="telemetry"):
         link.wait(60.0)
+
+
+class Stopping(Transport):
+    """A vehicle at the end of a memory wire that may be stopped, and the clock that goes on meanwhile."""
+
+    def __init__(self):
+        self.vehicle = ScriptedVehicle()
+        self.wire = self.vehicle.transport()
+        self.url = self.wire.url
+        self.wall_s, self.stopped_s, self.away_s = 0.0, 0.0, 0.0
+
+    def time_s(self):
+        return self.wall_s
+
+    def send(self, data):
+        self.wire.send(data)
+
+    def close(self):
+        self.wire.close()
+
+    def receive(self, timeout_s):
+        passed_s = min(timeout_s, self.stopped_s)
+        self.stopped_s -= passed_s
+        self.wall_s += (passed_s or 0.02) + self.away_s
+        self.away_s = 0.0
+        return b"" if passed_s else self.wire.receive(timeout_s)
+
+    def flown(self, **options):
+        link = Link(self, **options)
+        link.connect(10.0)
+        link.fly(Velocity(1.2, None), 60.0)
+        link.start_offboard()
+        link.wait(1.0)
+        return link
+
+
+def test_a_vehicle_that_was_stopped_is_told_with_the_time_lost():
+    wire = Stopping()
+    silences: list[float] = []
+    link = wire.flown()
+    link.on_silence = silences.append
+    wire.stopped_s = 3.0
+    link.wait(2.0)
+    assert silences == [pytest.approx(3.0, abs=0.2)]
+
+
+def test_a_pause_of_our_own_is_not_the_vehicles():
+    wire = Stopping()
+    silences: list[float] = []
+    link = wire.flown()
+    link.on_silence = silences.append
+    wire.away_s = 3.0
+    link.wait(2.0)
+    assert silences == []
+
+
+def test_a_vehicle_that_is_gone_is_not_waited_for_again_with_every_order():
+    wire = Stopping()
+    link = wire.flown(silence_s=8.0)
+    wire.stopped_s, begun_s = 1e9, wire.wall_s
+    with pytest.raises(LinkError, match="silent"):
+        link.wait(60.0)
+    assert wire.wall_s - begun_s == pytest.approx(8.0, abs=1.0)
+    with pytest.raises(LinkError, match="silent"):
+        link.give_up("land")
+    assert wire.wall_s - begun_s < 12.0
 
 
 def test_nobody_there_is_said_after_the_patience():

@@ -300,3 +300,15 @@ def test_our_own_hold_that_is_shown_after_the_order_to_land_is_no_takeover():
     link.wait(2.0)
     assert link.taken_by is None
     assert vehicle.mode == "LAND"
+
+
+def test_a_takeover_has_no_text_of_long_before(vehicle):
+    link = flying(vehicle)
+    vehicle.say(dialect.MAVLink_statustext_message(4, b"Preflight Fail: something else"))
+    link.wait(5.0)
+    vehicle.mode = "POSCTL"
+    vehicle.say(dialect.MAVLink_statustext_message(4, b"Pilot took over using sticks"))
+    with pytest.raises(TakeoverError) as taken:
+        link.wait(5.0)
+    assert "sticks" in str(taken.value)
+    assert "Preflight" not in str(taken.value)

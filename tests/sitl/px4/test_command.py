@@ -22,6 +22,8 @@ from tests.support.ports import free_instance
     ("words", "word"),
     [
         (["fly", "--sitl", "--px4", "px4"], "--autopilot px4"),
+        (["fly", "--sitl", "--keep-ulog"], "--px4"),
+        (["fly", "--sitl", "--autopilot", "px4", "--keep-ulog"], "--px4"),
         (["sitl", "--px4", "px4"], "--autopilot px4"),
         (["sitl", "--autopilot", "px4", "--instance", "8", "--count", "3"], "0 to 9"),
         (["sitl", "--autopilot", "px4", "--airframe", "hexa"], "hexa"),
@@ -59,6 +61,37 @@ def test_a_px4_that_ends_before_it_answered_is_an_error_that_names_its_log(tmp_p
         assert log.read_text() == f"no {simulator.instance}\n"
     finally:
         simulator.close()
+
+
+def test_the_log_that_px4_wrote_is_kept_when_it_has_ended(tmp_path):
+    """It writes two, and the end of the newest when it is told to end."""
+    script = tmp_path / "px4.py"
+    script.write_text(
+        "import pathlib, signal, sys, time\n"
+        "folder = pathlib.Path('log/2026-01-01'); folder.mkdir(parents=True)\n"
+        "(folder / '00_00_01.ulg').write_text('before')\n"
+        "newest = folder / '00_00_02.ulg'; newest.write_text('begun')\n"
+        "def end(*_):\n    newest.write_text('whole'); sys.exit(0)\n"
+        "signal.signal(signal.SIGTERM, end)\n"
+        "pathlib.Path('ready').touch()\n"
+        "while True:\n    time.sleep(60)\n"
+    )
+    kept, state = tmp_path / "episode", tmp_path / "state"
+    kept.mkdir()
+    simulator = Px4Simulator(
+        SimulatorConfig(
+            episode="blocks-commanding-01", count=1, state_dir=str(state), keep_ulogs=str(kept),
+            px4=f"{sys.executable} {script}  {{instance}}",
+        ),
+        lambda line: None,
+    )  # fmt: skip
+    try:
+        while not (state / "vehicle-1" / "ready").exists():
+            simulator.turn()
+        assert not list(kept.iterdir())
+    finally:
+        simulator.close()
+    assert {path.name: path.read_text() for path in kept.iterdir()} == {"onboard.ulg": "whole"}
 
 
 def test_instances_in_use_are_passed_over():

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.agent.latency import trace_name
+from dronecats.results.exclusion import parse_exclusion
 from dronecats.study import design
 from dronecats.study.analysis.flown_study import flown_study
 from foundation.errors import UsageError
@@ -184,3 +185,37 @@ def test_held_factors_are_the_flights_own(tmp_path):
     (tmp_path / "study.json").write_text(json.dumps({**told, "held": {"wind": 4.0}}))
     with pytest.raises(UsageError, match=r"study\.json.*wind 4"):
         flown_study(tmp_path)
+
+
+def tell_resets(episode, count):
+    """Have an episode's truth.jsonl tell so many estimator resets."""
+    path = episode / "truth.jsonl"
+    begin, *rest = path.read_text(encoding="utf-8").splitlines()
+    reset = {"kind": "reset", "t": 3.0, "drone": 0, "count": count, "quantities": ["yaw"], "yaw_deg": -87.0,
+             "position_m": 0.0, "height_m": 0.0, "velocity_mps": 0.0}  # fmt: skip
+    lines = [json.dumps({**json.loads(begin), "resets": True}), *([json.dumps(reset)] if count else []), *rest]
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def test_flights_with_many_resets_are_left_out_where_that_is_asked_for_and_the_study_says_so(changed):
+    for run in sorted(changed.glob("vision-latency-*")):
+        for episode in run.glob("*-*"):
+            tell_resets(episode, 3 * (run.name == "vision-latency-1-f1"))
+    every = flown_study(changed)
+    assert every.scored == every.flights
+    chosen = flown_study(changed, exclusions=[parse_exclusion("estimator_resets=2")])
+    out = [each for each in chosen.flights if each not in chosen.scored]
+    assert {each.scored.run.folder.name for each in out} == {"vision-latency-1-f1"}
+    assert len(out) == len(EPISODES)
+    told = " ".join(chosen.notes)
+    assert re.search(r"3 of 36 .*estimator_resets above 2", told)
+    assert re.search(r"0 of 12 at 0 s.* 0 of 12 at 0\.5 s.* 3 of 12 at 1 s", told)
+    assert re.search(r"18 flights .*estimator_resets", told)  # the oracle's, whose logs tell no resets
+    [said, _] = flown_study(changed, exclusions=[parse_exclusion("estimator_resets=3")]).notes
+    assert re.search(r"0 of 36 .*estimator_resets above 3", said)
+
+
+@pytest.mark.parametrize("text", ["hits", "hitz=3", "hits=many", "hits=nan", "rate_hz=1"])
+def test_an_exclusion_that_means_nothing_is_refused(text):
+    with pytest.raises(UsageError, match=r"--exclude-above.*estimator_resets=2"):
+        parse_exclusion(text)

@@ -1,0 +1,339 @@
+"""Hours of take-offs and landings of `dronecats sitl`'s vehicles: what they refuse, and what grows.
+
+    python -m benchmarks.soak [--json] [--hours H | --full] [--vehicles N …] [--speed N] [--short]
+
+A client of its own connects to every vehicle on the open ground where `dronecats sitl` starts, and flies rounds: arm,
+take off, fly 10 m north and back, land on its own place. Meanwhile a camera is asked for a picture every 2 s of vehicle
+time. One vehicle flies first, then four. Nothing is started again and no vehicle is put back.
+
+`refused` are the orders that were not carried out, each with what the autopilot said, and `without a cause` those of
+which it said nothing. `memory %` is by how much the memory that a process has for itself has changed from the first
+third of the samples to the last third, the largest of all processes; the samples of the first three rounds are left
+out, in which caches fill. `files` are the open files of all processes, the fewest and the most after these rounds.
+`logs` is the most that stood in a vehicle's folder of logs, of which SDLOG_DIRS_MAX keeps 10.
+
+Without an option a quarter of an hour is flown. `--full` is the benchmark: eight hours. `--short` flies a round each.
+"""
+
+import argparse
+import contextlib
+import json
+import statistics
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from benchmarks.machine import Machine
+from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl.config import CameraConfig, SimulatorConfig
+from dronecats.stages import parts
+from episodes.catalogue import OPEN_GROUND
+from foundation.errors import DronecatsError, LinkError
+from foundation.frames import Vec3, ned_to_geodetic
+from foundation.mavlink import dialect
+from hil.cameras.snapshot import HttpCamera
+from hil.link.conversation import Conversation
+from hil.link.link import Link
+from hil.link.parameters import Parameters
+from hil.link.telemetry import VehicleState
+from hil.link.transport import connect
+
+FULL_H, DEFAULT_H = 8.0, 0.25
+VEHICLES = (1, 4)
+SPEED = 10.0  # × real time
+SHORT_ROUNDS = 1
+WARM_ROUNDS = 3  # whose samples are left out
+HEIGHT_M, LAP_M = 4.0, 10.0
+APART_M = 6.0  # further than the vehicles stand at boot, which is too near for landing beside one another
+NEAR_M, SLOW_MPS = 0.8, 0.3  # of a place that was reached
+PICTURE_S = 2.0  # s of vehicle time
+KEPT = 10  # logs
+GIVEN_UP = 3  # rounds that fail one after the other: the session has ended for good
+LEAST_CHARGE = 0.5  # as in `dronecats sitl`
+
+
+@dataclass
+class Flown:
+    """What became of one vehicle's rounds."""
+
+    rounds: int = 0
+    failed: int = 0
+    refused: Counter[str] = field(default_factory=Counter)  # by what was ordered and why it was refused
+    without_cause: int = 0
+    hours: float = 0.0
+    logs: int = 0  # the most in its folder
+
+
+class Pilot(threading.Thread):
+    """Flies one vehicle."""
+
+    def __init__(self, number: int, url: str, logs: Path, hours: float, rounds: int | None) -> None:
+        """Fly until so many hours of vehicle time have passed, or so many rounds were flown."""
+        super().__init__(daemon=True)
+        self.flown = Flown()
+        self.over = threading.Event()
+        self._number, self._url, self._logs = number, url, logs
+        self._hours, self._most = hours, rounds
+        self.client = Conversation(connect(url), silence_s=60.0)
+        self._place: Vec3 = (0.0, 0.0, 0.0)
+        self._said_us = 0
+
+    def run(self) -> None:
+        try:
+            self._prepare()
+            begun_us, failed = self.client.time_us, 0
+            while failed < GIVEN_UP and not self._is_done(begun_us):
+                good = self._round()
+                failed = 0 if good else failed + 1
+                self.flown.rounds += 1
+                self.flown.failed += not good
+                self.flown.hours = (self.client.time_us - begun_us) / 3.6e9
+                self.flown.logs = max(self.flown.logs, len(list(self._logs.glob("*.ulg"))))
+        except DronecatsError as fault:
+            self.flown.refused[str(fault)] += 1
+        finally:
+            self.over.set()
+
+    def _is_done(self, begun_us: int) -> bool:
+        if self._most is not None:
+            return self.flown.rounds >= self._most
+        return self.client.time_us - begun_us >= self._hours * 3.6e9
+
+    def _prepare(self) -> None:
+        """Bound the logs, and choose the place to land on."""
+        link = Link(connect(self._url))
+        link.connect()
+        Parameters(link).set("SDLOG_DIRS_MAX", KEPT)
+        link.close()
+        self.client.connect()
+        self.client.wait_for(lambda state: state.healthy, 120.0, "becoming ready to arm")
+        north, east, _ = self.client.state.position_ned or (0.0, 0.0, 0.0)
+        self._place = (north, east + APART_M * self._number, -HEIGHT_M)
+
+    def _round(self) -> bool:
+        """Fly one round; return whether all of it was carried out. Raises LinkError when the vehicle is gone."""
+        try:
+            self._said_us = self.client.time_us
+            self.client.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
+            self._order("arming", dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            self._order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+            self.client.wait_for(lambda s: s.mode == "HOLD" and s.landed is False, 60.0, "reaching take-off height")
+            north, east, down = self._place
+            for place in ((north, east, down), (north + LAP_M, east, down), (north, east, down)):
+                self._go(place)
+            self._land()
+        except LinkError as fault:
+            self._note(str(fault))
+            self._land()
+            return False
+        return True
+
+    def _order(self, what: str, command: int, *parameters: float) -> None:
+        self._said_us = self.client.time_us
+        self.client.order(what, command, *parameters, insist_s=5.0)
+
+    def _go(self, place: Vec3) -> None:
+        origin = self.client.state.origin
+        if origin is None:
+            raise LinkError("the autopilot tells no origin")
+        lat, lon, alt = ned_to_geodetic(*origin, *place)
+        nan = float("nan")
+        self._reposition(lat, lon, alt, nan)
+
+        def is_there(state: VehicleState) -> bool:
+            there, speed = state.position_ned, state.velocity_ned
+            if there is None or speed is None:
+                return False
+            off = max(abs(a - b) for a, b in zip(there, place, strict=True))
+            return off < NEAR_M and max(map(abs, speed)) < SLOW_MPS
+
+        self.client.wait_for(is_there, 60.0, "flying to a place")
+
+    def _reposition(self, lat: float, lon: float, alt: float, yaw: float) -> None:
+        self._said_us = self.client.time_us
+        message = dialect.MAVLink_command_int_message(
+            self.client.system, self.client.component, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_DO_REPOSITION, 0, 0,
+            -1.0, 1.0, 0.0, yaw, round(lat * 1e7), round(lon * 1e7), alt,
+        )  # fmt: skip
+        self.client.send(message)
+
+    def _land(self) -> None:
+        """Land unless it is disarmed already."""
+        if not self.client.state.armed:
+            return
+        try:
+            self._order("landing", dialect.MAV_CMD_NAV_LAND)
+            self.client.wait_for(lambda state: not state.armed, 90.0, "landing and disarming")
+        except LinkError as fault:
+            self._note(str(fault))
+
+    def _note(self, fault: str) -> None:
+        """Note what was not carried out; with no word of the autopilot it has no cause."""
+        if not self.client.texts.since(self._said_us):
+            self.flown.without_cause += 1
+        self.flown.refused[fault] += 1
+
+
+class Photographer(threading.Thread):
+    """Asks a camera for a picture of one drone after the other."""
+
+    def __init__(self, url: str, pilots: list[Pilot]) -> None:
+        super().__init__(daemon=True)
+        self.pictures, self.failed = 0, 0
+        self._pilots = pilots
+        self._camera = HttpCamera(url, lambda: pilots[0].client.time_us)
+        self._over = threading.Event()
+
+    def run(self) -> None:
+        due_us = 0
+        while not self._over.wait(0.01):
+            if self._pilots[0].client.time_us < due_us:
+                continue
+            due_us = self._pilots[0].client.time_us + round(PICTURE_S * 1e6)
+            try:
+                self._camera.newest(self.pictures % len(self._pilots))
+                self.pictures += 1
+            except DronecatsError:
+                self.failed += 1
+
+    def close(self) -> None:
+        self._over.set()
+        self.join()
+        self._camera.close()
+
+
+class Watch:
+    """Samples the memory and the open files of this process and of all that it started."""
+
+    def __init__(self) -> None:
+        self.memory: dict[int, list[float]] = {}  # by process, MB of its own
+        self.files: list[int] = []  # of all processes together
+        self.names: dict[int, str] = {}
+
+    def sample(self) -> None:
+        files = 0
+        for process in (psutil.Process(), *psutil.Process().children(recursive=True)):
+            with contextlib.suppress(psutil.Error):
+                self.memory.setdefault(process.pid, []).append(process.memory_full_info().uss / 1e6)
+                self.names[process.pid] = _name(process)
+                files += process.num_fds()
+        self.files.append(files)
+
+    def figures(self) -> dict[str, Any]:
+        """Return what has grown after the first rounds."""
+        grown = {}
+        for pid, told in self.memory.items():
+            late = told[WARM_ROUNDS:] if len(told) > 2 * WARM_ROUNDS else told
+            third = max(len(late) // 3, 1)
+            first, last = statistics.median(late[:third]), statistics.median(late[-third:])
+            grown[self.names[pid]] = {"mb": round(last, 1), "change_percent": round(100.0 * (last / first - 1.0), 1)}
+        files = self.files[WARM_ROUNDS:] if len(self.files) > 2 * WARM_ROUNDS else self.files
+        return {
+            "processes": grown,
+            "memory_percent": max((each["change_percent"] for each in grown.values()), key=abs, default=0.0),
+            "files_fewest": min(files, default=0),
+            "files_most": max(files, default=0),
+        }
+
+
+def _name(process: psutil.Process) -> str:
+    """Return what a process of a flight is: the last word of its module."""
+    words = process.cmdline()
+    return words[-1].rsplit(".", 1)[-1] if "dronecats.processes.child" in words else "client"
+
+
+@contextlib.contextmanager
+def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
+    """Give the URLs of the vehicles, that of their camera and the folder of their states."""
+    with tempfile.TemporaryDirectory(prefix="dronecats-soak-") as told:
+        folder = Path(told)
+        supervisor = Supervisor(folder)
+        try:
+            config = SimulatorConfig(
+                episode=OPEN_GROUND, speed=speed, count=vehicles, least_charge=LEAST_CHARGE, state_dir=str(folder)
+            )
+            ports = supervisor.start(parts.SIMULATOR, config).ready()
+            truth = f"udpout://127.0.0.1:{ports['truth']}"
+            camera = supervisor.start(parts.CAMERA, CameraConfig(episode=OPEN_GROUND, truth=truth, count=vehicles))
+            url = str(camera.ready()["url"])
+            yield [f"udpout://127.0.0.1:{port}" for port in ports["agent"]], url, folder
+        finally:
+            supervisor.close()
+
+
+def soak(vehicles: int, args: argparse.Namespace) -> dict[str, Any]:
+    """Return the figures of one session."""
+    rounds = SHORT_ROUNDS if args.short else None
+    with rig(vehicles, args.speed) as (urls, camera_url, folder):
+        begun_s = time.monotonic()
+        pilots = [Pilot(k, url, folder / f"vehicle-{k + 1}" / "log", args.hours, rounds) for k, url in enumerate(urls)]
+        for pilot in pilots:
+            pilot.start()
+        photographer, watch, seen = Photographer(camera_url, pilots), Watch(), 0
+        photographer.start()
+        while not all(pilot.over.wait(0.2) for pilot in pilots):
+            if pilots[0].flown.rounds > seen:
+                seen = pilots[0].flown.rounds
+                watch.sample()
+        photographer.close()
+        watch.sample()
+        flown = [pilot.flown for pilot in pilots]
+        refused: Counter[str] = sum((each.refused for each in flown), Counter())
+        return {
+            "vehicles": vehicles,
+            "hours": round(min(each.hours for each in flown), 3),
+            "rounds": sum(each.rounds for each in flown),
+            "failed": sum(each.failed for each in flown),
+            "refused": dict(refused.most_common()),
+            "without_cause": sum(each.without_cause for each in flown),
+            "pictures": photographer.pictures,
+            "pictures_failed": photographer.failed,
+            **watch.figures(),
+            "logs_most": max(each.logs for each in flown),
+            "real_time_factor": round(3600.0 * min(each.hours for each in flown) / (time.monotonic() - begun_s), 1),
+        }
+
+
+def line(found: dict[str, Any]) -> str:
+    """Return the figures of a session as people read them."""
+    return (
+        f"{found['vehicles']:8} {found['hours']:6.2f} {found['rounds']:6} {found['failed']:6}"
+        f" {sum(found['refused'].values()):7} {found['without_cause']:15} {found['memory_percent']:8.1f}"
+        f" {found['files_fewest']:5}–{found['files_most']:<5} {found['logs_most']:4} {found['pictures']:8}"
+    )
+
+
+def main() -> None:
+    """Fly the sessions and print a line for each."""
+    parser = argparse.ArgumentParser(description="hours of take-offs and landings")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--hours", type=float, default=DEFAULT_H, help=f"of vehicle time (default {DEFAULT_H:g})")
+    parser.add_argument("--full", action="store_true", help=f"{FULL_H:g} hours")
+    parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N", help="default: 1 and 4")
+    parser.add_argument("--speed", type=float, default=SPEED, help=f"factor on real time (default {SPEED:g})")
+    parser.add_argument("--short", action="store_true", help="a round each: whether it runs")
+    args = parser.parse_args()
+    args.hours = FULL_H if args.full else args.hours
+    machine = Machine()
+    if not args.json:
+        print("vehicles  hours rounds failed refused without a cause memory %    files   logs pictures")
+    for vehicles in args.vehicles:
+        found = soak(vehicles, args)
+        if args.json:
+            machine.look()
+            print(json.dumps({**found, "machine": machine.figures()}), flush=True)
+            continue
+        print(line(found), flush=True)
+        for reason, count in found["refused"].items():
+            print(f"         {count} × {reason}")
+
+
+if __name__ == "__main__":
+    main()

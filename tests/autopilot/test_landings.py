@@ -1,0 +1,48 @@
+"""A landing that does not end, or does not end upright, is explained."""
+
+import math
+
+import pytest
+
+from foundation.frames import quat_from_euler
+from tests.autopilot.commander_bench import Bench
+
+
+def landing(monkeypatch, lean_deg, *, carried):
+    """Return a bench that is told to land, leaning so much; `carried`: something keeps it where it is."""
+    bench = Bench()
+    bench.fly(3.0)
+    step, height = bench.core.step, bench.core.estimate["position_ned"][2]
+
+    def held(time_us):
+        step(time_us)
+        estimate = bench.core.estimate
+        estimate["attitude"] = quat_from_euler(math.radians(lean_deg), 0.0, 0.0)
+        if carried:
+            estimate["position_ned"][2], estimate["velocity_ned"][2] = height, 0.0
+            estimate["thrust_setpoint"] = estimate["hover_thrust"]
+
+    monkeypatch.setattr(bench.core, "step", held)
+    bench.client.mode(4, 6)
+    return bench
+
+
+def test_a_landing_that_is_blocked_says_so_once(monkeypatch):
+    bench = landing(monkeypatch, 40.0, carried=True)
+    bench.run(30.0)
+    assert bench.commander.armed
+    said = [text for text in bench.client.texts() if "Landing blocked" in text]
+    assert len(said) == 1
+    assert "40" in said[0]
+    assert len(said[0]) <= 50
+
+
+@pytest.mark.parametrize(("lean_deg", "is_told"), [(0.0, False), (15.0, False), (45.0, True)])
+def test_a_vehicle_that_has_landed_leaning_says_how_far(monkeypatch, lean_deg, is_told):
+    bench = landing(monkeypatch, lean_deg, carried=False)
+    bench.run(30.0)
+    assert not bench.commander.armed
+    said = " ".join(bench.client.texts())
+    assert ("not upright" in said) == is_told
+    assert not is_told or "45" in said
+    assert "Landing blocked" not in said
