@@ -28,6 +28,7 @@ from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # of free way before the thing
 BACK_S = 6.0
+AWAY_M = 2.0  # that it has to come away within BACK_S. It came from 2.4 m away; the way beyond may not be free
 TICK_S = 0.01
 
 
@@ -98,13 +99,13 @@ class Outcome:
     resets: int
     clipped: int  # milliseconds beyond the accelerometer's range
     crashed: bool
-    left_m: float  # how far it came while backing off
+    left_m: float  # how far it came while backing off, which ends at AWAY_M
 
     @property
     def beyond(self) -> tuple[str, ...]:
         """The names of the limits that were exceeded."""
         grounded = self.press.thing == "ground"  # lands and disarms
-        stuck = ("left_m",) if not grounded and self.left_m < 0.5 * SPEED * BACK_S else ()
+        stuck = ("left_m",) if not grounded and self.left_m < AWAY_M else ()
         if not self.hits and not grounded:
             return ("nothing was touched",)
         return tuple(name for name, most in LIMITS.items() if not getattr(self, name) <= most) + stuck
@@ -183,7 +184,7 @@ def fly(press: Press, seed: int) -> Outcome:
     home, touched, hits = origin(world), 0, int(state["hits"])
     begun = int(vehicle.core.filter_state["resets"]), int(vehicle.plant.memory["accel_clipped"])
     until = round(press.seconds / TICK_S)
-    back, left = round(BACK_S / TICK_S), np.zeros(3)
+    back, left, away = round(BACK_S / TICK_S), np.zeros(3), 0.0
     for _ in range(round(12.0 / TICK_S) + until + back):
         pushing = touched < until
         if touched == until:
@@ -193,7 +194,8 @@ def fly(press: Press, seed: int) -> Outcome:
         if not touched and state["hits"] == hits and not (press.thing == "ground" and state["on_ground"]):
             continue
         touched += 1
-        if touched > until + back:
+        away = 0.0 if pushing else float(np.linalg.norm((truth["position_ned"] - left)[:2]))
+        if touched > until + back or away >= AWAY_M:
             break
         q, p = truth["attitude"], estimate["attitude"]
         where = np.array(geodetic_to_ned(*home, *ned_to_geodetic(*(
@@ -208,7 +210,6 @@ def fly(press: Press, seed: int) -> Outcome:
             "ratio": float(np.sqrt(estimate["test_ratio"][VELOCITY_TEST : VELOCITY_TEST + 3].max())),
         }
         worst = {name: max(worst[name], now[name]) for name in worst}
-    away = float(np.linalg.norm((truth["position_ned"] - left)[:2]))
     return Outcome(
         press,
         seed,

@@ -5,7 +5,7 @@ import math
 from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
 from autopilot.kernels import quat_yaw, wrap_pi
 from foundation.compiled import Record, njit
-from foundation.frames import Vec3
+from foundation.frames import GRAVITY, Vec3
 
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
 YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
@@ -17,6 +17,11 @@ HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at l
 RESTING_PUSH = 1.0  # m/s², the most that a velocity error may ask for while pushing does nothing
 BLOCKED_S = 3.0  # s of rest, then the integral tries again: it may have been a gust
 FORGET_S = 0.5  # s, time constant with which a push in vain is taken back
+BLOWN_BACK, CREEPS = 0.3, 0.6  # m/s along the push: what moves backwards or faster is not blocked
+KNOCK, TWIST = 4.0, 20.0  # m/s² and rad/s², unexplained and sudden: something was hit
+KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the filters between which a knock lies: 10 Hz, and a gust
+TOUCHED_S = 1.0  # s after a knock in which the vehicle is taken to touch what it hit
+FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²: more is not a number to go by
 
 
 @njit(cache=True)
@@ -130,11 +135,12 @@ def accelerate(
 ) -> Vec3:
     """Return the acceleration setpoint (NED, m/s²) of the velocity PID with the reference's own acceleration ahead."""
     out_n, out_e, out_d = 0.0, 0.0, 0.0
-    rest = 1.0
+    spared = 0.0  # m/s², of the push against an obstacle
     if state.blocked_s > 0.0:
-        north = params.velocity_p[0] * (state.velocity_expected[0] - estimate.velocity_ned[0])
-        east = params.velocity_p[1] * (state.velocity_expected[1] - estimate.velocity_ned[1])
-        rest = min(1.0, RESTING_PUSH / max(math.sqrt(north * north + east * east), 1e-6))
+        for i in range(3 if vertical else 2):
+            error = state.velocity_expected[i] - estimate.velocity_ned[i]
+            spared += params.velocity_p[i] * error * state.blocked_way[i]
+        spared = max(spared - RESTING_PUSH, 0.0)
     for i in range(3):
         extra = setpoint.acceleration_ned[i]
         ahead = extra if math.isfinite(extra) else 0.0
@@ -142,7 +148,7 @@ def accelerate(
             reference = state.acceleration_reference[i]
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             total = (
-                ahead + reference + (rest if i < 2 else 1.0) * params.velocity_p[i] * error + state.velocity_integral[i]
+                ahead + reference + params.velocity_p[i] * error - spared * state.blocked_way[i] + state.velocity_integral[i]
                 - params.velocity_d[i] * (state.acceleration_filtered[i] - state.acceleration_expected[i])
             )  # fmt: skip
         else:
@@ -184,44 +190,96 @@ def integrate(
         bound = 5.0  # m/s²: half a g of wind or of missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
     if horizontal:
-        push_or_rest(params, state, estimate, dt)
+        push_or_rest(params, state, estimate, vertical, dt)
 
 
 @njit(cache=True)
-def push_or_rest(params: Record, state: Record, estimate: Record, dt: float) -> None:
-    """Take back what the horizontal integrals added while it moved nothing, as against a wall.
+def push_error(state: Record, estimate: Record, vertical: bool) -> tuple[Vec3, float]:
+    """Return the velocity error (m/s, NED) that may be an obstacle's doing, and its size.
 
-    Wind and a wall feel alike to the accelerometers. But against wind every bit of the integral takes its share of the
-    velocity error away, and against a wall none does.
+    A demand to descend that is not met is left out: it is how a vehicle lands.
     """
-    total, free, tried = state.velocity_integral, state.free_integral, state.tried_integral
     north = state.velocity_expected[0] - estimate.velocity_ned[0]
     east = state.velocity_expected[1] - estimate.velocity_ned[1]
-    size = math.sqrt(north * north + east * east)
-    if size < FOLLOWS:
-        for i in range(2):
+    down = 0.0
+    if vertical:
+        down = state.velocity_expected[2] - estimate.velocity_ned[2]
+        if down > 0.0:
+            down = max(min(down, -estimate.velocity_ned[2]), 0.0)
+    return (north, east, down), math.sqrt(north * north + east * east + down * down)
+
+
+@njit(cache=True)
+def push_or_rest(params: Record, state: Record, estimate: Record, vertical: bool, dt: float) -> None:
+    """Take back what the integrals added while it moved nothing, as against a wall.
+
+    Wind and a wall feel alike to a vehicle at rest. But a wall knocks, and wind does not; and against wind every bit of
+    the integral takes its share of the velocity error away, and against a wall none does.
+    """
+    total, free, tried, way = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
+    error, size = push_error(state, estimate, vertical)
+    touched = state.untouched_s < TOUCHED_S
+    if size < FOLLOWS and not touched:
+        for i in range(3):
             free[i] += min(dt / TRIM_S, 1.0) * (total[i] - free[i])
             tried[i] = total[i]
         state.tried_error = size
         state.blocked_s = 0.0
         return
-    beyond = ((total[0] - free[0]) * north + (total[1] - free[1]) * east) / size
-    overshot = beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0)
-    if state.blocked_s > 0.0:
+    axes = 3 if vertical else 2
+    beyond, grown, same, moved = 0.0, 0.0, 0.0, 0.0
+    for i in range(axes):
+        unit = error[i] / max(size, 1e-6)
+        beyond += (total[i] - free[i]) * unit
+        grown += (total[i] - tried[i]) * unit
+        same += way[i] * unit
+        moved += estimate.velocity_ned[i] * unit
+    stands = -BLOWN_BACK < moved < CREEPS
+    if touched and (state.blocked_s == 0.0 or state.untouched_s < dt):
+        state.blocked_s = dt
+        for i in range(3):
+            way[i] = error[i] / max(size, 1e-6)
+    elif state.blocked_s > 0.0:
         state.blocked_s += dt
-    if overshot or 0.0 < state.blocked_s < BLOCKED_S:
-        for i in range(2):
+        if not touched and (same < 0.0 or not stands):
+            state.blocked_s = 0.0
+    if beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0) or 0.0 < state.blocked_s < BLOCKED_S:
+        for i in range(axes):
             total[i] += min(dt / FORGET_S, 1.0) * (free[i] - total[i])
             tried[i] = total[i]
         state.tried_error = size
-        return
-    grown = ((total[0] - tried[0]) * north + (total[1] - tried[1]) * east) / size
-    if grown < 0.5 * TRIED:
+    elif grown < 0.5 * TRIED:
         state.tried_error = size  # a bump's own rebound is over by half
     elif grown >= TRIED:
-        if state.tried_error - size > HELPS:
-            for i in range(2):
-                tried[i] = total[i]
-            state.blocked_s = 0.0
-        else:
+        if state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS):
             state.blocked_s = dt
+            for i in range(3):
+                way[i] = error[i] / size
+        for i in range(axes):
+            tried[i] = total[i]
+
+
+@njit(cache=True)
+def feel(params: Record, state: Record, estimate: Record, dt: float) -> None:
+    """Follow the accelerations that the rotors do not explain, and note a knock in them.
+
+    An obstacle's push rises within milliseconds, that of wind within its gusts (Tomić, Ott and Haddadin, "External
+    wrench estimation, collision detection, and reflex reaction for flying robots", IEEE Transactions on Robotics, 2017).
+    """
+    thrust = state.thrust_filtered * GRAVITY / max(state.hover_thrust, 0.05)
+    fast, slow = min(dt / KNOCK_S, 1.0), min(dt / GUST_S, 1.0)
+    knock = 0.0
+    for i in range(6):
+        if i < 3:
+            felt, share = estimate.accel_frd[i] + (thrust if i == 2 else 0.0), KNOCK
+        else:
+            felt = state.rates_derivative[i - 3] - params.torque_acceleration[i - 3] * state.torque_filtered[i - 3]
+            share = TWIST
+        if not abs(felt) < FELT_PLAUSIBLE:
+            return
+        state.unexplained[i] += fast * (felt - state.unexplained[i])
+        state.unexplained_slow[i] += slow * (felt - state.unexplained_slow[i])
+        if state.landed != 0:
+            state.unexplained_slow[i] = state.unexplained[i]
+        knock += ((state.unexplained[i] - state.unexplained_slow[i]) / share) ** 2
+    state.untouched_s = 0.0 if knock > 1.0 else state.untouched_s + dt
