@@ -4,24 +4,26 @@ import math
 
 from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
 from autopilot.kernels import quat_yaw, wrap_pi
-from foundation.compiled import Record, njit
+from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
 YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
 YAW_ACCELERATION = 2.5  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
-FOLLOWS = 0.4  # m/s of horizontal velocity error, below which the vehicle follows
+FOLLOWS = 0.4  # m/s of velocity error, below which the vehicle follows
 TRIM_S = 2.0  # s, time constant of the integral that it took meanwhile
 TRIED = 0.8  # m/s² by which the integral grows before it is asked whether that helps
 HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at least
-RESTING_PUSH = 1.0  # m/s², the most that a velocity error may ask for while pushing does nothing
+BLOWN_BACK, CREEPS = 0.3, 0.6  # m/s: what moves against the push, or along it, faster than this is not blocked
+DESCENDS = 0.2  # m/s, NED: a demand for more is a descent
+RESTING_PUSH = 1.0  # m/s², the most that a velocity error may ask for against an obstacle
 BLOCKED_S = 3.0  # s of rest, then the integral tries again: it may have been a gust
 FORGET_S = 0.5  # s, time constant with which a push in vain is taken back
-BLOWN_BACK, CREEPS = 0.3, 0.6  # m/s along the push: what moves backwards or faster is not blocked
-KNOCK, TWIST = 4.0, 20.0  # m/s² and rad/s², unexplained and sudden: something was hit
-KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the filters between which a knock lies: 10 Hz, and a gust
-TOUCHED_S = 1.0  # s after a knock in which the vehicle is taken to touch what it hit
-FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²: more is not a number to go by
+KNOCK = 8.0  # m/s², sudden and unexplained: an X500 in wind of 10 m/s feels 3.3, a quadrotor of 30 g feels 6.1
+KNOCK_TORQUE = 0.15  # the same as a share of the torque that the rotors can make: 0.06 and 0.08
+KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants between which a knock lies: 10 Hz, and the quickest gusts
+TOUCHED_S = 1.0  # s after a knock for which the vehicle is taken to touch what it hit
+FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²: more is no measurement
 
 
 @njit(cache=True)
@@ -41,6 +43,7 @@ def begin(state: Record, estimate: Record) -> None:
         state.acceleration_expected[i] = 0.0
         state.acceleration_filtered[i] = 0.0
         state.velocity_integral[i] = 0.0
+        state.free_integral[i] = 0.0
     state.blocked_s = 0.0
     q = estimate.attitude
     state.yaw_reference = quat_yaw((q[0], q[1], q[2], q[3]))
@@ -148,7 +151,8 @@ def accelerate(
             reference = state.acceleration_reference[i]
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             total = (
-                ahead + reference + params.velocity_p[i] * error - spared * state.blocked_way[i] + state.velocity_integral[i]
+                ahead + reference + params.velocity_p[i] * error + state.velocity_integral[i]
+                - spared * state.blocked_way[i]
                 - params.velocity_d[i] * (state.acceleration_filtered[i] - state.acceleration_expected[i])
             )  # fmt: skip
         else:
@@ -180,44 +184,46 @@ def integrate(
     dt: float,
 ) -> None:
     """Advance the velocity integrals; what the limits cut off flows back so that they do not wind up."""
+    rests = obstacle_axes(state, vertical) if horizontal and 0.0 < state.blocked_s < BLOCKED_S else 0
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):
             continue
-        error = state.velocity_expected[i] - estimate.velocity_ned[i]
+        error = state.velocity_expected[i] - estimate.velocity_ned[i] if i >= rests else 0.0
         cut = wanted[i] - flown[i]
         back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as PX4's PositionControl
         state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt
         bound = 5.0  # m/s²: half a g of wind or of missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
     if horizontal:
-        push_or_rest(params, state, estimate, vertical, dt)
+        push_or_rest(state, estimate, vertical, dt)
 
 
 @njit(cache=True)
-def push_error(state: Record, estimate: Record, vertical: bool) -> tuple[Vec3, float]:
-    """Return the velocity error (m/s, NED) that may be an obstacle's doing, and its size.
-
-    A demand to descend that is not met is left out: it is how a vehicle lands.
-    """
-    north = state.velocity_expected[0] - estimate.velocity_ned[0]
-    east = state.velocity_expected[1] - estimate.velocity_ned[1]
-    down = 0.0
-    if vertical:
-        down = state.velocity_expected[2] - estimate.velocity_ned[2]
-        if down > 0.0:
-            down = max(min(down, -estimate.velocity_ned[2]), 0.0)
-    return (north, east, down), math.sqrt(north * north + east * east + down * down)
+def obstacle_axes(state: Record, vertical: bool) -> int:
+    """Return how many axes, from north on, an obstacle may block: not the vertical in a descent, which ends so."""
+    return 3 if vertical and state.velocity_expected[2] < DESCENDS else 2
 
 
 @njit(cache=True)
-def push_or_rest(params: Record, state: Record, estimate: Record, vertical: bool, dt: float) -> None:
+def along(vector: Grid, way: Vec3) -> float:
+    """Return the share of a vector (north, east, down) that points along the unit vector `way`."""
+    share: float = vector[0] * way[0] + vector[1] * way[1] + vector[2] * way[2]
+    return share
+
+
+@njit(cache=True)
+def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
     """Take back what the integrals added while it moved nothing, as against a wall.
 
-    Wind and a wall feel alike to a vehicle at rest. But a wall knocks, and wind does not; and against wind every bit of
-    the integral takes its share of the velocity error away, and against a wall none does.
+    Wind and a wall feel alike to a vehicle at rest. But a wall knocks and stops what flies into it; and against wind
+    every bit of the integral takes its share of the velocity error away, and against a wall none does.
     """
-    total, free, tried, way = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
-    error, size = push_error(state, estimate, vertical)
+    total, free, tried, blocked = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
+    north = state.velocity_expected[0] - estimate.velocity_ned[0]
+    east = state.velocity_expected[1] - estimate.velocity_ned[1]
+    axes = obstacle_axes(state, vertical)
+    down = state.velocity_expected[2] - estimate.velocity_ned[2] if axes == 3 else 0.0
+    size = math.sqrt(north * north + east * east + down * down)
     touched = state.untouched_s < TOUCHED_S
     if size < FOLLOWS and not touched:
         for i in range(3):
@@ -226,23 +232,18 @@ def push_or_rest(params: Record, state: Record, estimate: Record, vertical: bool
         state.tried_error = size
         state.blocked_s = 0.0
         return
-    axes = 3 if vertical else 2
-    beyond, grown, same, moved = 0.0, 0.0, 0.0, 0.0
-    for i in range(axes):
-        unit = error[i] / max(size, 1e-6)
-        beyond += (total[i] - free[i]) * unit
-        grown += (total[i] - tried[i]) * unit
-        same += way[i] * unit
-        moved += estimate.velocity_ned[i] * unit
-    stands = -BLOWN_BACK < moved < CREEPS
-    if touched and (state.blocked_s == 0.0 or state.untouched_s < dt):
+    scale = 1.0 / max(size, 1e-6)
+    push = (north * scale, east * scale, down * scale)
+    moves = along(estimate.velocity_ned, push)
+    stands = -BLOWN_BACK < moves < CREEPS
+    beyond, grown = along(total, push) - along(free, push), along(total, push) - along(tried, push)
+    failed = grown >= TRIED and (state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS))
+    if failed or (touched and (state.blocked_s == 0.0 or state.untouched_s < dt)):
         state.blocked_s = dt
-        for i in range(3):
-            way[i] = error[i] / max(size, 1e-6)
+        blocked[0], blocked[1], blocked[2] = push
     elif state.blocked_s > 0.0:
-        state.blocked_s += dt
-        if not touched and (same < 0.0 or not stands):
-            state.blocked_s = 0.0
+        leaves = along(blocked, push) < 0.0 or not stands
+        state.blocked_s = 0.0 if leaves and not touched else state.blocked_s + dt
     if beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0) or 0.0 < state.blocked_s < BLOCKED_S:
         for i in range(axes):
             total[i] += min(dt / FORGET_S, 1.0) * (free[i] - total[i])
@@ -251,10 +252,6 @@ def push_or_rest(params: Record, state: Record, estimate: Record, vertical: bool
     elif grown < 0.5 * TRIED:
         state.tried_error = size  # a bump's own rebound is over by half
     elif grown >= TRIED:
-        if state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS):
-            state.blocked_s = dt
-            for i in range(3):
-                way[i] = error[i] / size
         for i in range(axes):
             tried[i] = total[i]
 
@@ -263,23 +260,24 @@ def push_or_rest(params: Record, state: Record, estimate: Record, vertical: bool
 def feel(params: Record, state: Record, estimate: Record, dt: float) -> None:
     """Follow the accelerations that the rotors do not explain, and note a knock in them.
 
-    An obstacle's push rises within milliseconds, that of wind within its gusts (Tomić, Ott and Haddadin, "External
-    wrench estimation, collision detection, and reflex reaction for flying robots", IEEE Transactions on Robotics, 2017).
+    The push of an obstacle rises within milliseconds, that of wind with its gusts: Tomić, Ott, Haddadin, "External
+    wrench estimation, collision detection, and reflex reaction for flying robots", IEEE Trans. Robotics, 2017.
     """
     thrust = state.thrust_filtered * GRAVITY / max(state.hover_thrust, 0.05)
     fast, slow = min(dt / KNOCK_S, 1.0), min(dt / GUST_S, 1.0)
-    knock = 0.0
+    turn, sudden = params.torque_acceleration, 0.0
     for i in range(6):
         if i < 3:
-            felt, share = estimate.accel_frd[i] + (thrust if i == 2 else 0.0), KNOCK
+            least = KNOCK
+            felt = estimate.accel_frd[i] + (thrust if i == 2 else 0.0)
         else:
-            felt = state.rates_derivative[i - 3] - params.torque_acceleration[i - 3] * state.torque_filtered[i - 3]
-            share = TWIST
+            least = KNOCK_TORQUE * turn[1]
+            felt = state.rates_derivative[i - 3] - turn[i - 3] * state.torque_filtered[i - 3]
         if not abs(felt) < FELT_PLAUSIBLE:
             return
         state.unexplained[i] += fast * (felt - state.unexplained[i])
         state.unexplained_slow[i] += slow * (felt - state.unexplained_slow[i])
         if state.landed != 0:
             state.unexplained_slow[i] = state.unexplained[i]
-        knock += ((state.unexplained[i] - state.unexplained_slow[i]) / share) ** 2
-    state.untouched_s = 0.0 if knock > 1.0 else state.untouched_s + dt
+        sudden += ((state.unexplained[i] - state.unexplained_slow[i]) / least) ** 2
+    state.untouched_s = 0.0 if sudden > 1.0 else state.untouched_s + dt
