@@ -14,9 +14,10 @@ FOLLOWS = 0.4  # m/s of velocity error, below which the vehicle follows
 TRIM_S = 2.0  # s, time constant of the integral that it took meanwhile
 TRIED = 0.8  # m/s² by which the integral grows before it is asked whether that helps
 HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at least
-BLOWN_BACK, CREEPS = 0.3, 0.6  # m/s: what moves against the push, or along it, faster than this is not blocked
+BLOWN_BACK, CREEPS = 0.3, 0.35  # m/s: what moves against the push, or along it, faster than this is not blocked
 DESCENDS = 0.2  # m/s, NED: a demand for more is a descent
-RESTING_PUSH = 1.0  # m/s², the most that a velocity error may ask for against an obstacle
+FIRST_PUSH, FIRST_S = 2.5, 2.0  # m/s², s: the most that a velocity error may ask for against an obstacle, at first
+RESTING_PUSH = 1.0  # m/s², the same from then on
 BLOCKED_S = 3.0  # s of rest, then the integral tries again: it may have been a gust
 FORGET_S = 0.5  # s, time constant with which a push in vain is taken back
 KNOCK = 8.0  # m/s², sudden and unexplained: an X500 in wind of 10 m/s feels 3.3, a quadrotor of 30 g feels 6.1
@@ -143,7 +144,7 @@ def accelerate(
         for i in range(3 if vertical else 2):
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             spared += params.velocity_p[i] * error * state.blocked_way[i]
-        spared = max(spared - RESTING_PUSH, 0.0)
+        spared = max(spared - (FIRST_PUSH if state.blocked_s < FIRST_S else RESTING_PUSH), 0.0)
     for i in range(3):
         extra = setpoint.acceleration_ned[i]
         ahead = extra if math.isfinite(extra) else 0.0
@@ -237,13 +238,15 @@ def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> 
     moves = along(estimate.velocity_ned, push)
     stands = -BLOWN_BACK < moves < CREEPS
     beyond, grown = along(total, push) - along(free, push), along(total, push) - along(tried, push)
-    failed = grown >= TRIED and (state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS))
-    if failed or (touched and (state.blocked_s == 0.0 or state.untouched_s < dt)):
+    away = along(blocked, push) < 0.0
+    if grown >= TRIED and (state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS)):
+        state.blocked_s = FIRST_S
+        blocked[0], blocked[1], blocked[2] = push
+    elif touched and (state.blocked_s == 0.0 or away):
         state.blocked_s = dt
         blocked[0], blocked[1], blocked[2] = push
     elif state.blocked_s > 0.0:
-        leaves = along(blocked, push) < 0.0 or not stands
-        state.blocked_s = 0.0 if leaves and not touched else state.blocked_s + dt
+        state.blocked_s = 0.0 if away or not (stands or touched) else state.blocked_s + dt
     if beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0) or 0.0 < state.blocked_s < BLOCKED_S:
         for i in range(axes):
             total[i] += min(dt / FORGET_S, 1.0) * (free[i] - total[i])
