@@ -1,10 +1,10 @@
 """Flying into things: a vehicle made of balls against triangles and one moving box, settled by small impulses.
 
-Every rotor disc is a ball, and so are the hull, the feet and the camera; rows of balls are the bumpers that hold the
-camera. A ball that overlaps a surface is pushed out
-by a spring with the damper of Hunt and Crossley ("Coefficient of restitution interpreted as damping in vibroimpact",
-Journal of Applied Mechanics, 1975), which grows with the overlap: a touch begins without a jump, and a contact throws
-nothing out faster than REBOUND_SPEED. Several contacts and their friction are settled together, each for the end of the
+Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers, rows of balls, run from the front
+rotors to the camera, so that no post and no board gets behind it. A ball that overlaps a surface is pushed out by a
+spring with the damper of Hunt and Crossley ("Coefficient of restitution interpreted as damping in vibroimpact", Journal
+of Applied Mechanics, 1975), which grows with the overlap: a touch begins without a jump, and a contact throws nothing
+out faster than REBOUND_SPEED. Several contacts and their friction are settled together, each for the end of the
 step (sequential impulses, as Catto, "Iterative dynamics with temporal coherence", 2005), so that no vehicle is too
 light and no approach too fast for a step of 1 ms. Contacts change velocities and nothing else, and the inertial sensors
 feel each change.
