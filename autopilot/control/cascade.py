@@ -47,6 +47,7 @@ def fallback(params: Record, state: Record, estimate: Record) -> None:
     state.yaw_rate_expected = 0.0
     if not math.isfinite(state.hover_thrust):
         state.hover_thrust = params.hover_thrust
+    state.blocked_s = 0.0
     state.not_finite += 1
 
 
