@@ -1,9 +1,10 @@
 """Flying into things: a vehicle made of balls against triangles and one moving box, settled by small impulses.
 
-Every rotor disc is a ball, and so are the hull, the feet and the camera. A ball that overlaps a surface is pushed out
-by a spring with the damper of Hunt and Crossley ("Coefficient of restitution interpreted as damping in vibroimpact",
-Journal of Applied Mechanics, 1975), which grows with the overlap: a touch begins without a jump, and a contact throws
-nothing out faster than REBOUND_SPEED. Several contacts and their friction are settled together, each for the end of the
+Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers, rows of balls, run from the front
+rotors to the camera, so that no post and no board gets behind it. A ball that overlaps a surface is pushed out by a
+spring with the damper of Hunt and Crossley ("Coefficient of restitution interpreted as damping in vibroimpact", Journal
+of Applied Mechanics, 1975), which grows with the overlap: a touch begins without a jump, and a contact throws nothing
+out faster than REBOUND_SPEED. Several contacts and their friction are settled together, each for the end of the
 step (sequential impulses, as Catto, "Iterative dynamics with temporal coherence", 2005), so that no vehicle is too
 light and no approach too fast for a step of 1 ms. Contacts change velocities and nothing else, and the inertial sensors
 feel each change.
@@ -18,7 +19,7 @@ import numpy as np
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 from foundation.obstacles import Obstacles
-from vehicles.collision_records import BALLS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles
+from vehicles.collision_records import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles
 from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.nearest import in_box, in_triangle
@@ -36,6 +37,7 @@ AHEAD = 0.15  # m, candidates are gathered for this much of motion
 TURN = 2.25  # at least 2.22: the angle between two attitudes over the distance of their quaternions
 BREAKING = 2.0  # m/s, at which a propeller does not survive what it hits
 CAMERA_RADIUS = 0.085  # m, so that at 3 m/s no surface comes nearer to the lens than the renderer's near plane
+BUMPER_SHARES = (1 / 3, 2 / 3)  # of the way from a rotor to the camera: where a bumper has its balls
 BOX = -1  # owner number of the moving box
 
 
@@ -338,7 +340,10 @@ def remember(state: Record, solids: Record, ball: int, owner: int, closing: floa
 
 
 def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None) -> np.void:
-    """Return the SOLIDS record: a vehicle's balls, one for a camera at `camera_frd` (m), and where the cells lie."""
+    """Return the SOLIDS record: a vehicle's balls, and where the cells lie.
+
+    A camera at `camera_frd` (m) is held by bumpers from the two nearest rotors, so that nothing gets behind it.
+    """
     record: np.void = np.zeros(1, SOLIDS)[0]
     rotors, radius = int(params["rotors"]), float(params["rotor_radius"])
     hubs = params["rotor_position"][:rotors]
@@ -350,7 +355,11 @@ def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None
         if foot or (place.any() and np.linalg.norm(hubs - place, axis=1).min() > 1.1 * radius):
             balls.append((*place, point, -1, CRASH_FOOT if foot else CRASH_BODY))
     if camera_frd is not None:
-        balls.append((*camera_frd, CAMERA_RADIUS, -1, CRASH_BODY))
+        lens = np.array((*camera_frd, CAMERA_RADIUS))
+        balls.append((*lens, -1, CRASH_BODY))
+        for hub in sorted(hubs, key=lambda hub: float(np.linalg.norm(hub - camera_frd)))[:BUMPERS]:
+            ends = np.array((*hub, radius)), lens
+            balls += [(*((1.0 - k) * ends[0] + k * ends[1]), -1, CRASH_BODY) for k in BUMPER_SHARES]
     record["balls"] = len(balls)
     for k, (x, y, z, size, rotor, sound) in enumerate(balls):
         record["ball"][k], record["ball_rotor"][k], record["ball_sound"][k] = (x, y, z, size), rotor, sound

@@ -11,7 +11,8 @@ from vehicles.airframe import MAX_CONTACTS
 Grid32 = NDArray[np.float32]
 Index = NDArray[np.int32]
 
-BALLS = MAX_ROTORS + MAX_CONTACTS + 2  # rotors, feet and masts, hull, camera
+BUMPERS = 2  # from rotors to the camera, of two balls each
+BALLS = MAX_ROTORS + MAX_CONTACTS + 2 + 2 * BUMPERS  # rotors, feet and masts, hull, camera, bumpers
 CANDIDATES = 4096  # triangles kept at hand; the thickest hedge of the maps has a quarter of that
 CONTACTS = 2 * BALLS  # every ball may touch the box and one triangle
 

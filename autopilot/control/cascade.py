@@ -7,7 +7,7 @@ ends in the fallback, level at hover thrust, and never at a rotor.
 import math
 
 from autopilot.control.attitude import wanted_rates
-from autopilot.control.position import accelerate, begin, head, integrate, steer
+from autopilot.control.position import accelerate, begin, feel, head, integrate, steer
 from autopilot.control.rate import filter_rates, torque
 from autopilot.control.thrust import attitude_of, limit_force, track_hover
 from autopilot.kernels import quat_from_euler, quat_yaw, rotate
@@ -47,6 +47,7 @@ def fallback(params: Record, state: Record, estimate: Record) -> None:
     state.yaw_rate_expected = 0.0
     if not math.isfinite(state.hover_thrust):
         state.hover_thrust = params.hover_thrust
+    state.blocked_s = 0.0
     state.not_finite += 1
 
 
@@ -113,6 +114,8 @@ def stop(params: Record, state: Record, setpoint: Record, actuators: Record) -> 
         state.torque_scale[i] = 1.0
     state.thrust_setpoint = 0.0
     state.thrust_filtered = 0.0
+    for i in range(3):
+        state.torque_filtered[i] = 0.0
     state.hover_thrust = params.hover_thrust
     state.kind = KIND_IDLE
     for i in range(actuators.command.shape[0]):
@@ -145,6 +148,8 @@ def drive(params: Record, state: Record, estimate: Record, actuators: Record, dt
     state.torque[0] = share * roll
     state.torque[1] = share * pitch
     state.torque[2] = turn * yaw
+    for i in range(3):
+        state.torque_filtered[i] += min(dt / ROTOR_LAG_S, 1.0) * (state.torque[i] - state.torque_filtered[i])
     state.thrust_filtered += min(dt / ROTOR_LAG_S, 1.0) * (collective - state.thrust_filtered)
 
 
@@ -156,6 +161,7 @@ def update(params: Record, state: Record, setpoint: Record, estimate: Record, ac
     dt = min(max((time_us - state.time_us) * 1e-6, SHORTEST_S), LONGEST_S)
     state.time_us = time_us
     filter_rates(params, state, estimate.rates_frd, dt)
+    feel(params, state, estimate, dt)
     actuators.time_us = time_us
     armed = setpoint.armed != 0
     actuators.armed = 1 if armed else 0

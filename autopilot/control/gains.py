@@ -85,6 +85,7 @@ def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.
         params[name] = getattr(gains, name)
     for name in ("rate_p", "rate_i", "rate_d"):  # to normalised torque
         params[name] = np.array(getattr(gains, name)) / np.array(gains.acceleration_max)
+    params["torque_acceleration"] = gains.acceleration_max
     params["velocity_lag"] = gains.velocity_lag
     params["yaw_lag"] = gains.yaw_lag
     params["gyro_cutoff_hz"] = gains.gyro_cutoff_hz

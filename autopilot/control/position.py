@@ -4,19 +4,27 @@ import math
 
 from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
 from autopilot.kernels import quat_yaw, wrap_pi
-from foundation.compiled import Record, njit
-from foundation.frames import Vec3
+from foundation.compiled import Grid, Record, njit
+from foundation.frames import GRAVITY, Vec3
 
 YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
 YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
 YAW_ACCELERATION = 2.5  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
-FOLLOWS = 0.4  # m/s of horizontal velocity error, below which the vehicle follows
+FOLLOWS = 0.4  # m/s of velocity error, below which the vehicle follows
 TRIM_S = 2.0  # s, time constant of the integral that it took meanwhile
 TRIED = 0.8  # m/s² by which the integral grows before it is asked whether that helps
 HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at least
-RESTING_PUSH = 1.0  # m/s², the most that a velocity error may ask for while pushing does nothing
-BLOCKED_S = 3.0  # s of rest, then the integral tries again: it may have been a gust
+BLOWN_BACK, CREEPS = 0.3, 0.35  # m/s: what moves against the push, or along it, faster than this is not blocked
+DESCENDS = 0.2  # m/s, NED: a demand for more is a descent
+FIRST_PUSH, FIRST_S = 2.5, 2.0  # m/s², s: the most that a velocity error may ask for against an obstacle, at first
+RESTING_PUSH = 1.0  # m/s², the same from then on
+BLOCKED_S = 3.0  # s, then the integral tries again: it may have been a gust
 FORGET_S = 0.5  # s, time constant with which a push in vain is taken back
+KNOCK = 8.0  # m/s², sudden and unexplained: an X500 in wind of 10 m/s feels 3.3, a quadrotor of 30 g feels 6.1
+KNOCK_TORQUE = 0.15  # the same as a share of the torque that the rotors can make: 0.06 and 0.08
+KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants between which a knock lies: 10 Hz, and the quickest gusts
+TOUCHED_S = 1.0  # s after a knock for which the vehicle is taken to touch what it hit
+FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²: more is no measurement
 
 
 @njit(cache=True)
@@ -36,6 +44,7 @@ def begin(state: Record, estimate: Record) -> None:
         state.acceleration_expected[i] = 0.0
         state.acceleration_filtered[i] = 0.0
         state.velocity_integral[i] = 0.0
+        state.free_integral[i] = 0.0
     state.blocked_s = 0.0
     q = estimate.attitude
     state.yaw_reference = quat_yaw((q[0], q[1], q[2], q[3]))
@@ -130,11 +139,12 @@ def accelerate(
 ) -> Vec3:
     """Return the acceleration setpoint (NED, m/s²) of the velocity PID with the reference's own acceleration ahead."""
     out_n, out_e, out_d = 0.0, 0.0, 0.0
-    rest = 1.0
+    spared = 0.0  # m/s², of the push against an obstacle
     if state.blocked_s > 0.0:
-        north = params.velocity_p[0] * (state.velocity_expected[0] - estimate.velocity_ned[0])
-        east = params.velocity_p[1] * (state.velocity_expected[1] - estimate.velocity_ned[1])
-        rest = min(1.0, RESTING_PUSH / max(math.sqrt(north * north + east * east), 1e-6))
+        for i in range(3 if vertical else 2):
+            error = state.velocity_expected[i] - estimate.velocity_ned[i]
+            spared += params.velocity_p[i] * error * state.blocked_way[i]
+        spared = max(spared - (FIRST_PUSH if state.blocked_s < FIRST_S else RESTING_PUSH), 0.0)
     for i in range(3):
         extra = setpoint.acceleration_ned[i]
         ahead = extra if math.isfinite(extra) else 0.0
@@ -142,7 +152,8 @@ def accelerate(
             reference = state.acceleration_reference[i]
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             total = (
-                ahead + reference + (rest if i < 2 else 1.0) * params.velocity_p[i] * error + state.velocity_integral[i]
+                ahead + reference + params.velocity_p[i] * error + state.velocity_integral[i]
+                - spared * state.blocked_way[i]
                 - params.velocity_d[i] * (state.acceleration_filtered[i] - state.acceleration_expected[i])
             )  # fmt: skip
         else:
@@ -174,54 +185,102 @@ def integrate(
     dt: float,
 ) -> None:
     """Advance the velocity integrals; what the limits cut off flows back so that they do not wind up."""
+    rests = obstacle_axes(state, vertical) if horizontal and 0.0 < state.blocked_s < BLOCKED_S else 0
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):
             continue
-        error = state.velocity_expected[i] - estimate.velocity_ned[i]
+        error = state.velocity_expected[i] - estimate.velocity_ned[i] if i >= rests else 0.0
         cut = wanted[i] - flown[i]
         back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as PX4's PositionControl
         state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt
         bound = 5.0  # m/s²: half a g of wind or of missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
     if horizontal:
-        push_or_rest(params, state, estimate, dt)
+        push_or_rest(state, estimate, vertical, dt)
 
 
 @njit(cache=True)
-def push_or_rest(params: Record, state: Record, estimate: Record, dt: float) -> None:
-    """Take back what the horizontal integrals added while it moved nothing, as against a wall.
+def obstacle_axes(state: Record, vertical: bool) -> int:
+    """Return how many axes, from north on, an obstacle may block: not the vertical in a descent, which ends so."""
+    return 3 if vertical and state.velocity_expected[2] < DESCENDS else 2
 
-    Wind and a wall feel alike to the accelerometers. But against wind every bit of the integral takes its share of the
-    velocity error away, and against a wall none does.
+
+@njit(cache=True)
+def along(vector: Grid, way: Vec3) -> float:
+    """Return the share of a vector (north, east, down) that points along the unit vector `way`."""
+    share: float = vector[0] * way[0] + vector[1] * way[1] + vector[2] * way[2]
+    return share
+
+
+@njit(cache=True)
+def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
+    """Take back what the integrals added while it moved nothing, as against a wall.
+
+    Wind and a wall feel alike to a vehicle at rest. But a wall knocks and stops what flies into it; and against wind
+    every bit of the integral takes its share of the velocity error away, and against a wall none does.
     """
-    total, free, tried = state.velocity_integral, state.free_integral, state.tried_integral
+    total, free, tried, blocked = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
     north = state.velocity_expected[0] - estimate.velocity_ned[0]
     east = state.velocity_expected[1] - estimate.velocity_ned[1]
-    size = math.sqrt(north * north + east * east)
-    if size < FOLLOWS:
-        for i in range(2):
+    axes = obstacle_axes(state, vertical)
+    down = state.velocity_expected[2] - estimate.velocity_ned[2] if axes == 3 else 0.0
+    size = math.sqrt(north * north + east * east + down * down)
+    touched = state.untouched_s < TOUCHED_S
+    if size < FOLLOWS and not touched:
+        for i in range(3):
             free[i] += min(dt / TRIM_S, 1.0) * (total[i] - free[i])
             tried[i] = total[i]
         state.tried_error = size
         state.blocked_s = 0.0
         return
-    beyond = ((total[0] - free[0]) * north + (total[1] - free[1]) * east) / size
-    overshot = beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0)
-    if state.blocked_s > 0.0:
-        state.blocked_s += dt
-    if overshot or 0.0 < state.blocked_s < BLOCKED_S:
-        for i in range(2):
+    scale = 1.0 / max(size, 1e-6)
+    push = (north * scale, east * scale, down * scale)
+    moves = along(estimate.velocity_ned, push)
+    stands = -BLOWN_BACK < moves < CREEPS
+    beyond, grown = along(total, push) - along(free, push), along(total, push) - along(tried, push)
+    away = along(blocked, push) < 0.0
+    if grown >= TRIED and (state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS)):
+        state.blocked_s = FIRST_S
+        blocked[0], blocked[1], blocked[2] = push
+    elif touched and (state.blocked_s == 0.0 or away):
+        state.blocked_s = dt
+        blocked[0], blocked[1], blocked[2] = push
+    elif state.blocked_s > 0.0:
+        state.blocked_s = 0.0 if away or not (stands or touched) else state.blocked_s + dt
+    if beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0) or 0.0 < state.blocked_s < BLOCKED_S:
+        for i in range(axes):
             total[i] += min(dt / FORGET_S, 1.0) * (free[i] - total[i])
             tried[i] = total[i]
         state.tried_error = size
-        return
-    grown = ((total[0] - tried[0]) * north + (total[1] - tried[1]) * east) / size
-    if grown < 0.5 * TRIED:
+    elif grown < 0.5 * TRIED:
         state.tried_error = size  # a bump's own rebound is over by half
     elif grown >= TRIED:
-        if state.tried_error - size > HELPS:
-            for i in range(2):
-                tried[i] = total[i]
-            state.blocked_s = 0.0
+        for i in range(axes):
+            tried[i] = total[i]
+
+
+@njit(cache=True)
+def feel(params: Record, state: Record, estimate: Record, dt: float) -> None:
+    """Follow the accelerations that the rotors do not explain, and note a knock in them.
+
+    The push of an obstacle rises within milliseconds, that of wind with its gusts: Tomić, Ott, Haddadin, "External
+    wrench estimation, collision detection, and reflex reaction for flying robots", IEEE Trans. Robotics, 2017.
+    """
+    thrust = state.thrust_filtered * GRAVITY / max(state.hover_thrust, 0.05)
+    fast, slow = min(dt / KNOCK_S, 1.0), min(dt / GUST_S, 1.0)
+    turn, sudden = params.torque_acceleration, 0.0
+    for i in range(6):
+        if i < 3:
+            least = KNOCK
+            felt = estimate.accel_frd[i] + (thrust if i == 2 else 0.0)
         else:
-            state.blocked_s = dt
+            least = KNOCK_TORQUE * turn[1]
+            felt = state.rates_derivative[i - 3] - turn[i - 3] * state.torque_filtered[i - 3]
+        if not abs(felt) < FELT_PLAUSIBLE:
+            return
+        state.unexplained[i] += fast * (felt - state.unexplained[i])
+        state.unexplained_slow[i] += slow * (felt - state.unexplained_slow[i])
+        if state.landed != 0:
+            state.unexplained_slow[i] = state.unexplained[i]
+        sudden += ((state.unexplained[i] - state.unexplained_slow[i]) / least) ** 2
+    state.untouched_s = 0.0 if sudden > 1.0 else state.untouched_s + dt

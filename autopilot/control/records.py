@@ -30,6 +30,7 @@ CONTROL_PARAMS = np.dtype(
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # 0 … 1
         ("rate_max", "f8", (3,)),  # rad/s
+        ("torque_acceleration", "f8", (3,)),  # rad/s² of a normalised torque of 1
         ("rate_p", "f8", (3,)),  # normalised torque per rad/s
         ("rate_i", "f8", (3,)),  # normalised torque per rad
         ("rate_d", "f8", (3,)),  # normalised torque per rad/s²
@@ -56,10 +57,15 @@ CONTROL_STATE = np.dtype(
         ("velocity_expected", "f8", (3,)),  # m/s, what the reference makes of a vehicle with the lag it has
         ("acceleration_expected", "f8", (3,)),  # m/s², its derivative
         ("velocity_integral", "f8", (3,)),  # m/s²
-        ("free_integral", "f8", (2,)),  # m/s², horizontal, that it took while the velocity followed
-        ("tried_integral", "f8", (2,)),  # m/s², when the push that is being tried began
-        ("tried_error", "f8"),  # m/s, horizontal velocity error then
+        ("free_integral", "f8", (3,)),  # m/s², that it took while the velocity followed
+        ("tried_integral", "f8", (3,)),  # m/s², when the push that is being tried began
+        ("tried_error", "f8"),  # m/s, velocity error then
         ("blocked_s", "f8"),  # s since pushing was found to do nothing; 0: it does
+        ("blocked_way", "f8", (3,)),  # unit, NED, where that push pointed
+        ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations without those that the rotors make, filtered
+        ("unexplained_slow", "f8", (6,)),  # what of it is slow, such as wind
+        ("torque_filtered", "f8", (3,)),  # normalised, as the rotors follow it
+        ("untouched_s", "f8"),  # s since the last knock
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
         ("yaw_reference", "f8"),  # rad, with the lag of the yaw rate in it
         ("yaw_rate_expected", "f8"),  # rad/s, its derivative

@@ -6,6 +6,7 @@ Its origin is the body's, between the rotors and not on the ground, and it is no
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -119,11 +120,14 @@ def _legs(shape: Outline, thin: float) -> list[MeshPart]:
 
 
 def _camera(shape: Outline, thin: float) -> list[MeshPart]:
-    """Return the camera on its boom."""
+    """Return the camera on its boom, and the bumpers to it from the two nearest rotors."""
     x, y, z = CameraModel().offset_frd
     size = 0.2 * min(shape.radius_m, 0.15)
     place, cube = np.array((x, -y, -z)), np.array((size, size, size))
+    hubs = sorted((np.array((a, -b, -c)) for a, b, c in shape.hubs), key=lambda hub: float(np.linalg.norm(hub - place)))
+    bumpers = [np.linspace(hub, place - cube * (1.5, 0.0, 0.0), 4) for hub in hubs[:2]]
     return [
+        *(g.rod(a, b, (0.6 * thin, 0.6 * thin), CARBON, 6) for line in bumpers for a, b in pairwise(line)),
         g.rod((0.0, 0.0, -0.1 * shape.arm_m), place - cube * (1.5, 0.0, 0.0), (thin, 0.8 * thin), CARBON, 6),
         g.box(place - cube * (2.0, 1.0, 1.0), place + cube * (-0.4, 1.0, 1.0), CARBON),
         g.rod(place - cube * (0.4, 0.0, 0.0), place, (0.7 * size, 0.75 * size), colors.GLASS, 10),

@@ -8,9 +8,9 @@ from tests.sitl.before_a_wall import flying, stream
 from vehicles.wind import Wind
 
 PRESSES = (
-    Press(BLOCKS, "box-1", seconds=12.0),
+    Press(BLOCKS, "cylinder-1", beside=0.7, seconds=15.0),
     Press(BLOCKS, "box-1", 45.0, seconds=12.0, wind_n=5.0),
-    Press(RESIDENTIAL, "sedan-474", 40.0, seconds=12.0),
+    Press(BLOCKS, "ramp-1", seconds=15.0),
     Press(RESIDENTIAL, "ground", seconds=5.0),
 )
 

@@ -61,6 +61,14 @@ def test_the_lens_never_enters_a_wall(name: str, speed: float) -> None:
     assert craft.state["hits"] > 0
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_no_post_gets_between_a_rotor_and_the_camera(side: float) -> None:
+    post = solid(block((0.37, 0.1 * side, -4.0), (0.02, 0.02, 3.0)))
+    craft = vehicle(obstacles=post, camera_frd=CAMERA, position_ned=(0.0, 0.0, -4.0))
+    ram(craft, (0.0, 0.5 * side, 0.0), 1)
+    assert craft.state["hits"] > 0
+
+
 @pytest.mark.parametrize("name", names())
 def test_a_bump_gives_back_less_than_it_took(name: str) -> None:
     craft = vehicle(name, obstacles=WALL, camera_frd=CAMERA, position_ned=(4.3, 0.0, -4.0))

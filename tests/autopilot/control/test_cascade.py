@@ -258,3 +258,36 @@ def test_parameters_by_their_px4_names():
         core.set_parameter("NO_SUCH", 1.0)
     with pytest.raises(UsageError, match="finite"):
         core.set_parameter("MPC_XY_P", math.nan)
+
+
+def test_a_quick_flight_is_not_taken_for_a_push_against_a_wall():
+    """The drag that grows with the speed needs more integral, and the error does not fall meanwhile."""
+    flight = Flight().hover()
+    blocked = 0
+    for speed in (5.0, -5.0, 0.0, 5.0):
+        flight.ask(velocity_ned=(speed, 0.0, 0.0), yaw=0.0)
+        for _ in range(60):
+            flight.run(0.1)
+            blocked += flight.core.state["blocked_s"] > 0.0
+    assert blocked == 0
+
+
+def pushed(flight, force, rise_s, seconds=1.0):
+    """Let a force (N, NED) rise within `rise_s` and hold it; return whether the autopilot took it for an obstacle."""
+    steps = round(seconds / 0.02)
+    taken = False
+    for k in range(steps):
+        flight.vehicle.state["external_force"] = np.array(force) * min(0.02 * (k + 1) / rise_s, 1.0)
+        flight.run(0.02)
+        taken |= bool(flight.core.state["blocked_s"] > 0.0)
+    return taken
+
+
+@pytest.mark.parametrize("way", [(-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)])
+def test_a_knock_is_told_from_a_gust(way):
+    force = 25.0 * np.array(way)  # N, 1.3 times the weight: stops 1.2 m/s within 0.1 s
+    flight = Flight().hover()
+    flight.ask(velocity_ned=(0.0, 0.0, 0.0), yaw=0.0)
+    assert not pushed(flight, 0.2 * force, 0.5)
+    flight.run(3.0)
+    assert pushed(flight, force, 0.02, 0.1)
