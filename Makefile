@@ -27,9 +27,9 @@ check: install-dev
 unit: install-dev
 	$(PYTEST) -n 2 --dist worksteal -m unit
 
-# Everything that a change should pass before it is shared.
+# Everything that a change should pass before it is shared. Three workers keep two cores busy: many tests wait.
 test: check
-	$(PYTEST) -n 2 --dist worksteal -m "not slow"
+	$(PYTEST) -n 3 --dist worksteal -m "not slow"
 
 # Whole flights in real time, commands of the docs, browsers, fits.
 test-slow: install-dev
