@@ -18,7 +18,8 @@ def test_the_reason_is_said_before_the_vehicle_is_landed_and_the_logger_told(tmp
     link = Link(vehicle.transport())
     stage = SimpleNamespace(
         links=[link], camera=None, camera_model=None, executor=None, lockstep=False, speed=1.0,
-        check=lambda: None, check_vehicles=lambda: None, cause=lambda error: error, mend=lambda: happened.append("mend"), begin=lambda t0_us, cap_s: None,
+        check=lambda: None, check_vehicles=lambda: None, cause=lambda error: error,
+        mend=lambda: happened.append("mend"), begin=lambda t0_us, cap_s: None,
         end=lambda reason, error: happened.append(reason),
     )  # fmt: skip
 
