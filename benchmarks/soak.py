@@ -229,8 +229,8 @@ class Watch:
     def figures(self) -> dict[str, Any]:
         """Return what has grown after the first rounds."""
         grown = {}
-        for pid, told in self.memory.items():
-            late = told[WARM_ROUNDS:] if len(told) > 2 * WARM_ROUNDS else told
+        for pid, values in self.memory.items():
+            late = values[WARM_ROUNDS:] if len(values) > 2 * WARM_ROUNDS else values
             third = max(len(late) // 3, 1)
             first, last = statistics.median(late[:third]), statistics.median(late[-third:])
             grown[self.names[pid]] = {"mb": round(last, 1), "change_percent": round(100.0 * (last / first - 1.0), 1)}
@@ -252,8 +252,8 @@ def _name(process: psutil.Process) -> str:
 @contextlib.contextmanager
 def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
     """Give the URLs of the vehicles, that of their camera and the folder of their states."""
-    with tempfile.TemporaryDirectory(prefix="dronecats-soak-") as told:
-        folder = Path(told)
+    with tempfile.TemporaryDirectory(prefix="dronecats-soak-") as name:
+        folder = Path(name)
         supervisor = Supervisor(folder)
         try:
             config = SimulatorConfig(

@@ -192,10 +192,10 @@ def _incidents(run: Path) -> list[str]:
     lines, hardest = [], dict[str, float]()
     for hit in hits_of(flown.logs, flown.cap_s) or []:
         hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)
-    told = contacts(flown.logs, flown.cap_s)
-    if told and told.hits:
+    found = contacts(flown.logs, flown.cap_s)
+    if found and found.hits:
         things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
-        lines.append(f"{told.hits} hit{'' if told.hits == 1 else 's'} ({things}), {told.contact_s:.1f} s in contact")
+        lines.append(f"{found.hits} hit{'' if found.hits == 1 else 's'} ({things}), {found.contact_s:.1f} s in contact")
     if count := estimator_resets(flown.logs, flown.cap_s):
         each = resets_of(flown.logs, flown.cap_s) or []
         which = ", ".join(f"{' and '.join(reset.quantities) or 'small'} at {reset.t:.1f} s" for reset in each)

@@ -7,14 +7,14 @@ from dronecats.rundir.rows import Clear, Hit, Reset
 
 def hits_of(logs: Logs, cap_s: float) -> list[Hit] | None:
     """Return the hits within the cap; None where hits were not written."""
-    told = logs.begin is not None and logs.begin.contacts is True
-    return [hit for hit in logs.hits if hit.t <= cap_s] if told else None
+    written = logs.begin is not None and logs.begin.contacts is True
+    return [hit for hit in logs.hits if hit.t <= cap_s] if written else None
 
 
 def resets_of(logs: Logs, cap_s: float) -> list[Reset] | None:
-    """Return the estimator resets within the cap; None where the autopilot did not tell them."""
-    told = logs.begin is not None and logs.begin.resets is True
-    return [reset for reset in logs.resets if reset.t <= cap_s] if told else None
+    """Return the estimator resets within the cap; None where the autopilot did not send the counter."""
+    written = logs.begin is not None and logs.begin.resets is True
+    return [reset for reset in logs.resets if reset.t <= cap_s] if written else None
 
 
 def contacts(logs: Logs, cap_s: float) -> Contacts | None:
@@ -31,7 +31,7 @@ def contacts(logs: Logs, cap_s: float) -> Contacts | None:
 
 
 def estimator_resets(logs: Logs, cap_s: float) -> int | None:
-    """Return how often the drones' estimators were reset; None where the autopilot did not tell it."""
+    """Return how often the drones' estimators were reset; None where the autopilot did not send the counter."""
     resets = resets_of(logs, cap_s)
     return None if resets is None else sum(reset.count for reset in resets)
 

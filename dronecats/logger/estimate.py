@@ -28,7 +28,7 @@ class EstimateRecorder:
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         self._t0_us = t0_us
-        resets = True if self._resets.is_told else UNSET
+        resets = True if self._resets.sends_counter else UNSET
         self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate", resets=resets))
 
     def end(self, reason: str, error: str | None = None) -> None:

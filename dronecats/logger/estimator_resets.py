@@ -51,12 +51,12 @@ class ResetWatch:
         self._last: _Odometry | None = None
 
     @property
-    def is_told(self) -> bool:
+    def sends_counter(self) -> bool:
         """Whether the autopilot sends the counter at all."""
         return self._last is not None
 
     def frame(self, frame: bytes) -> EstimatorReset | None:
-        """Take one message as its bytes; return the reset that it tells."""
+        """Take one message as its bytes; return the reset that it shows."""
         if frame[0] != MAVLINK2 or int.from_bytes(frame[7:10], "little") != dialect.MAVLINK_MSG_ID_ODOMETRY:
             return None
         for message in self._parser.feed(frame):
@@ -64,15 +64,15 @@ class ResetWatch:
         return None
 
     def message(self, message: dialect.MAVLink_message) -> EstimatorReset | None:
-        """Take an ODOMETRY; return the reset that it tells."""
+        """Take an ODOMETRY; return the reset that it shows."""
         if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
             return None
-        told, last = _odometry(message), self._last
-        if last is not None and told.time_us <= last.time_us:
+        new, last = _odometry(message), self._last
+        if last is not None and new.time_us <= last.time_us:
             return None  # a newer one has overtaken it
-        self._last = told
-        count = (told.counter - last.counter) % COUNTS if last else 0
-        return _reset(last, told, count) if last and count else None
+        self._last = new
+        count = (new.counter - last.counter) % COUNTS if last else 0
+        return _reset(last, new, count) if last and count else None
 
 
 def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
@@ -104,15 +104,15 @@ def _odometry(message: dialect.MAVLink_message) -> _Odometry:
     )
 
 
-def _reset(last: _Odometry, told: _Odometry, count: int) -> EstimatorReset:
-    dt = (told.time_us - last.time_us) / 1e6
-    turned = 0.5 * (last.yaw_rate + told.yaw_rate) * dt
+def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
+    dt = (new.time_us - last.time_us) / 1e6
+    turned = 0.5 * (last.yaw_rate + new.yaw_rate) * dt
     north, east, down = (
         b - a - 0.5 * (u + v) * dt
-        for a, b, u, v in zip(last.position_ned, told.position_ned, last.velocity_ned, told.velocity_ned, strict=True)
+        for a, b, u, v in zip(last.position_ned, new.position_ned, last.velocity_ned, new.velocity_ned, strict=True)
     )
-    yaw_deg = math.degrees(wrap_pi(told.yaw - last.yaw - turned))
-    velocity_mps = math.dist(told.velocity_ned, last.velocity_ned)
+    yaw_deg = math.degrees(wrap_pi(new.yaw - last.yaw - turned))
+    velocity_mps = math.dist(new.velocity_ned, last.velocity_ned)
     position_m = math.hypot(north, east)
     # a reset of the velocity moves the mean of the two, and must not look like one of the place
     moved_m = LEAST_M + 0.5 * (ACCELERATION * dt + velocity_mps) * dt

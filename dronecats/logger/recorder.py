@@ -58,8 +58,8 @@ class Recorder:
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         """The episode's clock is zero at this vehicle time; it is flown for `cap_s` seconds at most."""
         self._t0_us = t0_us
-        told = {drone for drone, (_, watch) in self._telemetry.items() if watch.is_told}
-        resets = True if told and told >= set(self._samples) else UNSET
+        sending = {drone for drone, (_, watch) in self._telemetry.items() if watch.sends_counter}
+        resets = True if sending and sending >= set(self._samples) else UNSET
         self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True, resets=resets))
 
     def end(self, reason: str, error: str | None = None) -> None:

@@ -19,30 +19,30 @@ def min_distance_box(flown: FlownEpisode) -> float | None:
 
 def hits(flown: FlownEpisode) -> int | None:
     """Return how often a drone flew into something within the cap; None where hits were not written."""
-    told = contacts(flown.logs, flown.cap_s)
-    return told.hits if told else None
+    found = contacts(flown.logs, flown.cap_s)
+    return found.hits if found else None
 
 
 def crashes(flown: FlownEpisode) -> int | None:
     """Return how many drones hit something hard enough to break; None where hits were not written."""
-    told = contacts(flown.logs, flown.cap_s)
-    return told.crashes if told else None
+    found = contacts(flown.logs, flown.cap_s)
+    return found.crashes if found else None
 
 
 def hardest_hit(flown: FlownEpisode) -> float | None:
     """Return the fastest closing speed (m/s) of a hit; None without one."""
-    told = contacts(flown.logs, flown.cap_s)
-    return told.hardest_hit_mps if told else None
+    found = contacts(flown.logs, flown.cap_s)
+    return found.hardest_hit_mps if found else None
 
 
 def contact_time(flown: FlownEpisode) -> float | None:
     """Return the seconds in contact with anything, of all drones; None where hits were not written."""
-    told = contacts(flown.logs, flown.cap_s)
-    return told.contact_s if told else None
+    found = contacts(flown.logs, flown.cap_s)
+    return found.contact_s if found else None
 
 
 def resets(flown: FlownEpisode) -> int | None:
-    """Return how often the drones' estimators were reset; None where the autopilot did not tell it."""
+    """Return how often the drones' estimators were reset; None where the autopilot did not send the counter."""
     return estimator_resets(flown.logs, flown.cap_s)
 
 
