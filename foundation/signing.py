@@ -48,8 +48,19 @@ def timestamp(unix_s: float) -> int:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Return whether a message's bytes have a signature, good or not."""
-    return frame[0] == dialect.PROTOCOL_MARKER_V2 and bool(frame[2] & SIGNED)
+    """Return whether a message's bytes have a signature, good or not, of someone who has a key.
+
+    PX4 1.17 signs with 32 zero bytes while it has no key.
+    """
+    return (
+        frame[0] == dialect.PROTOCOL_MARKER_V2
+        and bool(frame[2] & SIGNED)
+        and _digest(bytes(KEY_BYTES), frame[:-6]) != frame[-6:]
+    )
+
+
+def _digest(key: bytes, data: bytes) -> bytes:
+    return hashlib.sha256(key + data).digest()[:6]
 
 
 class Signing:
@@ -89,7 +100,7 @@ class Signing:
         return good
 
     def _believes(self, frame: bytes, now_us: int) -> bool:
-        if not hmac.compare_digest(self._digest(frame[:-6]), frame[-6:]):
+        if not hmac.compare_digest(_digest(self._key, frame[:-6]), frame[-6:]):
             return False
         timestamp = int.from_bytes(frame[-12:-6], "little")
         speaker = (frame[5], frame[6], frame[-13])
@@ -111,10 +122,7 @@ class Signing:
         body[2] |= SIGNED
         checksum = dialect.x25crc(bytes(body[1:]) + bytes([crc_extra]))
         body += struct.pack("<HB", checksum.crc, self._link) + self._time.to_bytes(6, "little")
-        return bytes(body) + self._digest(bytes(body))
+        return bytes(body) + _digest(self._key, bytes(body))
 
     def _now(self, now_us: int) -> int:
         return self._time + max(now_us - self._set_us, 0) // 10
-
-    def _digest(self, data: bytes) -> bytes:
-        return hashlib.sha256(self._key + data).digest()[:6]

@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from hil.preflight.check import Check
 
 YES = "yes"
-GIVES_KEY = "--give-key sends the key in clear: do it over USB. From then on the vehicle obeys only who has the key.\n"
+GIVES_KEY = (
+    "--give-key sends the key in clear: do it over USB, then restart the vehicle. A PX4 obeys others too until"
+    " MAV_SIGN_CFG is 1 or 2.\n"
+)
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

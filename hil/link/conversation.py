@@ -236,6 +236,11 @@ class Conversation:
     def _wire_us(self) -> int:
         return round(self._time_s() * 1e6)
 
+    @property
+    def has_key(self) -> bool:
+        """Whether messages are signed, and only signed ones believed."""
+        return self._signing.active
+
     def _sign_with(self, key: bytes) -> None:
         if key:
             self._signing.set_up(key, timestamp(self._unix_s()), self._wire_us)

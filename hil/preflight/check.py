@@ -8,7 +8,7 @@ from pathlib import Path
 from foundation.errors import UsageError
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
-from hil.preflight import battery, camera, disk, failsafes, fence, health, position, wire
+from hil.preflight import battery, camera, disk, failsafes, fence, health, position, signing, wire
 from hil.preflight.heard import Heard, Watch
 from hil.preflight.rehearsal import rehearse
 from hil.preflight.row import Change, Finding, Row
@@ -46,7 +46,11 @@ class Check:
 
     def _findings(self) -> list[Finding]:
         situation = failsafes.Situation(self.values, self.heard.sticks, health.version(self.heard), self.heard.station)
-        return failsafes.findings(situation) + fence.findings(self.values, self.fence_points)
+        return [
+            *failsafes.findings(situation),
+            *fence.findings(self.values, self.fence_points),
+            *signing.findings(self.values),
+        ]
 
 
 def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = None) -> Check:
@@ -55,7 +59,8 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
     Raises LinkError when the vehicle goes away meanwhile.
     """
     heard = Watch(link).listen(seconds)
-    values, points = Parameters(link).read_many(NAMES), fence.plan_size(link)
+    names = (*NAMES, *(signing.PARAMETERS if link.has_key else ()))
+    values, points = Parameters(link).read_many(names), fence.plan_size(link)
     rehearsal = rehearse(link)
     around = [] if camera_url is None else [camera.row(camera_url, vehicle_clock(heard, link), link.tick, seconds)]
     return Check(heard, values, points, rehearsal, (*around, disk.row(folder)))

@@ -13,6 +13,7 @@ from tests.hil.link.test_impostor import ATTACKS
 from vehicles import airframe
 
 KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
+NO_KEY = bytes(32)  # PX4 1.17 signs with it until it is given one, and hears everybody
 UNIX_S = 1_790_000_000.0
 
 
@@ -110,9 +111,10 @@ def test_one_forged_time_does_not_shut_the_vehicle_out():
     ("vehicle", "key", "said"),
     [
         (ScriptedVehicle(), KEY, "does not sign"),
+        (SigningVehicle(key=NO_KEY), KEY, "does not sign"),
         (SigningVehicle(key=OTHER), KEY, "another key"),
     ],
-    ids=["no key", "another key"],
+    ids=["no key", "PX4 without a key", "another key"],
 )
 def test_why_nothing_is_believed_is_said_without_the_key(vehicle, key, said):
     with pytest.raises(LinkError, match=said) as refusal:
@@ -126,6 +128,15 @@ def test_a_link_without_a_key_is_told_that_the_vehicle_wants_one():
     link.connect(10.0)
     with pytest.raises(LinkError, match="--sign"):
         link.set_mode("HOLD")
+
+
+def test_a_link_to_a_px4_without_a_key_is_not_told_that_it_wants_one():
+    vehicle = SigningVehicle(key=NO_KEY)
+    link = link_to(vehicle, key=b"")
+    link.connect(10.0)
+    with pytest.raises(LinkError) as refusal:
+        link.set_mode("HOLD")
+    assert "--sign" not in str(refusal.value)
 
 
 def simulated():
