@@ -107,8 +107,8 @@ def test_missing_field() -> None:
 def test_refuses_what_is_no_record() -> None:
     for text, says in (
         ("", "JSON"),
-        ("[]", "object"),
-        ("null", "object"),
+        ("[]", "episode record"),
+        ("null", "episode record"),
         ('{"version": NaN}', "NaN"),
         ('{"version": -Infinity}', "Infinity"),
         ('{"id": "a", "id": "b"}', "twice"),
