@@ -25,7 +25,7 @@ class LandingWatch:
         self._is_said = False
 
     def follow(self, state: EstimatedState, landing: bool) -> None:
-        """Follow one tick. `landing`: it is told to land and has not."""
+        """Follow one tick. `landing`: a landing has been ordered and has not ended."""
         if not landing:
             self._lowest, self._is_said = None, False
             return

@@ -1,4 +1,4 @@
-"""How far a simulator in real time lags behind while somebody sends it garbage, and what a client notices of it.
+"""Measures the lag of a simulator in real time while a program sends it garbage, and its effect on a client.
 
     python -m benchmarks.garbage [--json] [--only NAME …] [--seconds S] [--seed N] [--short]
 

@@ -149,7 +149,7 @@ def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
         return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # instance 0 of each stays
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
-    except Exception as error:  # pyulog raises whatever a damaged file makes it trip over
+    except Exception as error:  # a damaged file raises errors of many classes in pyulog
         raise UsageError(f"{path} is no ULog: {type(error).__name__} {error}") from None
 
 

@@ -73,7 +73,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
 def _heard(folder: Path) -> FlightRecord:
     kept = kept_ulog(folder)
     if kept is not None:
-        with suppress(UsageError):  # it broke off before it told anything
+        with suppress(UsageError):  # the log ends before its first estimate
             return from_ulog(kept)
     return from_tlog(folder / layout.TLOG)
 

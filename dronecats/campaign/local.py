@@ -124,7 +124,7 @@ class LocalEngine:
                 self._landed.put(fault)
         except OSError as full:
             self._landed.put(InfrastructureError(f"the run cannot be written: {full.strerror}"))
-        except Exception as bug:  # nobody but this thread can say that its flights will never land
+        except Exception as bug:  # only this thread can report that its flights will never land
             self._landed.put(
                 InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program: {bug}")
             )

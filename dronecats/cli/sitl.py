@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     view = view_of(args)
     key_of(args.sign)
     if args.sign and (args.autopilot == "px4" or args.hitl):
-        raise UsageError("--sign is for our autopilot; give a PX4 its key with `dronecats preflight --give-key`")
+        raise UsageError("--sign is for our autopilot, and a PX4 in simulation takes no key over UDP; leave --sign out")
     if args.sign and view:
         raise UsageError("the page of --view asks for telemetry unsigned: leave --view or --sign out")
     if view and view.stays:

@@ -77,7 +77,7 @@ def test_it_flies_what_this_machine_flies_byte_for_byte(cluster, tmp_path):
     assert sorted(p.name for p in (tmp_path / "here" / FOUR[0]).iterdir()) == sorted(
         p.name for p in (tmp_path / "there" / FOUR[0]).iterdir()
     )
-    _, alive = psutil.wait_procs(flying(), timeout=60)  # Ray ends its workers by itself, after the run is over
+    _, alive = psutil.wait_procs(flying(), timeout=20)  # Ray ends its workers by itself, after the run is over
     assert not alive
 
 
