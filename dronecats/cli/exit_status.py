@@ -23,3 +23,7 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)
         return 130
+    finally:
+        # A Ctrl-C inside an `exec` of text (dataclasses and Numba make functions so) marks the whole process as killed
+        # by it, whoever catches it, and Python then kills itself instead of returning a status. Each `exec` clears it.
+        exec("")

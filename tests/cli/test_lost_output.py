@@ -4,6 +4,7 @@ import json
 import shlex
 import signal
 import subprocess
+import sys
 
 import pytest
 
@@ -43,6 +44,16 @@ def test_an_interrupted_flight_without_a_reader_is_an_interrupted_flight(tmp_pat
     assert process.stderr.readline()
     process.send_signal(signal.SIGINT)
     assert process.wait(300) == 130
+
+
+def test_a_ctrl_c_while_a_class_is_made_is_an_interruption_like_any_other(tmp_path):
+    (tmp_path / "verb.py").write_text(
+        "import sys\n"
+        "from dronecats.cli.exit_status import exit_status\n"
+        "sys.exit(exit_status('verb', lambda: exec('raise KeyboardInterrupt')))\n"
+    )
+    done = subprocess.run([sys.executable, "-m", "verb"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "verb: interrupted\n")
 
 
 def test_a_list_ends_well_and_quietly_when_its_reader_has_enough():
