@@ -2,6 +2,7 @@
 
 import math
 
+from autopilot.control.position import ASIDE
 from autopilot.estimated_state import EstimatedState
 from autopilot.modes.setpoint import CascadeSetpoint
 from autopilot.parameters import ParameterTable
@@ -88,8 +89,12 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the speed (m/s) at which a demand descends at least; None where a vehicle in the air need not follow."""
-    if demand.kind != KIND_TRAJECTORY:
+    """Return the speed (m/s) at which a demand descends at least; None where a vehicle in the air need not follow.
+
+    A demand that leads aside as well is no landing: what carries the vehicle is an obstacle, which it may slide along.
+    """
+    north, east, _ = demand.velocity_ned
+    if demand.kind != KIND_TRAJECTORY or math.hypot(north, east) > ASIDE:
         return None
     z, vz = demand.position_ned[2], demand.velocity_ned[2]
     if vz >= CONTACT_SPEED:

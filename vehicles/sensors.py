@@ -12,10 +12,12 @@ import numpy as np
 from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Quat
-from vehicles.compiled_frames import ned_to_geodetic, rotate_inverse
+from vehicles.collision_records import SolidTriangles
+from vehicles.compiled_frames import ned_to_geodetic, rotate, rotate_inverse
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
 from vehicles.noise import normal
+from vehicles.ray import first_solid
 from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, RandomStream
 
 BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
@@ -361,9 +363,11 @@ def _rangefinder(
     state: Record,
     attitude: Quat,
     down: Grid,
+    solids: Record,
+    triangles: SolidTriangles,
     sensors: Record,
 ) -> None:
-    """Measure along the body's down axis, against the plane of the ground below the vehicle."""
+    """Measure along the body's down axis, against what stands there and the plane of the ground below the vehicle."""
     fault, row = active(faults, RANGE, state.time_us)
     if fault == FAIL:
         return
@@ -373,13 +377,24 @@ def _rangefinder(
     z, _, _ = surface(params, down, state.position[0], state.position[1])
     tilt = 1.0 - 2.0 * (attitude[1] ** 2 + attitude[2] ** 2)  # cosine
     distance = (z - state.position[2]) / tilt if tilt > 0.1 else math.inf
+    if solids.here != 0:
+        eye, way = (state.position[0], state.position[1], state.position[2]), rotate(attitude, (0.0, 0.0, 1.0))
+        distance = min(distance, first_solid(solids, triangles, state.time_us, eye, way, suite.range_max_m))
     noise = suite.range_noise_m * normal(memory.rng) + (faults.value[row, 0] if fault == BIAS else 0.0)
     sensors.range_m = max(distance + noise, 0.0) if distance <= suite.range_max_m else math.nan
 
 
 @njit(cache=True)
 def sample(
-    params: Record, suite: Record, memory: Record, faults: Record, state: Record, down: Grid, sensors: Record
+    params: Record,
+    suite: Record,
+    memory: Record,
+    faults: Record,
+    state: Record,
+    down: Grid,
+    solids: Record,
+    triangles: SolidTriangles,
+    sensors: Record,
 ) -> None:
     """Write every sample that is due at the vehicle's time into `sensors`."""
     now = state.time_us
@@ -404,7 +419,7 @@ def sample(
         _satellite_delivery(suite, memory, now, sensors)
     if now >= memory.range_next_us and suite.range_max_m > 0.0:
         memory.range_next_us += suite.range_period_us
-        _rangefinder(params, suite, memory, faults, state, attitude, down, sensors)
+        _rangefinder(params, suite, memory, faults, state, attitude, down, solids, triangles, sensors)
     if now >= memory.battery_next_us:
         memory.battery_next_us += BATTERY_PERIOD_US
         sensors.battery_voltage = state.voltage

@@ -16,6 +16,7 @@ TRIED = 0.8  # m/s² by which the integral grows before it is asked whether that
 HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at least
 BLOWN_BACK, CREEPS = 0.3, 0.35  # m/s: what moves against the push, or along it, faster than this is not blocked
 DESCENDS = 0.2  # m/s, NED: a demand for more is a descent
+ASIDE = 0.3  # m/s: a demand for more horizontally is on its way somewhere, and what carries it is in its way
 FIRST_PUSH, FIRST_S = 2.5, 2.0  # m/s², s: the most that a velocity error may ask for against an obstacle, at first
 RESTING_PUSH = 1.0  # m/s², the same from then on
 BLOCKED_S = 3.0  # s, then the integral tries again: it may have been a gust
@@ -201,8 +202,10 @@ def integrate(
 
 @njit(cache=True)
 def obstacle_axes(state: Record, vertical: bool) -> int:
-    """Return how many axes, from north on, an obstacle may block: not the vertical in a descent, which ends so."""
-    return 3 if vertical and state.velocity_expected[2] < DESCENDS else 2
+    """Return how many axes, from north on, an obstacle may block: not the vertical in a plain descent, a landing."""
+    north, east, down = state.velocity_expected
+    aside = north * north + east * east > ASIDE * ASIDE
+    return 3 if vertical and (down < DESCENDS or aside) else 2
 
 
 @njit(cache=True)

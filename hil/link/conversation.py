@@ -328,11 +328,9 @@ class Conversation:
         if self.time_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = self.time_us + 1_000_000
             self._send_heartbeat()
-            again = self.streams.check(self.time_us)
-            for interval in again:
+            for interval in self.streams.check(self.time_us):
                 self._request(interval.message_id, interval.interval_us)
-            if again:
-                self._request_once()
+            self._request_once()  # an autopilot without a fix has neither origin nor home to send
 
     def mode_is_known(self) -> bool:
         """Return whether the autopilot has told its mode since telemetry last had a gap."""

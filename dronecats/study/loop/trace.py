@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.run.ascent import StartOffset, ascend
-from dronecats.sitl.config import SimulatorConfig
-from dronecats.sitl.lockstep import Lockstep
-from dronecats.sitl.px4.lockstep import Px4Lockstep
-from dronecats.sitl.px4.simulator import Px4Simulator
-from dronecats.sitl.scenario import build, world_of
+from dronecats.sitl.one_vehicle import one_vehicle
+from dronecats.sitl.scenario import world_of
 from dronecats.study.loop.hover import StepAnswer
 from dronecats.study.loop.margins import StepFigures, step_figures
 from episodes import catalogue
@@ -104,20 +101,9 @@ def fly(
     log_dir: a folder that stands, in which what PX4 prints stays; None: it does not.
     Raises UsageError, LinkError where it does not fly, InfrastructureError where PX4 ends.
     """
-    record = catalogue.load(EPISODE)
-    world = world_of(record, airframe, 1)
+    world = world_of(catalogue.load(EPISODE), airframe, 1)
     with ExitStack() as ends:
-        clock: Lockstep | Px4Lockstep
-        if px4 is None:
-            clock = Lockstep(build(world, airframe=airframe, seed=seed, count=1))
-        else:
-            config = SimulatorConfig(
-                episode=EPISODE, airframe=airframe, seed=seed, speed=None, count=1, px4=px4,
-                log_dir=str(log_dir) if log_dir else None,
-            )  # fmt: skip
-            simulator = Px4Simulator(config, world=world)
-            ends.callback(simulator.close)
-            clock = Px4Lockstep(simulator)
+        clock = ends.enter_context(one_vehicle(world, airframe=airframe, seed=seed, px4=px4, log_dir=log_dir))
         link = Link(clock.transport(0), simulated=True)
         ends.callback(link.close)
         ascend([link], [StartOffset((0.0, 0.0, -HEIGHT_M), None)], say)

@@ -1,6 +1,7 @@
 """What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
 
 from foundation.mavlink import dialect
+from foundation.px4 import MODES
 from hil.link.link import Link
 from hil.link.streams import FAST, OFFERED, WATCHED, Streams
 from tests.hil.link.scripted_vehicle import ScriptedVehicle
@@ -49,6 +50,35 @@ def test_single_messages_are_asked_for_until_they_have_come():
     assert dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION in streams.once()
     streams.saw(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 78)
     assert dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION not in streams.once()
+
+
+class LateFix(ScriptedVehicle):
+    """Streams all that a link wants. It takes a request for its origin at any time, and has none to send before 5 s."""
+
+    def step(self):
+        super().step()
+        if self.time_ms % 1000 == 0:
+            self.say(dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 9))
+            self.say(dialect.MAVLink_current_mode_message(0, MODES["HOLD"].custom_mode, 0))
+
+    def command(self, message):
+        super().command(message)
+        asked = (message.command, message.param1)
+        if asked == (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN) and self.time_ms > 5000:
+            self.say(dialect.MAVLink_gps_global_origin_message(474000000, 85000000, 488000))
+
+
+def test_an_origin_that_is_not_there_yet_is_asked_for_again_and_only_until_it_comes():
+    vehicle = LateFix()
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    assert link.state.origin is None
+    link.wait(6.0)
+    assert link.state.origin == (47.4, 8.5, 488.0)
+    before = len(vehicle.commands)
+    link.wait(2.0)
+    later = [p1 for command, p1, *_ in vehicle.commands[before:] if command == dialect.MAV_CMD_REQUEST_MESSAGE]
+    assert dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN not in later
 
 
 def test_a_clock_that_begins_anew_begins_a_new_count():
