@@ -29,15 +29,19 @@ from dronecats.sitl.scenario import load_world, world_of
 from dronecats.sitl.simulation import BootPose
 from dronecats.sitl.vehicle import TICK_US, Vehicle
 from episodes import catalogue
+from episodes.obstacles import obstacles
 from episodes.record import StartPose
 from episodes.world import World
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, quat_yaw, wrap_pi
 from foundation.mavlink import dialect
+from foundation.obstacles import Obstacles
 from foundation.setpoints import Velocity
 from hil.link.link import Link
+from vehicles.nearest import in_triangle
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # of free way before the thing
+ROOM_M = 3.0  # beside the way to the thing: more is not asked for
 AHEAD_S = 12.0  # within which it has to meet the thing
 BACK_S = 6.0
 AWAY_M = 2.0  # that it has to come away within BACK_S, unless it meets another thing; it came from 2.4 m away
@@ -150,12 +154,9 @@ def before(world: World, press: Press) -> tuple[BootPose, float]:
     turned = np.stack(
         [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1]], axis=1
     )
-    others = [
-        each.mesh.vertices[:, :2] + np.array(each.position_ned[:2])
-        for each in things.values()
-        if each.kind != "ground" and each.name != press.thing and each.solid
-    ]
-    cloud = np.concatenate(others)
+    height = press.height_m or min(2.0, max(0.6, -0.67 * float(points[:, 2].min())))
+    solid = obstacles(world.scene)
+    others = np.flatnonzero(solid.owner != solid.names.index(press.thing))
     best: tuple[float, Vec3, float] = (-1.0, (0.0, 0.0, 0.0), 0.0)
     for yaw in thing.yaw + np.radians(press.turn_deg + np.arange(0.0, 360.0, 90.0)):
         ahead, right = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
@@ -163,12 +164,20 @@ def before(world: World, press: Press) -> tuple[BootPose, float]:
         middle = (across.max() + across.min()) / 2 + press.beside * (across.max() - across.min()) / 2
         reach = float(-(turned @ ahead).min())
         place = np.array(thing.position_ned[:2]) - (reach + BEFORE_M) * ahead + middle * right
-        room = min(float(np.linalg.norm(cloud - (place + k * ahead), axis=1).min()) for k in (0.0, 1.0, 2.0))
-        if min(room, 3.0) > best[0] + 1e-9:
-            best = min(room, 3.0), (float(place[0]), float(place[1]), 0.0), float(yaw)
+        down = world.ground_down(float(place[0]), float(place[1]))
+        way = [(*(place + k * ahead), down - up) for k in (0.0, 1.0, 2.0) for up in (0.2, height)]
+        room = min(_room(solid, others, point) for point in way)
+        if room > best[0] + 1e-9:
+            best = room, (float(place[0]), float(place[1]), 0.0), float(yaw)
     _, (north, east, _), yaw = best
-    height = press.height_m or min(2.0, max(0.6, -0.67 * float(points[:, 2].min())))
     return BootPose((north, east, world.ground_down(north, east)), yaw), height
+
+
+def _room(solid: Obstacles, which: NDArray[np.intp], point: Vec3) -> float:
+    """Return the distance (m) from a point to the nearest of these triangles, at most ROOM_M."""
+    near = which[np.linalg.norm(solid.bounds[which, :3] - point, axis=1) - solid.bounds[which, 3] < ROOM_M]
+    gaps = [math.dist(point, in_triangle(solid.corners, int(t), *point)[:3]) for t in near]
+    return min([ROOM_M, *gaps])
 
 
 class Pose(NamedTuple):

@@ -34,6 +34,7 @@ TROUBLES = {  # not CONST_POS_MODE: PX4 assumes a constant place whenever the ve
 RATIOS = {  # test ratios of ESTIMATOR_STATUS: above 1 the filter throws the measurement away
     "vel_ratio": "velocity", "pos_horiz_ratio": "place", "pos_vert_ratio": "height", "mag_ratio": "heading",
 }  # fmt: skip
+FLOWN = "1.14.4, 1.15.4 and 1.16.1"
 SPREAD_MOST = 5.0  # m, COM_POS_FS_EPH's default: beyond it PX4 does not trust the place itself
 
 
@@ -47,8 +48,8 @@ def _firmware(heard: Heard) -> Row:
     if firmware is None:
         return Row("firmware", None, "it does not tell its version, so advice that depends on it is a guess")
     if version(heard) < OLDEST:
-        return Row("firmware", False, f"{firmware}: what is advised here was checked on 1.15 and holds from 1.14 on",
-                   "update to PX4 1.15")  # fmt: skip
+        return Row("firmware", False, f"{firmware}: the advice here is for PX4 {FLOWN}, which were flown with it",
+                   f"update to one of {FLOWN}")  # fmt: skip
     return Row("firmware", True, str(firmware))
 
 
