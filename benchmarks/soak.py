@@ -9,7 +9,9 @@ time. One vehicle flies first, then four. Nothing is started again and no vehicl
 `refused` are the orders that were not carried out, each with what the autopilot said, and `without a cause` those of
 which it said nothing. `memory %` is by how much the memory that a process has for itself has changed from the first
 third of the samples to the last third, the largest of all processes; the samples of the first three rounds are left
-out, in which caches fill. `files` are the open files of all processes, the fewest and the most after these rounds.
+out, in which caches fill. `files` are the open files of all processes, the fewest and the most after these rounds: a
+request to the camera holds some while it lasts, and so does a log while it is written. `grown` is by how much their
+mean has changed between the same thirds.
 `logs` is the most that stood in a vehicle's folder of logs, of which SDLOG_DIRS_MAX keeps 10.
 
 Without an option a quarter of an hour is flown. `--full` is the benchmark: eight hours. `--short` flies a round each.
@@ -23,7 +25,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -230,17 +232,24 @@ class Watch:
         """Return what has grown after the first rounds."""
         grown = {}
         for pid, values in self.memory.items():
-            late = values[WARM_ROUNDS:] if len(values) > 2 * WARM_ROUNDS else values
-            third = max(len(late) // 3, 1)
-            first, last = statistics.median(late[:third]), statistics.median(late[-third:])
+            first, last = map(statistics.median, _thirds(values))
             grown[self.names[pid]] = {"mb": round(last, 1), "change_percent": round(100.0 * (last / first - 1.0), 1)}
         files = self.files[WARM_ROUNDS:] if len(self.files) > 2 * WARM_ROUNDS else self.files
+        first, last = map(statistics.fmean, _thirds(self.files))
         return {
             "processes": grown,
             "memory_percent": max((each["change_percent"] for each in grown.values()), key=abs, default=0.0),
             "files_fewest": min(files, default=0),
             "files_most": max(files, default=0),
+            "files_grown": round(last - first, 2),
         }
+
+
+def _thirds(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+    """Return the first and the last third of the samples after the first rounds."""
+    late = values[WARM_ROUNDS:] if len(values) > 2 * WARM_ROUNDS else values
+    third = max(len(late) // 3, 1)
+    return late[:third], late[-third:]
 
 
 def _name(process: psutil.Process) -> str:
@@ -306,7 +315,8 @@ def line(found: dict[str, Any]) -> str:
     return (
         f"{found['vehicles']:8} {found['hours']:6.2f} {found['rounds']:6} {found['failed']:6}"
         f" {sum(found['refused'].values()):7} {found['without_cause']:15} {found['memory_percent']:8.1f}"
-        f" {found['files_fewest']:5}–{found['files_most']:<5} {found['logs_most']:4} {found['pictures']:8}"
+        f" {found['files_fewest']:5}–{found['files_most']:<5} {found['files_grown']:5.1f}"
+        f" {found['logs_most']:4} {found['pictures']:8}"
     )
 
 
@@ -323,7 +333,7 @@ def main() -> None:
     args.hours = FULL_H if args.full else args.hours
     machine = Machine()
     if not args.json:
-        print("vehicles  hours rounds failed refused without a cause memory %    files   logs pictures")
+        print("vehicles  hours rounds failed refused without a cause memory %    files   grown logs pictures")
     for vehicles in args.vehicles:
         found = soak(vehicles, args)
         if args.json:
