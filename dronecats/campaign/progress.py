@@ -50,6 +50,9 @@ class Progress:
     def line(self, wall_s: float, spent: Spent | None = None) -> str:
         """Return it all in one line."""
         told = [f"{self.done}/{self.total}"]
+        left_s = self.left_s(wall_s)
+        if left_s is not None and self.done < self.total:
+            told.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
         scored = self.solved + self.failed
         if scored:
             low, high = wilson(self.solved, scored)
@@ -59,9 +62,6 @@ class Progress:
             told.append(_counted(self.retries, "retry", "retries"))
         if spent is not None and spent.questions:
             told.append(f"{spent.tokens:,} tokens" + (f", ${spent.usd:.2f}" if spent.usd else ""))
-        left_s = self.left_s(wall_s)
-        if left_s is not None and self.done < self.total:
-            told.append(f"{self.per_hour(wall_s):.0f} an hour, {_clock(left_s)} left")
         return "; ".join(told)
 
     def _count(self, outcome: str) -> None:
@@ -78,5 +78,7 @@ def _counted(count: int, one: str, several: str | None = None) -> str:
 
 
 def _clock(seconds: float) -> str:
-    minutes = round(seconds / 60.0)
-    return f"{minutes // 60}:{minutes % 60:02d} h"
+    minutes, s = divmod(max(1, round(seconds)), 60)
+    if minutes >= 60:
+        return f"{minutes // 60} h {minutes % 60:02d} min"
+    return f"{minutes} min {s:02d} s" if minutes else f"{s} s"
