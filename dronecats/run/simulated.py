@@ -18,6 +18,7 @@ from dronecats.run.settings import settings
 from dronecats.run.step_lines import StepLines
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
+from dronecats.rundir.rows import drone_label
 from episodes.record import EpisodeRecord
 from foundation.camera import Frame
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
@@ -39,7 +40,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any
                 draw(folder)
             for drone in range(len(record.starts) if spec.keep_ulog else 0):
                 if not (folder / layout.onboard_log_name(drone)).exists():
-                    say(f"PX4's log of drone {drone + 1} is not kept: it wrote none, as before its first arming")
+                    say(f"PX4's log of {drone_label(drone)} is not kept: it wrote none, as before its first arming")
 
         return fly_in(folder, flight, say, found, afterwards)
 
