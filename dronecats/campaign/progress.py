@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from dronecats.agent.models.ledger import Spent
 from dronecats.rundir.results import SCORED, Result
 from dronecats.statistics.shares import wilson
+from foundation.wording import counted
 
 HOUR_S = 3600.0
 
@@ -57,9 +58,9 @@ class Progress:
         if scored:
             low, high = wilson(self.solved, scored)
             told.append(f"SR {self.solved / scored:.0%} ({low:.0%}–{high:.0%})")
-        told.append(f"{self.solved} solved, {self.failed} failed, {_counted(self.errors, 'error')}")
+        told.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
         if self.retries:
-            told.append(_counted(self.retries, "retry", "retries"))
+            told.append(counted(self.retries, "retry", "retries"))
         if spent is not None and spent.questions:
             told.append(f"{spent.tokens:,} tokens" + (f", ${spent.usd:.2f}" if spent.usd else ""))
         return "; ".join(told)
@@ -71,10 +72,6 @@ class Progress:
             self.failed += 1
         else:
             self.errors += 1
-
-
-def _counted(count: int, one: str, several: str | None = None) -> str:
-    return f"{count} {one if count == 1 else several or one + 's'}"
 
 
 def _clock(seconds: float) -> str:

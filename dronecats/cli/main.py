@@ -10,6 +10,7 @@ from dronecats import __version__
 from dronecats.cli.exit_status import exit_status
 from dronecats.cli.output import Output
 from foundation import memory
+from foundation.wording import did_you_mean, nearest
 
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
@@ -61,9 +62,19 @@ class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic fo
         return super().add_parser(name, **{**words, **kwargs})
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that answers a mistyped verb or value with the nearest one."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        near = nearest(str(value), map(str, action.choices or ()))
+        if near and action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"{value!r} is not known; {did_you_mean(near)}")
+        super()._check_value(action, value)
+
+
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return what a command line asks for, `run` in it to be called with it. Raises SystemExit as argparse does."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")

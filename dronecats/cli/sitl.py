@@ -107,7 +107,9 @@ def run(args: argparse.Namespace) -> int:
     if view and view.stays:
         raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
     signals.as_interrupts()
-    print("loading the flight core (compiled on the first run, about half a minute) …", flush=True)
+    from dronecats.sitl import compile_ahead
+
+    print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
     from dronecats.processes.supervisor import Supervisor
     from dronecats.sitl.board.simulator import BoardSimulator
     from dronecats.sitl.config import CameraConfig, SimulatorConfig

@@ -85,7 +85,9 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
     pace: Callable[[], dict[str, float]] | None = None
     recall: Callable[[int, int], Frame]
     if simulated.speed is None:
-        say("lockstep: loading the flight core and the camera; the first run compiles them, about half a minute …")
+        from dronecats.sitl import compile_ahead
+
+        say(f"lockstep: loading the flight core and the camera{compile_ahead.duration()} …")
         from dronecats.stages.lockstep import LockstepStage
 
         world = world_of(record, simulated.airframe)

@@ -9,7 +9,7 @@ import pytest
 from dronecats.cli import page_options
 from dronecats.cli.main import main
 from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl import simulator_process
+from dronecats.sitl import compile_ahead, simulator_process
 from dronecats.sitl.scenario import build, load_world
 from episodes import catalogue
 from episodes.obstacles import obstacles
@@ -111,3 +111,10 @@ def test_an_episode_that_is_named_is_the_start(monkeypatch, tmp_path):
 def test_the_open_ground_is_a_start_and_no_episode_of_the_benchmark():
     assert catalogue.OPEN_GROUND not in catalogue.known()
     assert not catalogue.ships(catalogue.load(catalogue.OPEN_GROUND))
+
+
+@pytest.mark.parametrize("is_compiled", [True, False])
+def test_compiling_is_announced_only_where_it_happens(monkeypatch, tmp_path, capsys, is_compiled):
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda: is_compiled)
+    configuration(monkeypatch, tmp_path)
+    assert ("compil" in capsys.readouterr().out) is not is_compiled
