@@ -231,4 +231,5 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
     print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}")
     if camera:
         print(f"camera: {camera}")
+    print("MAVSDK scripts to start from: examples/mavsdk4.py, and examples/mavsdk3.py for MAVSDK 3")
     print("Ctrl-C ends it", flush=True)
