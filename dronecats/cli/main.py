@@ -35,6 +35,7 @@ VERBS = {
     "episodes": "list, show, check, make and fly episodes; the reading probe",
     "edit": "make or change an episode in the browser",
     "models": "list the models that are known by name, show what is sent to one, check what it answers",
+    "prompt": "write the prompt of a paper's LaTeX source to a file for --prompt",
     "maps": "list the maps, export one, import your own",
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "say what works on this machine, what is missing and how to get it",
@@ -44,7 +45,7 @@ FLIGHT_GB = 2.0  # whatever flies, or draws a world: a flight core, a renderer, 
 MEMORY_GB = {
     **dict.fromkeys(("fly", "sitl", "bench", "study", "film", "edit", "replay"), FLIGHT_GB),
     "episodes": 1.0, "compare": 0.4, "judge": 0.2,
-    **dict.fromkeys(("models", "doctor", "impair"), 0.0),
+    **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
 OTHERS_GB = 1.2  # the report, with its figures
 UNHEARD = {  # what is said where the work goes on for minutes after the reader of the output has gone
