@@ -1,11 +1,11 @@
 """The episodes that ship with the project, by id."""
 
-import difflib
 from pathlib import Path
 
 from episodes import record as records
 from episodes.record import EpisodeRecord
 from foundation.errors import UsageError
+from foundation.wording import did_you_mean, nearest
 
 DEFAULT = "residential-approaching-01"
 FOLDER = Path(__file__).parent / "records"
@@ -69,6 +69,6 @@ def _file(name: str) -> Path | None:
 
 
 def _unknown(name: str) -> str:
-    near = ", ".join(difflib.get_close_matches(name[:100], known(), 3, 0.4) or (DEFAULT, "`dronecats episodes list`"))
+    near = nearest(name, known(), cutoff=0.4) or [DEFAULT]
     shown = name if len(name) <= 80 else name[:77] + "..."
-    return f"episode {shown!r} is neither an id nor a record file: did you mean {near}?"
+    return f"episode {shown!r} is neither an id nor a record file: {did_you_mean(near)} See: dronecats episodes list"

@@ -34,6 +34,9 @@ FRAMED = (
     "\n\nWhere it asks for one object, give one JSON array of {n} such objects: the actions of Drone 1 to Drone {n}."
     "\n{closing}\n",
 )
+PAPER_SHA256 = (
+    "aaa508bb2ea6196d2a84e7206dde5509eb967164d62ff2a37e1d26796afc81d5"  # of the paper's listing, see template_sha256
+)
 _POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
@@ -73,6 +76,13 @@ class Prompt:
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
     @property
+    def name(self) -> str:
+        """Return `dronecats` for the prompt that ships, `paper` for the paper's listing, else `custom`."""
+        if self == Prompt.load():
+            return "dronecats"
+        return "paper" if template_sha256(self.template) == PAPER_SHA256 else "custom"
+
+    @property
     def knows_fleets(self) -> bool:
         """Return whether the template itself asks a fleet for an array: one that names {answer} or {drones} does."""
         return "{answer}" in self.template or "{drones}" in self.template
@@ -95,6 +105,11 @@ class Prompt:
             "drones": str(drones),
         }
         return _FIELD.sub(lambda match: values[match[1]], template)
+
+
+def template_sha256(template: str) -> str:
+    """Return the SHA-256 of a template without the white space at its ends, which editors add and remove."""
+    return hashlib.sha256(template.strip().encode()).hexdigest()
 
 
 def labels(drones: int) -> tuple[str, ...]:

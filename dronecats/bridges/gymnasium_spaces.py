@@ -24,10 +24,17 @@ Acted = dict[str, Any] | tuple[dict[str, Any], ...]  # of a fleet an action for 
 # an action: {"kind": 0 … 3, "point": (2,) 0 … 1000, "depth_m": (1,) m, "angle_deg": (1,) °}
 
 
+class Instruction(Text):
+    """A space of texts that prints how many characters it has, and not all of them."""
+
+    def __repr__(self) -> str:
+        return f"Instruction({self.min_length}, {self.max_length}, charset of {len(self.character_set):,} characters)"
+
+
 def observation_space(drones: int) -> Dict:
     """Return the space of what is seen."""
     pictures = Box(0, 255, frames_shape(drones), np.uint8)
-    instruction = Text(max_length=1000, charset=CHARACTERS)
+    instruction = Instruction(max_length=1000, charset=CHARACTERS)
     return Dict({"frame" if drones == 1 else "frames": pictures, "instruction": instruction})
 
 

@@ -40,6 +40,7 @@ from dronecats.rundir.folder import fresh_run
 from episodes import catalogue, suites
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S
+from foundation.wording import counted
 
 Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # of Inspect's reasoning_effort
 FOLDER = "dronecats_folder"  # in the sample's store: where it was flown
@@ -165,7 +166,7 @@ def verdict() -> Scorer:
         error = "?" if judged.ne_m is None else f"{judged.ne_m:.2f} m"
         return Score(
             value=CORRECT if judged.outcome == "success" else INCORRECT,
-            explanation=f"{judged.outcome}: navigation error {error}, {judged.declarations} declarations",
+            explanation=f"{judged.outcome}: navigation error {error}, {counted(judged.declarations, 'declaration')}",
             metadata=_told(judged.as_json(), folder),
         )
 

@@ -8,6 +8,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,14 +69,16 @@ class OutsideFlight:
         """Begin to fly into a folder of the run. Raises UsageError for a spec that nobody outside can fly."""
         if spec.outside is None:
             raise UsageError("a flight that is flown from outside names in `outside` by whom")
+        self._held = ExitStack()  # the folder, until the flight is over
         self._told: queue.SimpleQueue[Request | dict[str, Any] | BaseException] = queue.SimpleQueue()
         self._handed = _Handed(spec.outside.name, self._told.put)
         self._flight = look_up(spec, outside=self._handed)
         if self._flight.record is None or self._flight.spec.simulated is None:
             raise UsageError("a flight that is flown from outside is a simulated episode")
         self._found = settings(self._flight, self._flight.camera)
+        created = folders.create(run, spec.pilot_name, self._flight.record.id, self._found)
         with _CREATING:
-            self.folder = folders.create(run, spec.pilot_name, self._flight.record.id, self._found)
+            self.folder = self._held.enter_context(created)
         self._waiting = False  # whether a question is out
         self._ended: dict[str, Any] | BaseException | None = None
         self._thread = threading.Thread(target=self._fly, name="flight", daemon=True)
@@ -134,3 +137,5 @@ class OutsideFlight:
             self._told.put(fly_in(self.folder, self._flight, lambda line: None, self._found))
         except BaseException as error:
             self._told.put(error)
+        finally:
+            self._held.close()

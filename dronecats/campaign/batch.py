@@ -4,15 +4,14 @@ Nothing is remembered but in the folder, and every step of it is one rename or o
 process that is killed at any moment loses what it had in the air, and nothing else.
 """
 
-import fcntl
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from dronecats.metrics.stuck import is_stuck, poses_of, track_m
 from dronecats.rundir import layout
-from dronecats.rundir.folder import differences, prepare, write_run
+from dronecats.rundir.folder import LOCK, differences, hold, prepare, write_run
 from dronecats.rundir.reading import json_object
 from dronecats.rundir.results import SCORED
 from episodes import catalogue
@@ -21,7 +20,6 @@ from foundation.errors import UsageError
 from foundation.json_file import write_json
 
 RETRIED = "retried"  # folder of the run that keeps the flights that did not move, each with another in its place
-LOCK = ".lock"  # held while a process flies the run; the system lets go of it when that process ends, however it ends
 
 
 class Batch:
@@ -39,7 +37,7 @@ class Batch:
         self._records: dict[str, EpisodeRecord] = {}
         try:
             run.mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(run)
+            self._lock = hold(run / LOCK, run)
             before = json_object(run / layout.RUN)
             if before is not None:
                 other = differences(before, configuration)
@@ -132,14 +130,3 @@ def _free(folder: Path, name: str, *, bare: bool) -> Path:
     while (folder / f"{name}-{number}").exists():
         number += 1
     return folder / f"{name}-{number}"
-
-
-def _locked(run: Path) -> TextIO:
-    """Return the run's lock, held until it is closed. Raises UsageError when another process holds it, OSError."""
-    lock = (run / LOCK).open("w")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        lock.close()
-        raise UsageError(f"another process is flying {run}; choose another --out, or wait for it") from None
-    return lock

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from dronecats.agent.models.ledger import Spent
 from dronecats.rundir.results import SCORED, Result
 from dronecats.statistics.shares import wilson
+from foundation.wording import counted
 
 HOUR_S = 3600.0
 
@@ -50,18 +51,18 @@ class Progress:
     def line(self, wall_s: float, spent: Spent | None = None) -> str:
         """Return it all in one line."""
         told = [f"{self.done}/{self.total}"]
+        left_s = self.left_s(wall_s)
+        if left_s is not None and self.done < self.total:
+            told.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
         scored = self.solved + self.failed
         if scored:
             low, high = wilson(self.solved, scored)
             told.append(f"SR {self.solved / scored:.0%} ({low:.0%}–{high:.0%})")
-        told.append(f"{self.solved} solved, {self.failed} failed, {_counted(self.errors, 'error')}")
+        told.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
         if self.retries:
-            told.append(_counted(self.retries, "retry", "retries"))
+            told.append(counted(self.retries, "retry", "retries"))
         if spent is not None and spent.questions:
             told.append(f"{spent.tokens:,} tokens" + (f", ${spent.usd:.2f}" if spent.usd else ""))
-        left_s = self.left_s(wall_s)
-        if left_s is not None and self.done < self.total:
-            told.append(f"{self.per_hour(wall_s):.0f} an hour, {_clock(left_s)} left")
         return "; ".join(told)
 
     def _count(self, outcome: str) -> None:
@@ -73,10 +74,8 @@ class Progress:
             self.errors += 1
 
 
-def _counted(count: int, one: str, several: str | None = None) -> str:
-    return f"{count} {one if count == 1 else several or one + 's'}"
-
-
 def _clock(seconds: float) -> str:
-    minutes = round(seconds / 60.0)
-    return f"{minutes // 60}:{minutes % 60:02d} h"
+    minutes, s = divmod(max(1, round(seconds)), 60)
+    if minutes >= 60:
+        return f"{minutes // 60} h {minutes % 60:02d} min"
+    return f"{minutes} min {s:02d} s" if minutes else f"{s} s"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.metrics.audit import Audit
@@ -45,12 +46,13 @@ def run(args: argparse.Namespace) -> int:
 def _print(told: "Audit") -> None:
     from dronecats.metrics.audit import RULES
 
-    print(f"{told.episodes} episodes, {told.scored} scored, {told.successes} successes")
+    successes = counted(told.successes, "success", "successes")
+    print(f"{counted(told.episodes, 'episode')}, {told.scored} scored, {successes}")
     print(
-        f"{told.declarations} declarations, {told.false_declarations} of which do not qualify;"
-        f" {told.late_declarations} after the cap, in {told.late_episodes} episodes"
+        f"{counted(told.declarations, 'declaration')}, {told.false_declarations} of which do not qualify;"
+        f" {told.late_declarations} after the cap, in {counted(told.late_episodes, 'episode')}"
     )
-    print(f"{told.silent_failures} failures never declared, {told.silent_entered} of which entered the radius")
+    print(f"{counted(told.silent_failures, 'failure')} without a declaration, {told.silent_entered} within the radius")
     print("\nrule                                                                 told  success  lost  gained")
     rows = [(said, told.flips[name]) for name, (said, _) in RULES.items()]
     for said, flips in [*rows, ("strict parsing of what was mended", told.strict)]:

@@ -56,11 +56,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(result: dict[str, Any]) -> None:
+    from dronecats.rundir.rows import drone_label
+
     a, b = result["sources"]
     replies = f"{result['same_replies']} of {result['steps']} replies are the same"
     print(f"{replies}, aligned by {result['aligned_by']}; poses: {a} and {b}")
     for drone in result["drones"]:
-        print(f"drone {drone['drone']}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m of path")
+        print(f"{drone_label(drone['drone'])}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m of path")
         for span in drone["minutes"]:
             print(
                 f"  {span['from_s']:5.0f} to {span['to_s']:5.1f} s   max {span['max_m']:6.2f} m"

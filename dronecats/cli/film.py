@@ -23,7 +23,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--to", dest="to_s", type=float, metavar="S", help="end there (default: the flight's end)")
     parser.add_argument("--size", type=_size, metavar="WxH", help="pixels (default 1280x720, of a GIF 480x270)")
     parser.add_argument("--fps", type=int, metavar="N", help="pictures a second (default 30, of a GIF 6)")
-    parser.add_argument("--drone", type=int, metavar="N", help="follow this one of a fleet alone (0 is the first)")
+    parser.add_argument("--drone", type=int, metavar="N", help="follow this one of a fleet alone (1 is the first)")
     parser.add_argument("--jobs", type=int, metavar="N", help="processes that draw (default: one a core)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         speed=args.speed,
         from_s=args.from_s,
         to_s=args.to_s,
-        drone=args.drone,
+        drone=None if args.drone is None else args.drone - 1,
     )
     began = time.monotonic()
     bar = None

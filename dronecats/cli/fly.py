@@ -13,6 +13,7 @@ from dronecats.cli.disturbance_options import add_disturbance_options
 from dronecats.cli.model_options import add_accounts, add_manners, add_options, told
 from dronecats.cli.sign_option import add_sign
 from dronecats.cli.view_options import add_view, view_of
+from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.flight.spec import FlightSpec
@@ -195,11 +196,11 @@ def _incidents(run: Path) -> list[str]:
     found = contacts(flown.logs, flown.cap_s)
     if found and found.hits:
         things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
-        lines.append(f"{found.hits} hit{'' if found.hits == 1 else 's'} ({things}), {found.contact_s:.1f} s in contact")
+        lines.append(f"{counted(found.hits, 'hit')} ({things}), {found.contact_s:.1f} s in contact")
     if count := estimator_resets(flown.logs, flown.cap_s):
         each = resets_of(flown.logs, flown.cap_s) or []
         which = ", ".join(f"{' and '.join(reset.quantities) or 'small'} at {reset.t:.1f} s" for reset in each)
-        lines.append(f"{count} estimator reset{'' if count == 1 else 's'} ({which})")
+        lines.append(f"{counted(count, 'estimator reset')} ({which})")
     return lines
 
 
@@ -211,8 +212,8 @@ def _report(result: dict[str, Any], as_json: bool) -> int:
         print("dronecats fly: interrupted; the run folder holds what was flown", file=sys.stderr)
     if reason in ("cap", "decided"):
         print(
-            f"\n{_verdict(result)}; {result['steps']} steps, {result['declarations']} declaration"
-            f"{'' if result['declarations'] == 1 else 's'},"
+            f"\n{_verdict(result)}; {counted(result['steps'], 'step')},"
+            f" {counted(result['declarations'], 'declaration')},"
             f" {result['sim_seconds']:.1f} s of flight at {result['real_time_factor']:.1f} × real time"
         )
         for line in _incidents(Path(result["run_dir"])):

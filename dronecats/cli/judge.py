@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
             doubtful += each.judged.doubtful
             _print(name, each)
         if len(folders) > 1:
-            print(f"{len(folders)} episodes, {doubtful} in doubt")
+            print(f"{counted(len(folders), 'episode')}, {doubtful} in doubt")
     return DIFFERS if doubtful else 0
 
 
@@ -83,7 +84,7 @@ def _print(episode: str, each: "JudgedEpisode") -> None:
     mode = f" ({each.mode})" if each.mode not in (None, "success") else ""
     print(
         f"{episode:32} {verdict.outcome:13} NE {ne_m} m  {verdict.steps:3} steps"
-        f"  {verdict.declarations:3} declarations{cut_off}{mode}  {_agreement(each.judged)}"
+        f"  {counted(verdict.declarations, 'declaration'):>16}{cut_off}{mode}  {_agreement(each.judged)}"
     )
     if verdict.outcome == "censored":
         print(f"{'':32} cut off at its first success: whether it would have been one at this radius is not known")

@@ -1,45 +1,51 @@
-"""What a long run says of itself: one line that changes on a terminal, and a line now and then where there is none."""
+"""The progress of a long run on standard error: a bar on a terminal, a line now and then elsewhere."""
 
+import sys
 import time
-from typing import Any, TextIO
+from typing import Any
+
+from dronecats.cli.output import Drawing
+from foundation.printable import printable
 
 EVERY_S = 10.0  # wall s between two lines in a log
+BAR = "{bar:10} {desc}"  # tqdm cuts it off at the terminal's width
 
 
 class Live:
-    """Says the newest of what it is told."""
+    """Shows how many of `total` units are done, with a line of text that changes."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, total: int) -> None:
         from tqdm import tqdm
 
-        self._stream, self._tty = stream, stream.isatty()
-        self._bar: Any = tqdm(file=stream, bar_format="{desc}", dynamic_ncols=True) if self._tty else None
+        self._bar: Any = None
+        self._file = Drawing()  # the same object for bar and lines: tqdm clears only bars of the file that it writes to
+        if sys.stderr.isatty():
+            self._bar = tqdm(total=total, file=self._file, bar_format=BAR, dynamic_ncols=True, leave=False)
         self._due_s, self._last = 0.0, ""
 
     def say(self, line: str) -> None:
-        """Say a line that stays."""
+        """Print a line that stays."""
         if self._bar is not None:
-            self._bar.write(line, file=self._stream)
+            self._bar.write(printable(line), file=self._file)
         else:
-            print(line, file=self._stream, flush=True)
+            print(line, file=sys.stderr, flush=True)
 
-    def now(self, line: str) -> None:
-        """Say how it stands, in the place of what was said last; in a log not too often."""
+    def now(self, line: str, done: int) -> None:
+        """Show the newest state: on a terminal in the place of the one before, in a log at most every `EVERY_S`."""
         if self._bar is not None:
-            self._bar.set_description_str(line)
+            self._bar.n = done
+            self._bar.set_description_str(printable(line))
         elif time.monotonic() >= self._due_s:
             self._print(line)
 
     def close(self, line: str = "") -> None:
-        """Say how it stood in the end, and let go of the line."""
+        """Remove the bar and print the last state, unless a log has it already."""
         if self._bar is not None:
-            if line:
-                self._bar.set_description_str(line)
             self._bar.close()
-            self._bar, line = None, ""
+            self._bar = None
         if line and line != self._last:
             self._print(line)
 
     def _print(self, line: str) -> None:
         self._due_s, self._last = time.monotonic() + EVERY_S, line
-        print(line, file=self._stream, flush=True)
+        print(line, file=sys.stderr, flush=True)

@@ -10,6 +10,7 @@ from dronecats import __version__
 from dronecats.cli.exit_status import exit_status
 from dronecats.cli.output import Output
 from foundation import memory
+from foundation.wording import did_you_mean, nearest
 
 VERBS = {
     "fly": "fly an episode, in simulation or on a vehicle you connect",
@@ -34,6 +35,7 @@ VERBS = {
     "episodes": "list, show, check, make and fly episodes; the reading probe",
     "edit": "make or change an episode in the browser",
     "models": "list the models that are known by name, show what is sent to one, check what it answers",
+    "prompt": "write the prompt of a paper's LaTeX source to a file for --prompt",
     "maps": "list the maps, export one, import your own",
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "say what works on this machine, what is missing and how to get it",
@@ -43,7 +45,7 @@ FLIGHT_GB = 2.0  # whatever flies, or draws a world: a flight core, a renderer, 
 MEMORY_GB = {
     **dict.fromkeys(("fly", "sitl", "bench", "study", "film", "edit", "replay"), FLIGHT_GB),
     "episodes": 1.0, "compare": 0.4, "judge": 0.2,
-    **dict.fromkeys(("models", "doctor", "impair"), 0.0),
+    **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
 OTHERS_GB = 1.2  # the report, with its figures
 UNHEARD = {  # what is said where the work goes on for minutes after the reader of the output has gone
@@ -61,9 +63,19 @@ class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic fo
         return super().add_parser(name, **{**words, **kwargs})
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that answers a mistyped verb or value with the nearest one."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        near = nearest(str(value), map(str, action.choices or ()))
+        if near and action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"{value!r} is not known; {did_you_mean(near)}")
+        super()._check_value(action, value)
+
+
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return what a command line asks for, `run` in it to be called with it. Raises SystemExit as argparse does."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")

@@ -2,7 +2,7 @@
 
 import argparse
 
-PORT = 8080
+PORT = 8090  # above the cameras of simulators, which begin at 8080
 
 
 def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:

@@ -25,7 +25,13 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
     parser.add_argument("--episode", default=None, metavar="ID", help="its map and start place (default: open ground)")
     parser.add_argument(
-        "--camera", nargs="?", type=int, const=0, default=None, metavar="PORT", help="serve the camera over HTTP"
+        "--camera",
+        nargs="?",
+        type=int,
+        const=True,
+        default=None,
+        metavar="PORT",
+        help="serve the camera over HTTP (default port 8080 + I, or the next free one; 0: any)",
     )
     parser.add_argument(
         "--state",
@@ -82,6 +88,9 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--faults {args.faults} does not exist; give the path of a TOML file")
     if args.optics is not None and args.camera is None:
         raise UsageError("--optics goes with --camera; add it or leave --optics out")
+    default_camera = args.camera is True  # --camera without a port
+    if args.camera is not None and not 0 <= args.camera <= 65535:
+        raise UsageError(f"--camera {args.camera} is no port: choose one from 1 to 65535, or 0 for any free one")
     optics = load(args.optics).as_dict() if args.optics else None
     if args.px4 and args.autopilot != "px4":
         raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
@@ -98,11 +107,14 @@ def run(args: argparse.Namespace) -> int:
     if view and view.stays:
         raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
     signals.as_interrupts()
-    print("loading the flight core (compiled on the first run, about half a minute) …", flush=True)
+    from dronecats.sitl import compile_ahead
+
+    print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
     from dronecats.processes.supervisor import Supervisor
     from dronecats.sitl.board.simulator import BoardSimulator
     from dronecats.sitl.config import CameraConfig, SimulatorConfig
     from dronecats.sitl.flight_conditions import FlightConditions
+    from dronecats.sitl.ports import CAMERA_PORT
     from dronecats.sitl.px4.simulator import Px4Simulator
     from dronecats.sitl.simulator_process import Simulator
     from dronecats.stages import parts
@@ -145,7 +157,8 @@ def run(args: argparse.Namespace) -> int:
                     airframe=args.airframe,
                     count=args.count or 1,
                     truth=truth,
-                    port=args.camera,
+                    port=CAMERA_PORT + args.instance if default_camera else args.camera,
+                    or_next_free=default_camera,
                     optics=optics,
                 )
                 child = supervisor.start(parts.CAMERA, watched)
@@ -218,4 +231,5 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
     print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}")
     if camera:
         print(f"camera: {camera}")
+    print("MAVSDK scripts to start from: examples/mavsdk4.py, and examples/mavsdk3.py for MAVSDK 3")
     print("Ctrl-C ends it", flush=True)

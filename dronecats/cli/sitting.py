@@ -98,12 +98,12 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
                 live.say(f"{name}: {each.result.error}")
             if each.again:
                 live.say(f"{name}: it did not move, and is flown once more")
-            live.now(told())
+            live.now(told(), progress.done)
 
-        live = Live(sys.stderr)
+        live = Live(progress.total)
         try:
             if left:
-                live.now(told())
+                live.now(told(), progress.done)
                 beside.enter_context(opened(view_of(args), bench.out, bench.out.name, live.say))
                 ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
         except KeyboardInterrupt:

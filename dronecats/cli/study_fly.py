@@ -39,7 +39,11 @@ def fly(asked: "AskedStudy") -> int:
             print("a flight of each run once more, alone and to the byte:")
             for command in repeats.values():
                 print(f"  {command}")
-        sitting.say(sat, table(sat.scores), as_json=args.json, more={"study": study.name, "again": repeats})
+        report = shlex.join(["dronecats", "study", "report", str(out)])
+        more = {"study": study.name, "again": repeats, "report": report}
+        sitting.say(sat, table(sat.scores), as_json=args.json, more=more)
+        if not args.json:
+            print(f"report: {report}")
     return sitting.status(sat, "study")
 
 

@@ -27,7 +27,7 @@ IMAGE = "observation.images.front"
 DATA, EPISODES = "data/chunk-000/file-{:03d}.parquet", "meta/episodes/chunk-000/file-000.parquet"
 VECTORS = {"observation.state": STATE, "action": ACTION, "action.body_velocity": BODY_VELOCITY}
 SCALARS = {
-    "time.frame_s": "float32", "drone": "int64", "next.done": "bool", "judge.success": "bool",
+    "time.frame_s": "float32", "drone_index": "int64", "next.done": "bool", "judge.success": "bool",
     "timestamp": "float32", "frame_index": "int64", "episode_index": "int64", "index": "int64", "task_index": "int64",
 }  # fmt: skip
 ARROW = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
@@ -118,7 +118,7 @@ class _Dataset:
             "action": np.array([four_action(d) for d in decisions]),
             "action.body_velocity": np.array([body_velocity(d, flight.camera) for d in decisions]),
             "time.frame_s": np.array([d.t_frame for d in decisions], np.float32),
-            "drone": np.full(count, drone.number),
+            "drone_index": np.full(count, drone.number),
             "next.done": np.arange(count) == count - 1,
             "judge.success": np.full(count, bool(flight.verdict.success)),
             "timestamp": (np.arange(count) / FPS).astype(np.float32),
@@ -138,7 +138,7 @@ class _Dataset:
             "data/chunk_index": 0, "data/file_index": self._file,
             "dataset_from_index": self.frames, "dataset_to_index": self.frames + count,
             "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
-            "flight.run": flight.about()["run"], "flight.episode": flight.id, "flight.drone": drone.number,
+            "flight.run": flight.about()["run"], "flight.episode": flight.id, "flight.drone_index": drone.number,
             "judge.success": bool(flight.verdict.success),
             **{f"stats/{name}/{key}": value for name, one in told.items() for key, value in one.as_lists().items()},
         })  # fmt: skip

@@ -14,16 +14,16 @@ from dronecats.results.tables import TABLES
 OF_EPISODE = frozenset({"run", "episode", "map", "cell", "instruction", "drones", "ended", "ended_s"})
 COSTS = frozenset({"questions", "median_latency_s", "rate_hz_5", "rate_hz_50", "rate_hz_95", "all_tokens_in",
                    "all_tokens_out"})  # fmt: skip
-OF_STEP = frozenset({"run", "episode", "drone", "step", "frame_id", "t_frame_s", "t_decided_s", "action", "point_x",
-                     "point_y", "depth_m", "angle_deg", "reply", "error", "mended", "latency_s", "tokens_in",
+OF_STEP = frozenset({"run", "episode", "drone_index", "step", "frame_id", "t_frame_s", "t_decided_s", "action",
+                     "point_x", "point_y", "depth_m", "angle_deg", "reply", "error", "mended", "latency_s", "tokens_in",
                      "tokens_out", "thinking", "rate_hz", "finish", "rescaled", "wide_rotation"})  # fmt: skip
 # table → columns that anybody could know who had flown the drone; all others of these tables are the judge's
 OPEN: Mapping[str, frozenset[str]] = {
     "runs": frozenset(column.name for column in TABLES["runs"].columns),
     "episodes": OF_EPISODE | COSTS | {"wide_rotations"},
     "steps": OF_STEP,
-    "poses": frozenset({"run", "episode", "drone", "t_s"}),
-    "declarations": frozenset({"run", "episode", "number", "drone", "step", "t_s", "counts"}),
+    "poses": frozenset({"run", "episode", "drone_index", "t_s"}),
+    "declarations": frozenset({"run", "episode", "number", "drone_index", "step", "t_s", "counts"}),
 }
 
 

@@ -11,6 +11,7 @@ from dronecats.film.flown import FilmedFlight
 from dronecats.film.map_pane import MapPane
 from dronecats.film.stage import FilmStage, chase_lens, standing
 from dronecats.film.words import BACKGROUND, Picture, color_of, plate, write
+from dronecats.rundir.rows import drone_label
 
 REFERENCE_PX = 720  # height at which words are as large as they are written down
 GAP = 4  # px there, between the panes
@@ -109,7 +110,7 @@ class Composition:
         plate(view, 0, 0, view.shape[1], round(1.6 * small))
         text, color = captions.action(self._flight, drone, t)
         left, top = round(0.5 * small), round(0.15 * small)
-        left += write(view, f"drone {drone}", (left, top), small, color_of(drone), True) + small
+        left += write(view, drone_label(drone), (left, top), small, color_of(drone), True) + small
         write(view, text, (left, top), small, color)
 
     def close(self) -> None:

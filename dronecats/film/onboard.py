@@ -8,7 +8,7 @@ import numpy as np
 
 from dronecats.film.flown import FilmedFlight
 from dronecats.film.words import BACKGROUND, GREY, WHITE, YELLOW, Picture, color_of, plate, write
-from dronecats.rundir.rows import Decision
+from dronecats.rundir.rows import Decision, drone_label
 from foundation.protocol import GO, POINT_SPAN
 
 NONE_YET, NOT_KEPT, NOT_DRAWN = "no picture yet", "no picture was kept", "flown without drawing pictures"
@@ -33,7 +33,7 @@ def pane(flight: FilmedFlight, drone: int, t: float, width: int, height: int, un
         ring(picture, point)
     fleet = len(flight.drones) > 1
     taken = f" at {decision.t_frame:.1f} s" if decision is not None else ""
-    label = f"drone {drone}{taken}" if fleet else f"what the pilot saw{taken}"
+    label = f"{drone_label(drone)}{taken}" if fleet else f"what the pilot saw{taken}"
     high = round(1.5 * small)
     plate(picture, 0, height - high, width, high)
     write(

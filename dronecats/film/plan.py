@@ -107,7 +107,8 @@ def plan(
         raise UsageError(f"--from {from_s:g} wants 0 or more and less than {until}, {last:g} s")
     flown = sorted({pose.drone for pose in episode.logs.poses})
     if drone is not None and drone not in flown:
-        raise UsageError(f"--drone {drone} did not fly in {episode.folder}: {', '.join(map(str, flown))} did")
+        numbers = ", ".join(str(number + 1) for number in flown)
+        raise UsageError(f"--drone {drone + 1} did not fly in {episode.folder}: {numbers} did")
     return FilmPlan(
         folder=str(episode.folder.resolve()),
         width=width,

@@ -1,6 +1,5 @@
 """The built-in pilots by name."""
 
-import difflib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -8,6 +7,7 @@ from dronecats.pilots import inscription
 from dronecats.pilots.failing import FAILURES
 from dronecats.pilots.patterns import PATTERNS
 from foundation.errors import UsageError
+from foundation.wording import did_you_mean, nearest
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
 RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"
@@ -31,9 +31,9 @@ def check(name: str) -> str:
     if name.startswith(BLIND):
         known = "; ".join(f"{one} {pattern.says}" for one, pattern in PATTERNS.items())
         raise UsageError(f"there is no blind pilot '{name.removeprefix(BLIND)}'; there are: {known}")
-    near = difflib.get_close_matches(name, NAMES, n=2, cutoff=0.4)
+    near = nearest(name, NAMES, count=2, cutoff=0.4)
     every = ", ".join((*NAMES, f"{BLIND}NAME", f"{FAILING}NAME", f"{RECORDED}FILE"))
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {every}"
+    hint = did_you_mean(near) if near else f"there are {every}"
     raise UsageError(f"there is no pilot '{name}'; {hint}")
 
 

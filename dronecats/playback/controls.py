@@ -14,6 +14,7 @@ from dronecats.playback.keys import END_S, STEP_S, ReplayOrders, keys_html
 from dronecats.playback.occurrences import Occurrence, OccurrenceKind
 from dronecats.playback.recorded import PlayableFlight
 from dronecats.playback.views import HEIGHT_PX, WIDTH_PX, AgainView
+from dronecats.rundir.rows import drone_label
 
 NOT_DRAWN = "not drawn"
 NONE = "none"
@@ -165,7 +166,7 @@ def _who_html(flights: Sequence[PlayableFlight], shades: Sequence[tuple[int, int
 
 
 def _row(one: Occurrence, flight: PlayableFlight) -> str:
-    who = f"drone {one.drone}: " if one.drone is not None and len(flight.drones) > 1 else ""
+    who = f"{drone_label(one.drone)}: " if one.drone is not None and len(flight.drones) > 1 else ""
     return f"{one.t_s:.1f} s  {who}{one.words}"
 
 

@@ -12,6 +12,7 @@ from dronecats.playback.occurrences import OccurrenceKind, following, preceding
 from dronecats.playback.player import Player
 from dronecats.playback.recorded import PlayableFlight, of_one_episode
 from dronecats.playback.views import AgainView, AgainViews, ViewWish
+from dronecats.rundir.rows import drone_label
 from dronecats.scenery.page import LoopbackServer
 from dronecats.watch.panels import FlightPanels
 from dronecats.watch.scene import COLORS, FlightScene
@@ -252,7 +253,7 @@ class ReplayPage:
     def _drawn(self, wish: ViewWish, picture: Picture | str) -> None:
         state = self.state
         if (wish.flight, wish.view) == (state.flight, state.view):
-            who = f"drone {wish.drone} " if len(self.flights[wish.flight].drones) > 1 else ""
+            who = f"{drone_label(wish.drone)} " if len(self.flights[wish.flight].drones) > 1 else ""
             self._controls.show_picture(picture, f"{who}{wish.view.value} at {wish.t_s:.1f} s")
             self._server.flush()
 

@@ -22,7 +22,7 @@ from dronecats.playback.onboard import Timeline, VehicleLog, vehicle_logs, with_
 from dronecats.results.flown_run import FlownRun, flown_run
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, episode_folder, exchanges
-from dronecats.rundir.rows import Decision, EstimatedPose, FrameTruth, Order, Pose
+from dronecats.rundir.rows import Decision, EstimatedPose, FrameTruth, Order, Pose, drone_label
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.watch.questions import AskedQuestions, spec_in
 from dronecats.watch.sight import ChosenSight, chosen_go, sight
@@ -317,7 +317,7 @@ def _declared(one: Measured, delta_m: float) -> str:
     away = "at a distance that was not measured" if one.distance_m is None else f"at {one.distance_m:.2f} m"
     seen = {True: ", in view", False: ", out of view", None: ""}[one.visible]
     counts = {True: "counts", False: "does not count", None: "not known"}[one.qualifies(delta_m)]
-    return f"{one.t:.1f} s  drone {one.drone} declared {away}{seen}: {counts}"
+    return f"{one.t:.1f} s  {drone_label(one.drone)} declared {away}{seen}: {counts}"
 
 
 @lru_cache(32)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, json_object, read
-from dronecats.rundir.rows import Decision, Pose
+from dronecats.rundir.rows import Decision, Pose, drone_label
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S, GO, POINT_SPAN, RADIUS_M, ROTATE
 
@@ -86,7 +86,7 @@ def _trace(axes: Axes, poses: list[Pose], color: str, drone: int, named: bool) -
     north = [p.position_ned[0] for p in poses]
     east = [p.position_ned[1] for p in poses]
     axes.plot(east, north, color="black", linewidth=3.6, alpha=0.5, zorder=3)
-    axes.plot(east, north, color=color, linewidth=2.2, zorder=4, label=f"drone {drone}" if named else "drone")
+    axes.plot(east, north, color=color, linewidth=2.2, zorder=4, label=drone_label(drone) if named else "drone")
     axes.plot(east[0], north[0], "o", color=color, markeredgecolor="black", markersize=10, zorder=6)
     axes.plot(east[-1], north[-1], "s", color=color, markeredgecolor="black", markersize=8, zorder=6)
     yaw = math.radians(poses[0].yaw_deg or 0.0)
@@ -221,7 +221,7 @@ def _frame(axes: Axes, folder: Path, decision: Decision, logs: Logs) -> None:
                 axes.plot(x, y, "o", markersize=17, markerfacecolor="none", markeredgecolor=color, markeredgewidth=size)
         axes.set_xlim(0, width)
         axes.set_ylim(height, 0)
-    who = f" drone {decision.drone}" if any(d.drone for d in logs.decisions) else ""
+    who = f" {drone_label(decision.drone)}" if any(d.drone for d in logs.decisions) else ""
     good = qualifies(decision, logs)
     color = {True: "#0b7a22", False: _REJECTED, None: "black"}[good]
     caption = f"{decision.step}{who}  {decision.t_frame:.0f} s  {describe(decision)}"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.rundir.reading import Logs, episode_folder, read
-from dronecats.rundir.rows import Pose
+from dronecats.rundir.rows import Pose, drone_label
 from foundation.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
     """Return the path of a drone. Raises UsageError without two poses, or without the heading to turn it by."""
     poses = sorted((p for p in logs.poses if p.drone == drone), key=lambda p: p.t)
     if len(poses) < 2:
-        raise UsageError(f"drone {drone} has {len(poses)} poses in one of the flights, which makes no path")
+        raise UsageError(f"{drone_label(drone)} has {len(poses)} poses in one of the flights, which makes no path")
     position = np.array([p.position_ned for p in poses], float)
     position = position - position[0]
     if not keep_north:
@@ -120,7 +120,7 @@ def _compare(
     a, b = paths
     at_a, at_b = _instants(a, b, *steps)
     if len(at_a) < 2:
-        raise UsageError(f"the two flights of drone {drone} share no stretch of time")
+        raise UsageError(f"the two flights of {drone_label(drone)} share no stretch of time")
     t = np.arange(len(at_a), dtype=np.float64) * GRID_S
     here, there = a.at(at_a), b.at(at_b)
     distance_m = np.linalg.norm(here - there, axis=1)

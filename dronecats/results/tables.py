@@ -19,7 +19,7 @@ def _of(description: str) -> Meta:
 
 RunName = Annotated[str, _of("the run's folder, with as many folders above it as tell it from the others")]
 EpisodeId = Annotated[str, _of("id of the record")]
-DroneIndex = Annotated[int, _of("0 is the first")]
+DroneIndex = Annotated[int, _of("0 is the drone that people call drone 1")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +65,7 @@ class StepRow:
 
     run: RunName
     episode: EpisodeId
-    drone: DroneIndex
+    drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision, from 0")]
     frame_id: Annotated[int, _of("number of the picture")]
     t_frame_s: Annotated[float, _of("s since the episode began, when the picture was taken")]
@@ -102,7 +102,7 @@ class PoseRow:
 
     run: RunName
     episode: EpisodeId
-    drone: DroneIndex
+    drone_index: DroneIndex
     t_s: Annotated[float, _of("s of vehicle time since the episode began")]
     north_m: Annotated[float, _of("m, NED, of the body")]
     east_m: Annotated[float, _of("m, NED, likewise")]
@@ -122,7 +122,7 @@ class DeclarationRow:
     run: RunName
     episode: EpisodeId
     number: Annotated[int, _of("of the episode's declarations in the order of time, from 1")]
-    drone: DroneIndex
+    drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision")]
     t_s: Annotated[float, _of("s of vehicle time, when it was decided")]
     counts: Annotated[bool, _of("whether it was made within the cap")]

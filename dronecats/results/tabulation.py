@@ -131,7 +131,7 @@ def _step_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
         row = StepRow(
             run=run,
             episode=flown.id,
-            drone=said.drone,
+            drone_index=said.drone,
             step=said.step,
             frame_id=said.frame_id,
             t_frame_s=said.t_frame,
@@ -179,7 +179,7 @@ def _pose_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
         row = PoseRow(
             run=run,
             episode=flown.id,
-            drone=pose.drone,
+            drone_index=pose.drone,
             t_s=pose.t,
             north_m=north_m,
             east_m=east_m,
@@ -201,7 +201,7 @@ def _declaration_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
             run=run,
             episode=flown.id,
             number=number,
-            drone=one.drone,
+            drone_index=one.drone,
             step=one.step,
             t_s=one.t,
             counts=one.t <= CAP_S,

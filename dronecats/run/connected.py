@@ -60,32 +60,32 @@ def fly_connected(
             "url": shown(vehicle.camera or ""),
         },
     )
-    folder = folders.create(out, spec.pilot_name, EPISODE, found)
-    folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
+    with folders.create(out, spec.pilot_name, EPISODE, found) as folder:
+        folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
 
-    def fly_it() -> Flown:
-        stage = ConnectedStage(link, camera, folder)
-        try:
-            instruments.watch(link, camera, folder.parent)
-            with opened(flight, stage, folder) as opened_pilot:
-                pilot = replace(opened_pilot, model=instruments.model(opened_pilot.model))
-                make_agent = instruments.agent(pilot.agent(flight))
-                return fly(
-                    stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
-                    seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                    check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
-                )  # fmt: skip
-        finally:
-            stage.close()
+        def fly_it() -> Flown:
+            stage = ConnectedStage(link, camera, folder)
+            try:
+                instruments.watch(link, camera, folder.parent)
+                with opened(flight, stage, folder) as opened_pilot:
+                    pilot = replace(opened_pilot, model=instruments.model(opened_pilot.model))
+                    make_agent = instruments.agent(pilot.agent(flight))
+                    return fly(
+                        stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
+                        seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
+                        check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
+                    )  # fmt: skip
+            finally:
+                stage.close()
 
-    def afterwards(flown: Flown) -> None:
-        folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
-        if spec.keep_ulog:
-            fetch_onboard_log(vehicle.url, link, folder, say)
-        if dry:
-            say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
+        def afterwards(flown: Flown) -> None:
+            folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
+            if spec.keep_ulog:
+                fetch_onboard_log(vehicle.url, link, folder, say)
+            if dry:
+                say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
 
-    return fly_and_judge(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
+        return fly_and_judge(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:

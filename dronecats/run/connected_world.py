@@ -52,41 +52,41 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
         source.close()
     link = open_link(vehicle, spec.envelope)
     found = settings(flight, CAMERA)
-    folder = folders.create(out, spec.pilot_name, record.id, found)
-    drawn = folder / (layout.EPISODE if judged else layout.WORLD)
-    drawn.write_text(record.to_json(), encoding="utf-8")
-    if not judged:
-        folders.write_json(folder / layout.EPISODE, {"id": record.id, "instruction": record.instruction})
-    say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}, on a vehicle that simulates itself')
+    with folders.create(out, spec.pilot_name, record.id, found) as folder:
+        drawn = folder / (layout.EPISODE if judged else layout.WORLD)
+        drawn.write_text(record.to_json(), encoding="utf-8")
+        if not judged:
+            folders.write_json(folder / layout.EPISODE, {"id": record.id, "instruction": record.instruction})
+        say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}, on a vehicle that simulates itself')
 
-    def fly_it() -> Flown:
-        frame_s = (spec.envelope or Limits()).frame_s
-        stage = WorldStage(link, drawn, truth, folder, say, frame_s=frame_s, judged=judged)
-        try:
-            ground = world.ground_down(*record.starts[0].position_ned[:2])
-            start = start_of(record.starts[0], ground)
-            # the heading that the vehicle has where it flies, before it is turned onto the map
-            start = replace(start, yaw=wrap_pi(math.radians(record.starts[0].yaw_deg) - stage.placement.turn))
-            with (
-                TrueStart(stage, world, stage.placement) as true_start,
-                opened_in(world, flight, stage, folder) as pilot,
-            ):
-                return fly(
-                    stage, [start], pilot.agent(flight), folder,
-                    seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                    check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
-                    true_start=true_start if judged else None,
-                )  # fmt: skip
-        finally:
-            stage.close()
+        def fly_it() -> Flown:
+            frame_s = (spec.envelope or Limits()).frame_s
+            stage = WorldStage(link, drawn, truth, folder, say, frame_s=frame_s, judged=judged)
+            try:
+                ground = world.ground_down(*record.starts[0].position_ned[:2])
+                start = start_of(record.starts[0], ground)
+                # the heading that the vehicle has where it flies, before it is turned onto the map
+                start = replace(start, yaw=wrap_pi(math.radians(record.starts[0].yaw_deg) - stage.placement.turn))
+                with (
+                    TrueStart(stage, world, stage.placement) as true_start,
+                    opened_in(world, flight, stage, folder) as pilot,
+                ):
+                    return fly(
+                        stage, [start], pilot.agent(flight), folder,
+                        seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
+                        check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
+                        true_start=true_start if judged else None,
+                    )  # fmt: skip
+            finally:
+                stage.close()
 
-    def afterwards(flown: Flown) -> None:
-        folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
-        if spec.keep_ulog:
-            fetch_onboard_log(vehicle.url, link, folder, say)
-        if flown.steps and judged:
-            draw(folder)
-        if dry:
-            say(f"drew {draw_intent(folder, CameraModel())} decisions into {folder / layout.INTENT}")
+        def afterwards(flown: Flown) -> None:
+            folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
+            if spec.keep_ulog:
+                fetch_onboard_log(vehicle.url, link, folder, say)
+            if flown.steps and judged:
+                draw(folder)
+            if dry:
+                say(f"drew {draw_intent(folder, CameraModel())} decisions into {folder / layout.INTENT}")
 
-    return fly_and_judge(fly_it, folder, record.id, spec.pilot_name, afterwards)
+        return fly_and_judge(fly_it, folder, record.id, spec.pilot_name, afterwards)

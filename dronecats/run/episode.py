@@ -18,6 +18,7 @@ from dronecats.run.landing import finish, tell, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.rundir import layout
 from dronecats.rundir.reading import read
+from dronecats.rundir.rows import drone_label
 from dronecats.stages.stage import Stage
 from foundation.errors import BudgetError, DronecatsError
 from foundation.protocol import CAP_S
@@ -84,7 +85,7 @@ def fly(
         for link in stage.links:
             link.on_wait = _tending(stage, link)
         for drone, link in enumerate(stage.links):
-            link.on_silence = partial(_warn_of_silence, say, f"drone {drone + 1}: " if len(stage.links) > 1 else "")
+            link.on_silence = partial(_warn_of_silence, say, f"{drone_label(drone)}: " if len(stage.links) > 1 else "")
         if authority.dry or not authority.arm:
             take_over(stage.links, authority, say)
         else:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from dronecats.rundir.rows import drone_label
 from hil.link.link import Link
 
 
@@ -49,7 +50,7 @@ class SafetyLog:
         return listen
 
     def _tell(self, source: str, drone: int, what: str) -> None:
-        name = f"drone {drone + 1} " if len(self._times) > 1 else ""
+        name = f"{drone_label(drone)} " if len(self._times) > 1 else ""
         with contextlib.suppress(OSError, ValueError):  # a closed terminal stops no setpoint and no landing
             self._say(f"      {source}: {name}{what}")
 

@@ -23,6 +23,7 @@ def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
         **({"disturbed": on_purpose} if on_purpose else {}),
         "agent": f"{agent.__module__}.{agent.__qualname__}",
         **({"map_sha256": of_map} if of_map else {}),
+        "prompt_name": flight.prompt.name,
         "prompt_sha256": flight.prompt.digest,
         **({"commander_prompt_sha256": CommandPrompt.load().digest} if flight.spec.command == "hierarchical" else {}),
         "clock": _clock(flight.spec.simulated),

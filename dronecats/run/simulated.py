@@ -18,6 +18,7 @@ from dronecats.run.settings import settings
 from dronecats.run.step_lines import StepLines
 from dronecats.rundir import folder as folders
 from dronecats.rundir import layout
+from dronecats.rundir.rows import drone_label
 from episodes.record import EpisodeRecord
 from foundation.camera import Frame
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
@@ -29,19 +30,19 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any
     flight = look_up(spec)
     record = _record(flight)
     found = settings(flight, flight.camera)
-    folder = folders.create(out, spec.pilot_name, record.id, found)
-    disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
-    say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
+    with folders.create(out, spec.pilot_name, record.id, found) as folder:
+        disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
+        say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
 
-    def afterwards(flown: Flown) -> None:
-        folders.write_run(folder.parent, {**found, "served_rate_hz": served_rate_hz(folder)})
-        if flown.steps:
-            draw(folder)
-        for drone in range(len(record.starts) if spec.keep_ulog else 0):
-            if not (folder / layout.onboard_log_name(drone)).exists():
-                say(f"PX4's log of drone {drone + 1} is not kept: it wrote none, as before its first arming")
+        def afterwards(flown: Flown) -> None:
+            folders.write_run(folder.parent, {**found, "served_rate_hz": served_rate_hz(folder)})
+            if flown.steps:
+                draw(folder)
+            for drone in range(len(record.starts) if spec.keep_ulog else 0):
+                if not (folder / layout.onboard_log_name(drone)).exists():
+                    say(f"PX4's log of {drone_label(drone)} is not kept: it wrote none, as before its first arming")
 
-    return fly_in(folder, flight, say, found, afterwards)
+        return fly_in(folder, flight, say, found, afterwards)
 
 
 def fly_in(
@@ -84,7 +85,9 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
     pace: Callable[[], dict[str, float]] | None = None
     recall: Callable[[int, int], Frame]
     if simulated.speed is None:
-        say("lockstep: loading the flight core and the camera; the first run compiles them, about half a minute …")
+        from dronecats.sitl import compile_ahead
+
+        say(f"lockstep: loading the flight core and the camera{compile_ahead.duration()} …")
         from dronecats.stages.lockstep import LockstepStage
 
         world = world_of(record, simulated.airframe)

@@ -7,7 +7,7 @@ from msgspec import UNSET
 
 from dronecats.agent.action import action_from
 from dronecats.agent.history import compact
-from dronecats.rundir.rows import Decision
+from dronecats.rundir.rows import Decision, drone_label
 from foundation.protocol import FINISHED
 
 UNREADABLE = 10  # replies in a row that are no action, after which a flight warns
@@ -32,7 +32,7 @@ class StepLines:
         what = compact(action_from(decision.action)) if decision.action else f"! {unreadable(decision)}"
         what += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
         what += " (confirmed)" if decision.confirmed_by is not UNSET else ""
-        drone = f" drone {decision.drone + 1}" if self._drones > 1 else ""
+        drone = f" {drone_label(decision.drone)}" if self._drones > 1 else ""
         line = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)"
         self._say(f"{line}  {cost}" if (cost := self._spent()) else line)
         self._unreadable[decision.drone] = 0 if decision.action else self._unreadable[decision.drone] + 1

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from types import TracebackType
 
+from dronecats.rundir.rows import drone_label
 from dronecats.sitl.placement import Placement
 from dronecats.sitl.scenario import origin
 from dronecats.stages.stage import TruthfulStage
@@ -53,12 +54,12 @@ class TrueStart:
         self._tap.drain()
         sample = self._truth.of(drone)
         if sample is None:
-            raise InfrastructureError(f"no truth of drone {drone} is heard, so its start cannot be checked")
+            raise InfrastructureError(f"no truth of {drone_label(drone)} is heard, so its start cannot be checked")
         return sample
 
     def _refuse(self, drone: int, faults: list[str]) -> None:
         if faults:
-            whose = f"drone {drone}: " if len(self._record.starts) > 1 else ""
+            whose = f"{drone_label(drone)}: " if len(self._record.starts) > 1 else ""
             raise InfrastructureError(f"the episode does not begin: {whose}{', '.join(faults)}; fly it again")
 
 

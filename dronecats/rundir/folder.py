@@ -1,15 +1,16 @@
 """Where a run is kept. Layout: docs/run-folder.md."""
 
 import contextlib
+import fcntl
 import json
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from importlib import metadata
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from dronecats import __version__
 from dronecats.rundir import layout
@@ -19,32 +20,59 @@ from foundation.json_file import write_json as write_json
 
 PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
 PER_SITTING = ("accounts",)  # in which a run may be gone on with
+LOCK = ".lock"  # of a run: held by the processes that fly it
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
-def create(out: Path | None, pilot_name: str, episode_id: str, configuration: dict[str, Any]) -> Path:
-    """Return a new episode folder inside a run folder, with its empty logs and the run's run.json.
+@contextlib.contextmanager
+def create(out: Path | None, pilot_name: str, episode_id: str, configuration: dict[str, Any]) -> Iterator[Path]:
+    """Yield a new episode folder inside a run folder, with its empty logs and the run's run.json, held until the end.
 
-    The run folder is `out`, or a new one named after the time and the pilot. A flight there that was an error, and so
-    nobody's score, is kept under UNFINISHED and flown again. Raises UsageError when `out` holds that episode otherwise
-    or belongs to another configuration, or when nothing can be written there.
+    The run folder is `out`, or a new one named after the time and the pilot. A flight there without a score is kept
+    under UNFINISHED and flown again: one whose verdict is an error, or one that was killed, which has no verdict and no
+    process that holds it. Raises UsageError when `out` has another flight of that episode or another configuration, or
+    when nothing can be written there.
     """
+    with contextlib.ExitStack() as held:
+        try:
+            run = out or fresh_run(pilot_name)
+            folder = run / episode_id
+            run.mkdir(parents=True, exist_ok=True)
+            held.enter_context(hold(run / LOCK, run, shared=True))
+            again = (folder / layout.DECISIONS).exists()
+            if again:
+                held.enter_context(hold(folder / layout.DECISIONS, folder))
+                if not _has_no_score(folder):
+                    raise UsageError(f"{folder} already holds a flight; choose another folder (option out)")
+            before = run_configuration(run)
+            if before is not None and differences(before, configuration):
+                raise UsageError(
+                    f"{run} is a run of another pilot or other settings; choose another folder (option out)"
+                )
+            if again:
+                _set_aside(run, folder)
+            prepare(folder)
+            held.enter_context(hold(folder / layout.DECISIONS, folder))
+            write_run(run, configuration)
+        except OSError as error:
+            raise UsageError(_unwritable(out or Path("runs"), error)) from None
+        yield folder
+
+
+def hold(lock: Path, what: Path, *, shared: bool = False) -> TextIO:
+    """Return a file with its lock, held until it is closed, or until the process ends, however it ends.
+
+    Raises UsageError when another process holds the lock: that one is flying `what`. Raises OSError.
+    """
+    file = lock.open("a")
     try:
-        run = out or fresh_run(pilot_name)
-        folder = run / episode_id
-        again = (folder / layout.DECISIONS).exists()
-        if again and not _is_nobodys(folder):
-            raise UsageError(f"{folder} already holds a flight; choose another folder (option out)")
-        before = run_configuration(run)
-        if before is not None and differences(before, configuration):
-            raise UsageError(f"{run} is a run of another pilot or other settings; choose another folder (option out)")
-        if again:
-            _set_aside(run, folder)
-        prepare(folder)
-        write_run(run, configuration)
-    except OSError as error:
-        raise UsageError(_unwritable(out or Path("runs"), error)) from None
-    return folder
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise UsageError(
+            f"another process is flying {what}; wait for it, or choose another folder (option out)"
+        ) from None
+    return file
 
 
 def prepare(folder: Path) -> None:
@@ -57,10 +85,10 @@ def prepare(folder: Path) -> None:
         (folder / log).touch()
 
 
-def _is_nobodys(folder: Path) -> bool:
-    """Return whether the flight in a folder is over and was an error; one that was killed has no verdict."""
+def _has_no_score(folder: Path) -> bool:
+    """Return whether the flight in a folder was an error, or was killed before it had a verdict."""
     verdict = json_object(folder / layout.VERDICT)
-    return verdict is not None and verdict.get("outcome") == "error"
+    return verdict is None or verdict.get("outcome") == "error"
 
 
 def _set_aside(run: Path, folder: Path) -> None:

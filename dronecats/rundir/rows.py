@@ -47,6 +47,11 @@ def _of(description: str) -> Meta:
     return Meta(description=description)
 
 
+def drone_label(drone: int) -> str:
+    """Return a drone's name for people, who count from 1; files and columns count from 0."""
+    return f"drone {drone + 1}"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
     """What every run.json tells, whatever flew; all else in it is the run's configuration."""

@@ -1,6 +1,7 @@
 """The camera as a process: frames over HTTP, rendered where the truth bus says the drone is."""
 
 import contextlib
+import errno
 import socket
 import sys
 import threading
@@ -24,6 +25,8 @@ ENCODINGS = {
     "/frame.jpg": (".jpg", "image/jpeg"),
     "/frame.png": (".png", "image/png"),
 }
+HOST = "127.0.0.1"
+NEXT_PORTS = 100  # how many are tried, from the one that is wanted on
 CONNECTIONS = 64  # open at once
 REQUEST_S = 10.0  # wall s for a connection's first request to come
 IDLE_S = 600.0  # wall s from one request of a connection to the next: a model may think that long
@@ -40,18 +43,14 @@ class CameraPart:
         )
         self._bus = Listener(config.truth, self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
-        host, port = "127.0.0.1", int(config.port)
-        try:
-            self._server = FrameServer((host, port), handler(self._camera))
-        except OSError as error:
-            raise bind_error(error, "TCP", host, port) from None
+        self._server = serve(self._camera, config.port, or_next_free=config.or_next_free)
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
     def _announce(self, data: bytes) -> None:
         self._bus.send(data)
 
     def ready(self) -> dict[str, Any]:
-        return {"url": f"http://127.0.0.1:{self._server.server_port}/frame.bmp"}
+        return {"url": f"http://{HOST}:{self._server.server_port}/frame.bmp"}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
@@ -108,6 +107,21 @@ class FrameServer(ThreadingHTTPServer):
         """Print an error of the handler. A client that closes its connection early is none."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
+
+
+def serve(camera: WorldCamera, port: int, *, or_next_free: bool = False) -> FrameServer:
+    """Return a server of a camera's frames on a loopback port, with `or_next_free` on the next one where it is in use.
+
+    Port 0 is one that the system chooses. Raises UsageError.
+    """
+    ports = range(port, min(port + NEXT_PORTS, 65536)) if or_next_free else [port]
+    for candidate in ports:
+        try:
+            return FrameServer((HOST, candidate), handler(camera))
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE or candidate == ports[-1]:
+                raise bind_error(error, "TCP", HOST, candidate) from None
+    raise AssertionError("there is at least one port")
 
 
 def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:

@@ -24,9 +24,19 @@ OTHERS_S = 60.0  # wall seconds after which the parts that are not ready are com
 CACHED = "*.nbi"  # numba's index of what it has compiled of one function
 
 
+def is_compiled() -> bool:
+    """Return whether a flight finds its plant compiled; else this run compiles for half a minute."""
+    return KEEPS and any(cache_folder().rglob(f"multirotor.step{CACHED}"))
+
+
 def cold() -> bool:
     """Return whether the plant has to be compiled, by a second core if there is one, and can be kept."""
-    return KEEPS and (os.cpu_count() or 1) > 1 and not any(cache_folder().rglob(f"multirotor.step{CACHED}"))
+    return KEEPS and (os.cpu_count() or 1) > 1 and not is_compiled()
+
+
+def duration() -> str:
+    """Return what a message adds to "loading …": how long this run compiles, if it does."""
+    return "" if is_compiled() else "; this run compiles them, about half a minute"
 
 
 def compile_all(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:

@@ -45,6 +45,7 @@ class CameraConfig:
     airframe: str | None = None  # of the drones that are in the pictures
     count: int | None = None
     port: int = 0  # TCP; 0: one that the system chose
+    or_next_free: bool = False  # where the port is in use: the next free one instead of an error
     optics: dict[str, Any] | None = None
     seed: int = 0  # tells flights of one episode apart, with optics
     kept: int = KEPT  # samples of the truth of each drone, of which pictures can be had

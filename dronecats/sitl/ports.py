@@ -8,6 +8,7 @@ from dronecats.sitl.vehicle_port import VehiclePort
 
 LOOPBACK = "127.0.0.1"
 AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # + instance, where clients listen
+CAMERA_PORT = 8080  # + instance, TCP, of the camera; the next free one where it is taken
 AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance, where the simulator listens
 
 

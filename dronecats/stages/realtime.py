@@ -186,4 +186,6 @@ class Patience:
     def __call__(self) -> None:
         self._waits += 1
         if self._waits == 6:
-            self._say("starting the simulator and the camera; the first run compiles them, about half a minute …")
+            from dronecats.sitl import compile_ahead
+
+            self._say(f"starting the simulator and the camera{compile_ahead.duration()} …")

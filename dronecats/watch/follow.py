@@ -10,7 +10,7 @@ from typing import Any
 from dronecats.rundir import layout
 from dronecats.rundir.damage import Row, taken
 from dronecats.rundir.reading import json_object
-from dronecats.rundir.rows import TRUTH_ROWS, Begin, Decision, End, Exchange, FrameTruth, Pose
+from dronecats.rundir.rows import TRUTH_ROWS, Begin, Decision, End, Exchange, FrameTruth, Pose, drone_label
 from dronecats.watch.heard import HeardFlight
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.watch.pictures import PictureTail
@@ -157,7 +157,7 @@ class FlightFollower:
     def _declared(self, decision: Decision) -> None:
         true = self._frames.get((decision.drone, decision.frame_id))
         far = "at a distance nobody measured" if true is None or true.distance_m is None else f"{true.distance_m:.2f} m"
-        self._judged.append(f"step {decision.step}: drone {decision.drone} declares, {far} from the target")
+        self._judged.append(f"step {decision.step}: {drone_label(decision.drone)} declares, {far} from the target")
 
     def _judge(self) -> None:
         if self._verdict is not None or self._end is None:

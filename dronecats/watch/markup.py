@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.rundir.rows import Decision
+from dronecats.rundir.rows import Decision, drone_label
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.watch.sight import chosen_go
 from foundation.protocol import POINT_SPAN
@@ -45,7 +45,7 @@ def frames_html(drones: Sequence[DroneMoment]) -> str:
     """Return the pictures of all drones, of a fleet two beside one another."""
     if len(drones) == 1:
         return frame_html(drones[0], "the picture that was asked about")
-    cells = "".join(f"<div>{frame_html(one, f'drone {one.drone}')}</div>" for one in drones)
+    cells = "".join(f"<div>{frame_html(one, drone_label(one.drone))}</div>" for one in drones)
     return f'<div style="display:grid;grid-template-columns:1fr 1fr">{cells}</div>'
 
 
@@ -67,7 +67,7 @@ def decisions_html(drones: Sequence[DroneMoment]) -> str:
         words = "no decision yet" if said is None else action_words(said)
         shown += (
             f'<div class="action" data-drone="{one.drone}" style="font-size:13px;font-weight:600;color:{ORANGE};'
-            f'padding:3px 10px 0"><span style="opacity:0.65">drone {one.drone}</span> {escape(words)}</div>'
+            f'padding:3px 10px 0"><span style="opacity:0.65">{drone_label(one.drone)}</span> {escape(words)}</div>'
         )
         alone = said is not None and not any(_together(said, other.decision) for other in drones if other is not one)
         if said is not None and alone:
@@ -132,9 +132,9 @@ def numbers_html(drones: Sequence[DroneMoment]) -> str:
     """Return speed, height, battery and mode; of a fleet a line each."""
     if len(drones) == 1:
         return _box(_pairs([row for row in _numbers(drones[0]) if row[1]]))
-    head = "".join(f'<th style="font-weight:400;opacity:0.65">{name}</th>' for name in ("drone", *HEADS))
+    head = "".join(f'<th style="font-weight:400;opacity:0.65">{name}</th>' for name in ("", *HEADS))
     lines = "".join(
-        f"<tr><td>{one.drone}</td>"
+        f"<tr><td>{drone_label(one.drone)}</td>"
         + "".join(
             f'<td style="text-align:center"><b>{escape(value)}</b></td>' for _, value in _numbers(one, brief=True)
         )
@@ -163,7 +163,8 @@ def messages_html(drones: Sequence[DroneMoment]) -> str:
     """Return the newest of what autopilots and envelopes have said, newest first."""
     several = len(drones) > 1
     most = FLEETS_MESSAGES if several else MESSAGES
-    lines = [(f"drone {one.drone}: " if several else "") + said for one in drones for said in one.said[-most:][::-1]]
+    who = {one.drone: f"{drone_label(one.drone)}: " if several else "" for one in drones}
+    lines = [who[one.drone] + said for one in drones for said in one.said[-most:][::-1]]
     rows = "".join(f'<div style="border-top:1px solid rgba(128,128,128,0.18)">{escape(line)}</div>' for line in lines)
     return _box(_small("messages") + f'<div class="messages">{rows or "none"}</div>')
 

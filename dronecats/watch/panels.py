@@ -5,6 +5,7 @@ from typing import Any
 
 import viser
 
+from dronecats.rundir.rows import drone_label
 from dronecats.watch import markup
 from dronecats.watch.moment import DroneMoment, Moment
 
@@ -40,7 +41,7 @@ class FlightPanels:
         self._folder = gui.add_folder("Flight")
         with self._folder:
             self._state = gui.add_html("")
-            names = (NOBODY, *(f"drone {k}" for k in range(drones)))
+            names = (NOBODY, *(drone_label(k) for k in range(drones)))
             self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
@@ -48,7 +49,7 @@ class FlightPanels:
             self._numbers = gui.add_html("")
             self._messages = gui.add_html("")
         if on_follow is not None:
-            self._follow.on_update(_by_hand(lambda: on_follow(_drone(self._follow.value))))
+            self._follow.on_update(_by_hand(lambda: on_follow(self._wanted())))
         self._judge.on_update(_by_hand(lambda: self._ask(bool(self._judge.value))))
 
     def _beside(self, panel: Any) -> Any:
@@ -83,10 +84,15 @@ class FlightPanels:
         """Send everything anew with the next moment, which is of another flight."""
         self._told.clear()
 
+    def _wanted(self) -> int | None:
+        """Return the drone that the view is to go with."""
+        named = {drone_label(k): k for k in range(self._drones)}
+        return named.get(self._follow.value)
+
     def show_wanted(self, judge: bool, followed: int | None) -> None:
         """Have the fields say what is wanted otherwise, by a key: nobody is called back."""
         self.judge_shown = judge
-        name = NOBODY if followed is None else f"drone {followed}"
+        name = NOBODY if followed is None else drone_label(followed)
         for field, value in ((self._judge, judge), (self._follow, name)):
             if field.value != value:
                 field.value = value
@@ -123,7 +129,3 @@ def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
     """Return what tells the picture that is shown of a drone from others, and the ring in it."""
     picture, decision = markup.newest_decided(drone)
     return (picture.frame_id if picture else None, decision.step if decision else None)
-
-
-def _drone(name: str) -> int | None:
-    return None if name == NOBODY else int(name.removeprefix("drone "))

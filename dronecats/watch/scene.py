@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import viser
 
+from dronecats.rundir.rows import drone_label
 from dronecats.scenery import daylight, display
 from dronecats.watch.judged import JudgedThings
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
@@ -167,7 +168,7 @@ class FlightScene:
             format="jpeg",
             cast_shadow=False,
         )
-        called = " · ".join(part for part in (self._name, f"drone {k}" if len(self._trails) > 1 else "") if part)
+        called = " · ".join(part for part in (self._name, drone_label(k) if len(self._trails) > 1 else "") if part)
         if called:
             scene.add_label(f"{path}/name", called, position=(0.0, 0.55, 0.0), anchor="bottom-center")
         return made

@@ -13,6 +13,8 @@ from hil.preflight.heard import Heard, Watch
 from hil.preflight.rehearsal import rehearse
 from hil.preflight.row import Change, Finding, Row
 
+# PX4's own values that no vehicle should fly with (its parameter reference); our simulator has them as PX4 does
+PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
 NAMES = (*failsafes.PARAMETERS, *fence.PARAMETERS, *battery.PARAMETERS)
 
 
@@ -33,7 +35,7 @@ class Check:
             *health.rows(self.heard),
             *position.rows(self.heard),
             battery.row(self.heard, self.values),
-            *(finding.row for finding in self._findings()),
+            *(self._shown(finding) for finding in self._findings()),
             self.rehearsal,
             *wire.rows(self.heard),
             *self.around,
@@ -43,6 +45,15 @@ class Check:
     def changes(self) -> list[Change]:
         """The parameters that ought to be changed."""
         return [finding.change for finding in self._findings() if finding.change is not None]
+
+    def _shown(self, finding: Finding) -> Row:
+        """Return a finding's row; a failed one says where it is PX4's own value that our simulator has, too."""
+        row, change = finding.row, finding.change
+        if row.passed is not False or change is None or PX4_DEFAULTS.get(change.name) != change.old:
+            return row
+        if not wire.is_simulated(self.heard):
+            return row
+        return replace(row, why=f"{row.why}; expected here: a simulated vehicle with PX4's default")
 
     def _findings(self) -> list[Finding]:
         situation = failsafes.Situation(self.values, self.heard.sticks, health.version(self.heard), self.heard.station)

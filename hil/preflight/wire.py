@@ -61,7 +61,7 @@ def _clock(heard: Heard) -> Row:
     drift = (last[1] - first[1]) / span_ns if span_ns > 0 else 0.0
     why = f"the vehicle's runs {1e6 * drift:+.0f} µs a second beside this machine's"
     calendar = heard.message("SYSTEM_TIME")
-    if calendar is not None and _is_simulated(calendar.time_unix_usec):
+    if is_simulated(heard):
         why += "; its calendar is a simulated one"
     elif calendar is not None and calendar.time_unix_usec:
         apart = heard.unix_s - calendar.time_unix_usec * 1e-6
@@ -74,9 +74,10 @@ def _clock(heard: Heard) -> Row:
     return Row("clocks", True, why)
 
 
-def _is_simulated(unix_us: int) -> bool:
-    """Return whether a calendar is that of a simulated receiver, which begins on the same day in each flight."""
-    return 0 <= unix_us - CALENDAR_START_US < SIMULATED_MOST_US
+def is_simulated(heard: Heard) -> bool:
+    """Return whether the calendar is that of our simulated receiver, which begins on the same day in each flight."""
+    calendar = heard.message("SYSTEM_TIME")
+    return calendar is not None and 0 <= calendar.time_unix_usec - CALENDAR_START_US < SIMULATED_MOST_US
 
 
 def _best(heard: Heard, *, early: bool) -> tuple[int, int, int]:

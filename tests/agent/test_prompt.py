@@ -37,6 +37,15 @@ def test_prompt_fills_its_fields_and_nothing_else():
         assert action in text
 
 
+def test_the_prompt_says_what_a_think_is_worth_and_how_depths_make_strides():
+    """Of substance in the paper's prompt: a think is no wasted step, and far things want large depths."""
+    _, think, finished = (part.partition("\n# ")[0] for part in re.split('"(?:think|finished)"', Prompt.load().template))
+    assert re.search(r"never\s+(lost|wasted)", think)
+    assert "arrived" in finished
+    (depth,) = re.findall(r"depth_m: (.*?)\n\n", Prompt.load().template, re.S)
+    assert re.search(r"far .*large.*long strides.*close.*small.*short", " ".join(depth.split()).lower())
+
+
 def test_digest_is_of_the_template():
     assert len(Prompt.load().digest) == 64
     assert Prompt("{instruction}{history}").digest != Prompt.load().digest

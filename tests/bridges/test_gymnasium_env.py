@@ -6,6 +6,7 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.spaces import Text
 from gymnasium.utils.env_checker import check_env
 
 from dronecats.bridges import gymnasium_spaces as spaces
@@ -84,3 +85,10 @@ def test_a_fleet_is_commanded_by_one_action_for_each_drone(tmp_path):
 def test_one_environment_flies_one_number_of_drones():
     with pytest.raises(UsageError, match=f"{FLEET} .*4 .*{EPISODE} .*1"):
         made(episodes=[EPISODE, FLEET])
+
+
+def test_a_space_is_printed_on_a_line_and_is_one_of_texts():
+    space = spaces.observation_space(1)
+    assert len(str(space)) < 200
+    assert "1000" in str(space)
+    assert space["instruction"] == Text(1000, charset=spaces.CHARACTERS)

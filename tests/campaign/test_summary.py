@@ -109,6 +109,18 @@ def test_the_line_says_how_far_it_is_and_what_it_has_cost():
     progress.came(Result(episode="a", outcome="failure"), again=False)
     progress.came(Result(episode="b", outcome="error"), again=False)
     line = progress.line(60.0, Spent(3, 1000, 234, 1.5))
-    for part in ("3/8", "50% (9%–91%)", "1 solved", "1 failed", "1 error", "1,234 tokens", "$1.50", "180 ", "0:02 h"):
+    for part in (
+        "3/8",
+        "50% (9%–91%)",
+        "1 solved",
+        "1 failed",
+        "1 error",
+        "1,234 tokens",
+        "$1.50",
+        "180 ",
+        "1 min 40 s left",
+    ):
         assert part in line, part
     assert progress.per_hour(60.0) == 180.0
+    for wall_s, clock in ((0.01, "1 s"), (36.0, "1 min 00 s"), (3600.0, "1 h 40 min"), (36000.0, "16 h 40 min")):
+        assert f"{clock} left" in progress.line(wall_s)

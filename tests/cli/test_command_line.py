@@ -131,3 +131,20 @@ def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
     assert shown.returncode == 0, shown.stderr
     bearing = catalogue.load("blocks-commanding-01").bearing_deg
     assert f" {bearing:g}?".encode() in shown.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [
+        (["flly"], "'fly'"),
+        (["models", "chek"], "'check'"),
+        (["fly", "--sitl", "--model", "gpt6"], "gpt-6"),
+        (["fly", "--sitl", "--pilot", "orakle"], "'oracle'"),
+        (["fly", "--sitl", "--episode", "residentail-approaching-01"], "'residential-approaching-01'"),
+    ],
+)
+def test_a_mistyped_name_is_answered_with_the_nearest(words, near, capsys):
+    with pytest.raises(SystemExit, match="2"):  # argparse itself, or as the program ends
+        sys.exit(main(words))
+    said = capsys.readouterr().err
+    assert re.search(f"did you mean .*{near}", said), said

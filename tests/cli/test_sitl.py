@@ -1,12 +1,15 @@
 """`dronecats sitl`: where its vehicles stand."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
+from dronecats.cli import page_options
 from dronecats.cli.main import main
-from dronecats.sitl import simulator_process
+from dronecats.processes.supervisor import Supervisor
+from dronecats.sitl import compile_ahead, simulator_process
 from dronecats.sitl.scenario import build, load_world
 from episodes import catalogue
 from episodes.obstacles import obstacles
@@ -15,7 +18,7 @@ OPEN_M = 30.0
 
 
 class StartError(Exception):
-    """The simulator got its configuration."""
+    """A process got its configuration."""
 
 
 def configuration(monkeypatch, tmp_path, *words):
@@ -30,6 +33,49 @@ def configuration(monkeypatch, tmp_path, *words):
     with pytest.raises(StartError):
         main(["sitl", "--state", str(tmp_path), *words])
     return configs[0]
+
+
+def camera_configuration(monkeypatch, tmp_path, *words):
+    """Return the CameraConfig of a command line."""
+    configs = []
+
+    class Simulated:
+        def __init__(self, config):
+            pass
+
+        def ready(self):
+            return {"truth": 1}
+
+        def close(self):
+            pass
+
+    def start(supervisor, kind, config):
+        configs.append(config)
+        raise StartError
+
+    monkeypatch.setattr(simulator_process, "Simulator", Simulated)
+    monkeypatch.setattr(Supervisor, "start", start)
+    with pytest.raises(StartError):
+        main(["sitl", "--state", str(tmp_path), *words])
+    return configs[0]
+
+
+def test_the_camera_is_where_the_documentation_looks_for_it_unless_a_port_is_named(monkeypatch, tmp_path):
+    for words, port, or_next_free in (
+        (["--camera"], 8080, True),
+        (["--camera", "--instance", "2"], 8082, True),
+        (["--camera", "9000", "--instance", "2"], 9000, False),
+        (["--camera", "0"], 0, False),
+    ):
+        config = camera_configuration(monkeypatch, tmp_path, *words)
+        assert (config.port, config.or_next_free) == (port, or_next_free), words
+    assert page_options.PORT - 8080 >= 10  # ten simulators' cameras are below the pages
+
+
+def test_a_port_of_the_camera_that_is_none_is_refused(tmp_path, capsys):
+    for port in ("-1", "70000"):
+        assert main(["sitl", "--state", str(tmp_path), f"--camera={port}"]) == 2
+        assert re.search(f"--camera {port} .*65535", capsys.readouterr().err)
 
 
 def to_the_segment(point, a, b):
@@ -65,3 +111,10 @@ def test_an_episode_that_is_named_is_the_start(monkeypatch, tmp_path):
 def test_the_open_ground_is_a_start_and_no_episode_of_the_benchmark():
     assert catalogue.OPEN_GROUND not in catalogue.known()
     assert not catalogue.ships(catalogue.load(catalogue.OPEN_GROUND))
+
+
+@pytest.mark.parametrize("is_compiled", [True, False])
+def test_compiling_is_announced_only_where_it_happens(monkeypatch, tmp_path, capsys, is_compiled):
+    monkeypatch.setattr(compile_ahead, "is_compiled", lambda: is_compiled)
+    configuration(monkeypatch, tmp_path)
+    assert ("compil" in capsys.readouterr().out) is not is_compiled

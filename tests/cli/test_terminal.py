@@ -12,9 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.cli.output import Drawing, Lossy, Printing
+from foundation.printable import printable
 from tests.agent.models.pointing import wrapped
 from tests.agent.models.recording import Recording
 from tests.support.command_line import DRONECATS
+from tests.support.terminal import in_terminal, screen
 
 HOSTILE = "\x1b]52;c;cm0gLXJm\x07\x1b[2J\x9b31m\r\u202eelif\u2066 \x08\x00\x7f"
 STEERS = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -76,3 +78,26 @@ def test_a_bar_of_our_own_may_go_back_on_its_line(monkeypatch):
     os.close(writing)
     with open(reading, "rb") as pipe:
         assert pipe.read() == b"\r50 %\\u000d50 %"
+
+
+def test_the_progress_of_a_long_run_stays_on_one_line_of_a_terminal(tmp_path):
+    (tmp_path / "verb.py").write_text(
+        "from dronecats.cli.live import Live\n"
+        "from dronecats.cli.output import Output\n"
+        "with Output():\n"
+        "    live = Live(total=4)\n"
+        "    live.now('1/4; ' + 'x' * 200, done=1)\n"
+        f"    live.say({'a/b: ' + HOSTILE!r})\n"
+        "    live.now('3/4', done=3)\n"
+        "    live.close('4/4; ' + 'y' * 100)\n"
+    )
+    status, received = in_terminal([sys.executable, "-m", "verb"], columns=60, cwd=tmp_path)
+    assert status == 0
+    assert r"\u000d" not in received.replace(printable(HOSTILE), "")
+    assert not STEERS.search(received.replace("\r", ""))
+    said, *rest = screen(received)
+    assert said.startswith(r"a/b: \u001b]52;c;")
+    assert rest == ["4/4; " + "y" * 100, ""]
+    bars = [part for part in re.split(r"[\r\n]+", received) if "█" in part]
+    assert all(len(bar) <= 60 for bar in bars)
+    assert {(bar.count("█"), bar.split()[1].rstrip(";")) for bar in bars} == {(2, "1/4"), (7, "3/4")}

@@ -20,7 +20,7 @@ def test_every_verb_with_a_page_takes_other_host_names_for_it():
     for words, prefix in (*((words, "view-") for words in FLYING), (["replay", "run"], ""), (["edit"], "")):
         flag = [] if prefix == "" else ["--view"]
         args = parse([*words, *flag, f"--{prefix}host", "drone.example.org", f"--{prefix}host", "other"])
-        assert page_of(args, prefix) == (8080, ("drone.example.org", "other")), words
+        assert page_of(args, prefix) == (8090, ("drone.example.org", "other")), words
 
 
 def test_what_does_not_go_together_is_refused(capsys, monkeypatch, tmp_path):

@@ -30,9 +30,9 @@ def test_csv_is_read_by_anybody(run, tmp_path):
     tables.write("csv", [run], tmp_path)
     with (tmp_path / "steps.csv").open(newline="") as file:
         told = list(csv.DictReader(file))
-    decisions = query("SELECT episode, drone, t_decided_s, reply, north_m FROM steps", [run]).rows
+    decisions = query("SELECT episode, drone_index, t_decided_s, reply, north_m FROM steps", [run]).rows
     assert [
-        (one["episode"], int(one["drone"]), float(one["t_decided_s"]), one["reply"], float(one["judge/north_m"]))
+        (one["episode"], int(one["drone_index"]), float(one["t_decided_s"]), one["reply"], float(one["judge/north_m"]))
         for one in told
     ] == decisions
 

@@ -81,6 +81,12 @@ def test_what_cannot_be_is_refused(flown):
             wanted(flown, **wrong)
 
 
+def test_the_drones_of_a_film_are_counted_from_one(flown, tmp_path, capsys):
+    for number in ("0", "2"):
+        assert main(["film", str(flown), "--drone", number, "--out", str(tmp_path / "film.mp4")]) == 2
+        assert re.search(rf"--drone {number} .*: 1 did", capsys.readouterr().err)
+
+
 @pytest.fixture(scope="module")
 def whole(pictured, composed, tmp_path_factory):
     """A film of a second in three parts, made at one go."""

@@ -74,7 +74,7 @@ def test_digits_choose_a_drone_and_the_view_goes_with_it(page, sent):
     page.go_to(4.0)
     assert page.idle(PATIENCE_S)
     assert (page.state.drone, page.state.along) == (2, True)
-    assert any((each.get("updates") or {}).get("value") == "drone 2" for each in sent.update())  # the panel says whom
+    assert any((each.get("updates") or {}).get("value") == "drone 3" for each in sent.update())  # the panel says whom
     x, y, z = sent.newest("SetPositionMessage", "/world")["position"]
     assert math.dist(display.ned_of((-x, -y, -z)), (5.2, 0.0, 0.0)) < 1e-3
     page.choose(7)  # nobody has that number: the first is meant

@@ -129,7 +129,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.Captu
     empty = flight(tmp_path / "c", straight, seconds=0.0)
     with pytest.raises(UsageError, match=f"{tmp_path}/a"):
         episode_folder(tmp_path / "a")
-    with pytest.raises(UsageError, match=r"drone 0 .*1 "):
+    with pytest.raises(UsageError, match=r"drone 1 .*1 "):
         compared(a, empty)
     assert main(["compare", str(a), str(tmp_path)]) == 2
     assert main(["compare", str(a), str(a), "--within", "nan"]) == 2

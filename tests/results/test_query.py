@@ -43,7 +43,7 @@ def test_the_tables_hold_what_the_logs_do(runs):
     logs = flown_episode(runs / "oracle" / EPISODES[1]).logs
     where = f"run = 'oracle' AND episode = '{EPISODES[1]}'"
     steps = ask(f"SELECT * FROM steps WHERE {where}", runs)
-    assert [(s["drone"], s["step"], s["frame_id"], s["tokens_out"]) for s in steps] == [
+    assert [(s["drone_index"], s["step"], s["frame_id"], s["tokens_out"]) for s in steps] == [
         (d.drone, d.step, d.frame_id, d.tokens_out) for d in logs.decisions
     ]
     assert [s["distance_m"] for s in steps] == [logs.frames[d.drone, d.frame_id].distance_m for d in logs.decisions]
@@ -53,7 +53,8 @@ def test_the_tables_hold_what_the_logs_do(runs):
         (p.t, p.position_ned[0], p.target_ned and p.target_ned[2]) for p in logs.poses
     ]
     [declared] = ask(f"SELECT * FROM declarations WHERE {where}", runs)
-    assert (declared["number"], declared["drone"], declared["counts"], declared["qualifies"]) == (1, 0, True, True)
+    told = {name: declared[name] for name in ("number", "drone_index", "counts", "qualifies")}
+    assert told == {"number": 1, "drone_index": 0, "counts": True, "qualifies": True}
     [run] = ask("SELECT * FROM runs WHERE run = 'silent'", runs)
     assert (run["pilot"], run["is_model"], run["episodes"]) == ("failing:never-declares", False, 2)
     assert json.loads(str(run["configuration"]))["flight"]["pilot"] == "failing:never-declares"

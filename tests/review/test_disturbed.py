@@ -31,3 +31,9 @@ def test_it_is_said_above_the_tables_and_in_the_one_that_tells_how_it_was_flown(
     plain = small()
     assert not [said for said in opening(plain, RADIUS_M) if LATE in said]
     assert "disturbed" not in [column.name for column in setup(plain).columns]
+
+
+def test_how_it_was_flown_names_the_prompt_before_its_digest():
+    named = a_run("runs/paper", prompt_name="paper", prompt_sha256="c" * 64)
+    table = setup(small(collected(flights(named, {"campus-approaching": "s"}))))
+    assert line(table, "vision")["prompt"].value == "paper, cccccccc"

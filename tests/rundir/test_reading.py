@@ -22,7 +22,8 @@ ROW = {"step": 0, "drone": 0, "frame_id": 0, "t_frame": 1.0, "t_decided": 1.5, "
 
 @pytest.fixture
 def episode(tmp_path):
-    folder = create(tmp_path / "run", "oracle", "e-01", {"seed": 1})
+    with create(tmp_path / "run", "oracle", "e-01", {"seed": 1}) as folder:
+        pass
     (folder / layout.TRUTH).write_text('{"kind": "begin", "t0_us": 5}\n')
     (folder / layout.DECISIONS).write_text(json.dumps(ROW) + "\n")
     return folder
@@ -50,7 +51,7 @@ def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with
         lambda: reading.read(episode),
         lambda: judge_run(run),
         lambda: judge_run(episode),
-        lambda: create(run, "oracle", "e-02", {"seed": 1}),
+        lambda: create(run, "oracle", "e-02", {"seed": 1}).__enter__(),
         lambda: write_run(run, {"seed": 1}),
     ):
         message = refusal(at_it)

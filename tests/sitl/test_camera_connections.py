@@ -12,6 +12,7 @@ import pytest
 
 from dronecats.sitl import camera_process
 from foundation.camera import Frame
+from foundation.errors import UsageError
 
 HALF = b"GET /frame.bmp HTTP/1.1\r\nHost: 127"
 
@@ -92,3 +93,13 @@ def test_a_client_that_leaves_before_its_picture_is_not_an_error(server, camera,
     while threading.active_count() > threads:
         time.sleep(0.001)
     assert capsys.readouterr().err == ""
+
+
+def test_a_port_in_use_is_refused_or_the_next_free_one_is_served(camera):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(UsageError, match=f"TCP port {port} is in use"):
+            camera_process.serve(camera, port)
+        with camera_process.serve(camera, port, or_next_free=True) as served:
+            assert port < served.server_port < port + camera_process.NEXT_PORTS
+        assert served.server_address[0] == "127.0.0.1"

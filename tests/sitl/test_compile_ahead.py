@@ -73,3 +73,14 @@ def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
     double = numba.njit(lambda x: 2.0 * x)
     compile_ahead.compile_all(double, (1.5,))
     assert double.signatures == [(numba.float64,)]
+
+
+def test_what_has_been_compiled_is_known(monkeypatch, tmp_path):
+    monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(compile_ahead, "KEEPS", True)
+    assert not compile_ahead.is_compiled()
+    (tmp_path / "vehicles").mkdir()
+    (tmp_path / "vehicles" / "multirotor.step-12.py311.nbi").touch()
+    assert compile_ahead.is_compiled()
+    monkeypatch.setattr(compile_ahead, "KEEPS", False)  # each start compiles
+    assert not compile_ahead.is_compiled()

@@ -10,6 +10,7 @@ from pymavlink import mavutil
 
 from foundation.sensors import CALENDAR_START_US
 from tests.support.command_line import last_object
+from tests.support.mavsdk_example import fly_example
 from tests.support.simulated_vehicle import simulated_vehicle
 
 SPEED = 4.0
@@ -27,14 +28,7 @@ def agent_url(simulator):
 
 
 def test_a_mavsdk_script_takes_off_flies_offboard_and_lands(agent_url):
-    script = Path(__file__).with_name("mavsdk_flight.py")
-    run = subprocess.run(
-        [sys.executable, script, f"udpout://{agent_url}"], capture_output=True, text=True, timeout=150, check=False
-    )
-    assert run.returncode == 0, run.stderr[-2000:]
-    flown = last_object(run.stdout)
-    assert flown["height"] == pytest.approx(3.0, abs=0.5)
-    assert flown["speed"] == pytest.approx(2.0, abs=0.15)
+    fly_example("mavsdk4.py", Path(sys.executable), f"udpout://{agent_url}")
 
 
 @pytest.mark.slow

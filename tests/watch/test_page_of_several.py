@@ -122,7 +122,7 @@ def test_each_flight_is_looked_at_and_what_was_chosen_stays(bench, world):
         assert second == pytest.approx((3.0 - 3.0, 2.0 + 4.5, 9.0 - 4.0))  # left of the start, above, behind
         assert second != pytest.approx(first)
         assert page._shown.wanted == WantedView(judge=True, followed=0)
-        assert (page._shown._panels._follow.value, page._shown._panels._judge.value) == ("drone 0", True)
+        assert (page._shown._panels._follow.value, page._shown._panels._judge.value) == ("drone 1", True)
         client.send({**CAMERA, "position": (50.0, 5.0, 5.0)})
         due_s = time.monotonic() + PATIENCE_S
         while [each.camera.position[0] for each in server.get_clients().values()] != [50.0]:  # another thread hears it

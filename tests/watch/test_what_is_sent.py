@@ -273,3 +273,10 @@ def test_a_drone_of_which_nothing_is_known_is_shown_too():
     markup.numbers_html([empty])
     assert markup.decisions_html([empty, empty]).count("data-drone") == 2
     markup.numbers_html([empty, empty])
+
+
+def test_the_drones_of_a_fleet_are_counted_from_one():
+    fleet = [DroneMoment(drone, said=("Armed",)) for drone in range(2)]
+    shown = (markup.frames_html, markup.decisions_html, markup.numbers_html, markup.messages_html)
+    for html in (show(fleet) for show in shown):
+        assert re.findall(r"\bdrone (\d)", html) == ["1", "2"], html

@@ -14,6 +14,7 @@ from typing import Any
 from dronecats.agent.models.providers import PROVIDERS, provider_of, spec_of
 from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import UsageError
+from foundation.wording import did_you_mean, nearest
 
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
 SHIPPED = "models.toml"
@@ -164,8 +165,8 @@ def row_of(word: str, known: Mapping[str, ModelRow]) -> ModelRow | None:
     if word in known:
         return known[word]
     if "/" not in word:
-        near = difflib.get_close_matches(word, known, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else "see `dronecats models list`,"
+        near = nearest(word, known)
+        hint = did_you_mean(near) if near else "see `dronecats models list`,"
         raise UsageError(f"there is no model '{word[:80]}' in models.toml; {hint} or name one as PROVIDER/NAME")
     found = [row for row in known.values() if row.spec.title == word]
     if len(found) > 1:

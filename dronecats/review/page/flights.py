@@ -15,7 +15,7 @@ from dronecats.results.flown_run import FlownRun
 from dronecats.review.page.asked import action_of, asked, camera_of, commanded
 from dronecats.review.page.pictures import PictureAddress
 from dronecats.rundir.reading import exchanges
-from dronecats.rundir.rows import Decision, EstimatedFrame, EstimatedPose, FrameTruth, Pose
+from dronecats.rundir.rows import Decision, EstimatedFrame, EstimatedPose, FrameTruth, Pose, drone_label
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
 
@@ -194,9 +194,9 @@ def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) ->
                 number=each.number,
                 asked=_to(2, each.t_asked),
                 answered=_known(2, each.t_answered),
-                causes=tuple(cause.why if cause.drone is None else f"{cause.why} of drone {cause.drone + 1}"
+                causes=tuple(cause.why if cause.drone is None else f"{cause.why} of {drone_label(cause.drone)}"
                              for cause in each.causes),
-                orders=tuple(f"Drone {order.drone + 1}: {order.goal}" for order in each.orders),
+                orders=tuple(f"{drone_label(order.drone).capitalize()}: {order.goal}" for order in each.orders),
                 confirms=each.confirms,
                 error=each.error,
                 latency=_known(3, each.latency_s),

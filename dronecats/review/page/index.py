@@ -228,5 +228,10 @@ def _settings(run: FlownRun) -> tuple[tuple[str, str], ...]:
         told.update({key: model.get(key) for key in ("temperature", "top_p", "max_tokens", "axis_order")})
     if isinstance(commander, dict):
         told["commander"] = f"{commander.get('provider')}/{commander.get('name')}"
-    told.update({key: run.configuration.get(key) for key in ("clock", "disturbed", "served_rate_hz", "prompt_sha256")})
+    told.update(
+        {
+            key: run.configuration.get(key)
+            for key in ("clock", "disturbed", "served_rate_hz", "prompt_name", "prompt_sha256")
+        }
+    )
     return tuple((key, str(value)) for key, value in told.items() if value is not None and value != "")

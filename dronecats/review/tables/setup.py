@@ -34,12 +34,13 @@ def setup(lineup: Lineup) -> ReportTable:
     def row(entrant: Entrant) -> list[TableCell]:
         kinds = [identity(run) for run in entrant.runs]
         told = [sorted({value for kind in kinds for value in kind.get(what, ())}) for _, what in WORDS.values()]
+        named = [_names(entrant, column) + values for column, values in zip(WORDS, told, strict=True)]
         return [
             count(len(entrant.runs)),
             count(max(map(len, entrant.by_episode.values()), default=0)),
             *(_words(getattr(entrant.setting, name)) for name in SETTINGS),
             _words(_sampling(entrant)),
-            *(_words(DIGEST.sub(r"\1", ", ".join(values))) for values in told),
+            *(_words(DIGEST.sub(r"\1", ", ".join(values))) for values in named),
             *([_words(entrant.setting.disturbed)] if any_disturbed else []),
         ]
 
@@ -52,6 +53,14 @@ def setup(lineup: Lineup) -> ReportTable:
         notes=lineup.notes(),
         command=lineup.command,
     )
+
+
+def _names(entrant: Entrant, column: str) -> list[str]:
+    """Return what stands before the digests of a column: of a prompt whose it is."""
+    if column != "prompt":
+        return []
+    names = {run.configuration.get("prompt_name") for run in entrant.runs}
+    return sorted(str(name) for name in names if name)
 
 
 def _sampling(entrant: Entrant) -> str:

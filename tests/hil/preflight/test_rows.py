@@ -6,6 +6,7 @@ from foundation.mavlink import dialect
 from foundation.px4 import MODES
 from foundation.sensors import CALENDAR_START_US
 from hil.preflight import battery, health, position, wire
+from hil.preflight.check import PX4_DEFAULTS, Check
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
 from hil.preflight.row import Change, Row, proposal, summary, table
 
@@ -161,3 +162,17 @@ def test_the_table_has_the_fix_of_what_did_not_pass():
     assert "not said" not in text
     assert re.findall(r"\d+", summary(rows)) == ["1", "2", "0"]
     assert re.search(r"COM_X\W+0\W+5", proposal([Change("COM_X", 0, 5, "because")]))
+
+
+def test_a_simulators_defaults_fail_as_expected_and_a_real_vehicles_do_not():
+    def failed(calendar_us, **values):
+        calendar = dialect.MAVLink_system_time_message(calendar_us, 0)
+        found = Check(
+            heard(calendar), {**dict.fromkeys(PX4_DEFAULTS, 0.0), **values}, 0, Row("rehearsal", True, ""), ()
+        )
+        return {row.name.split()[0]: row.why for row in found.rows if row.passed is False and "=" in row.name}
+
+    for calendar_us, is_expected in ((CALENDAR_START_US + 1, True), (CALENDAR_START_US - 1, False)):
+        rows = failed(calendar_us)
+        assert {name: "expected" in why for name, why in rows.items()} == dict.fromkeys(PX4_DEFAULTS, is_expected)
+    assert "expected" not in failed(CALENDAR_START_US + 1, COM_OBL_RC_ACT=7.0)["COM_OBL_RC_ACT"]

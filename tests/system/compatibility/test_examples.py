@@ -151,6 +151,25 @@ def test_an_example_does_what_it_shows(outcomes, script):
     assert not outcome.fault, "\n".join([outcome.fault, *outcome.lines[-15:]])
 
 
+def count(outcomes: list[Outcome]) -> str:
+    """Return how many examples work. One that is refused, though rightly, does not do what it shows."""
+    good = [outcome for outcome in outcomes if not outcome.fault]
+    refused = sum(outcome.example.refused is not None for outcome in good)
+    works, failed = len(good) - refused, len(outcomes) - len(good)
+    others = [f"{refused} is refused, rightly" if refused == 1 else f"{refused} are refused, rightly"] * (refused > 0)
+    others += [f"{failed} fails" if failed == 1 else f"{failed} fail"] * (failed > 0)
+    return f"**{works} of {len(outcomes)}** do what they show" + "".join(f"; {words}" for words in others) + "."
+
+
+def test_a_refusal_is_counted_as_no_pass():
+    works = Outcome(EXAMPLES[0], "", 1.0, None, ())
+    refused = next(Outcome(example, "", 1.0, None, ()) for example in EXAMPLES if example.refused)
+    fails = Outcome(EXAMPLES[0], "ended with exit status 1", 1.0, None, ())
+    assert count([works, works]) == "**2 of 2** do what they show."
+    assert count([works, refused]) == "**1 of 2** do what they show; 1 is refused, rightly."
+    assert count([works, refused, fails, fails]) == "**1 of 4** do what they show; 1 is refused, rightly; 2 fail."
+
+
 def page(outcomes: list[Outcome], python: Path) -> str:
     """Return docs/compatibility.md."""
     older = _version("mavsdk", python)
@@ -168,12 +187,11 @@ def page(outcomes: list[Outcome], python: Path) -> str:
             state = f"**fails**: {outcome.fault}".replace("|", "/")
         rows.append(f"| {example.script} | {example.plugins} | {example.expectation} | {state} | "
                     f"{outcome.seconds:.0f} | {'; '.join(notes)} |")  # fmt: skip
-    good = sum(not outcome.fault for outcome in outcomes)
     return f"""# Other people's clients
 
 The examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python), unmodified, against `dronecats sitl` over an
 open field, as in PX4's own empty world, at the speed of the wall clock, a fresh simulator each:
-**{good} of {len(outcomes)}** do what they show. An example works when it prints every line it is known for, prints no
+{count(outcomes)} An example works when it prints every line it is known for, prints no
 error and no traceback, ends with status 0 (an endless one is interrupted once it has shown everything), and, where it
 flies, the vehicle's own log has the climb and the truth has no collision. *core* and *yes* say how much a PX4-like
 autopilot is expected to serve it; the seconds are the script's own.
@@ -187,7 +205,9 @@ Client of the examples: mavsdk {older}, the gRPC client. Python {platform.python
 
 More clients fly in the test suite on every run: mavsdk {_version("mavsdk")}, whose API is another one, and pymavlink
 {_version("pymavlink")} alone (`tests/system/test_clients.py`); and an agent and a ground station at the same time
-(`tests/system/compatibility/test_two_clients.py`).
+(`tests/system/compatibility/test_two_clients.py`). Scripts to start from are `examples/mavsdk4.py` and
+`examples/mavsdk3.py`: MAVSDK 4, which DroneCATS installs, has another API than MAVSDK 3, and scripts for 3 fail with
+"System is not constructed directly".
 
 ## What a client of PX4 will miss
 

@@ -1,0 +1,50 @@
+"""`dronecats prompt extract`: a listing of a LaTeX source becomes a file for `--prompt`, and a run says so."""
+
+import pytest
+
+from dronecats.agent import prompt as prompts
+from dronecats.agent.prompt import Prompt
+from dronecats.cli.main import main, parse
+from dronecats.flight.flight import look_up
+from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.run.settings import settings
+
+TEMPLATE = "Fly.\nCommand: {instruction}\n{history}\n"
+SOURCE = f"\\begin{{document}}\n\\begin{{lstlisting}}[style=x]\n{TEMPLATE}\\end{{lstlisting}}\n\\end{{document}}\n"
+
+
+@pytest.fixture
+def source(tmp_path):
+    path = tmp_path / "paper.tex"
+    path.write_text(SOURCE)
+    return path
+
+
+def test_the_listing_is_written_and_can_be_flown(source, tmp_path, capsys):
+    out = tmp_path / "paper.txt"
+    assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0
+    assert f"--prompt {out}" in capsys.readouterr().out
+    assert out.read_text() == TEMPLATE == Prompt.load(out).template
+    assert parse(["fly", "--sitl", "--prompt", str(out)]).prompt == out
+    assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0  # the same once more
+
+
+def test_what_cannot_be_read_or_would_be_lost_is_refused(source, tmp_path, capsys):
+    out = tmp_path / "mine.txt"
+    out.write_text("mine")
+    for path, words in ((source, "mine.txt"), (tmp_path / "none.tex", "none.tex"), (tmp_path, str(tmp_path))):
+        assert main(["prompt", "extract", str(path), "--out", str(out)]) == 2
+        said = capsys.readouterr().err
+        assert words in said
+        assert len(said.splitlines()) == 1
+    assert out.read_text() == "mine"
+
+
+def test_a_run_says_which_prompt_it_flew(monkeypatch):
+    def name(template):
+        flight = look_up(FlightSpec(pilot="vision", simulated=Simulated(), prompt=template))
+        return settings(flight, flight.camera)["prompt_name"]
+
+    assert (name(None), name(TEMPLATE)) == ("dronecats", "custom")
+    monkeypatch.setattr(prompts, "PAPER_SHA256", prompts.template_sha256(TEMPLATE))
+    assert (name(TEMPLATE), name(f"{TEMPLATE}\n")) == ("paper", "paper")  # an editor may have added a line's end

@@ -1,0 +1,32 @@
+"""Words of messages: numbers with their nouns, and the names that are near to a mistyped one."""
+
+import pytest
+
+from foundation.wording import counted, nearest
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [(0, "0 declarations"), (1, "1 declaration"), (2, "2 declarations"), (1200, "1,200 declarations")],
+)
+def test_a_number_and_its_noun_agree(count, words):
+    assert counted(count, "declaration") == words
+
+
+def test_a_plural_of_its_own():
+    assert [counted(n, "retry", "retries") for n in (1, 2)] == ["1 retry", "2 retries"]
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "near"),
+    [
+        ("gpt6", ("gpt-5", "gpt-6-luna", "gpt-6.2-sol", "gemini-3"), ["gpt-6-luna", "gpt-6.2-sol"]),  # the family first
+        ("GPT_5", ("gpt-5", "qwen3.5-4b"), ["gpt-5"]),
+        ("flly", ("fly", "sitl", "film"), ["fly"]),
+        ("zzz", ("fly", "sitl"), []),
+        ("", ("fly", "sitl"), []),
+    ],
+)
+def test_the_nearest_names(word, known, near):
+    assert nearest(word, known, count=2)[: len(near)] == near
+    assert bool(nearest(word, known)) is bool(near)

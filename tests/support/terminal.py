@@ -1,0 +1,40 @@
+"""A pseudo-terminal to run a program in, and the lines that its screen shows in the end."""
+
+import fcntl
+import os
+import struct
+import subprocess
+import termios
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def in_terminal(command: Sequence[str], columns: int = 80, cwd: Path | None = None) -> tuple[int, str]:
+    """Run a command in a terminal so wide; return its exit status and the characters that the terminal received."""
+    reading, writing = os.openpty()
+    fcntl.ioctl(writing, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    with subprocess.Popen(command, stdin=writing, stdout=writing, stderr=writing, cwd=cwd) as process:
+        os.close(writing)
+        received = b""
+        with open(reading, "rb", buffering=0) as terminal:
+            while part := _part(terminal.fileno()):
+                received += part
+        return process.wait(), received.decode()
+
+
+def _part(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 65536)
+    except OSError:  # EIO: no process holds the other end any more
+        return b""
+
+
+def screen(received: str) -> list[str]:
+    """Return the lines on the screen: a carriage return goes back to the beginning of the line and overwrites it."""
+    lines = []
+    for line in received.replace("\r\n", "\n").split("\n"):
+        shown = ""
+        for part in line.split("\r"):
+            shown = part + shown[len(part) :]
+        lines.append(shown.rstrip())
+    return lines
