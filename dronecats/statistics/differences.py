@@ -5,14 +5,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dronecats.statistics.shares import CONFIDENCE
 
-Array = npt.NDArray[Any]
+Array = npt.NDArray[np.float64]
 
 ENUMERATED = 13  # episodes, up to which every subset is counted
 DRAWN = 1 << 12  # random subsets of more episodes; the complement of each is taken too
