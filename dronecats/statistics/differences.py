@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import NDArray
 
 from dronecats.statistics.shares import CONFIDENCE
 
-Array = npt.NDArray[np.float64]
+Array = NDArray[np.float64]
 
 ENUMERATED = 13  # episodes, up to which every subset is counted
 DRAWN = 1 << 12  # random subsets of more episodes; the complement of each is taken too
@@ -135,7 +135,7 @@ def _randomised_shares(differences: Sequence[float]) -> float:
     return min(1.0, 2 * float(chances.sum()))
 
 
-def _whole(shares: Array) -> npt.NDArray[np.int64]:
+def _whole(shares: Array) -> NDArray[np.int64]:
     """Return shares as whole numbers of the largest part that all of them are multiples of."""
     for parts in range(1, SHARE_FLIGHTS_MAX + 1):
         whole = np.rint(shares * parts)
