@@ -109,6 +109,7 @@ def checked(path: Path, told: dict[str, Any], known: Sequence[str], others: Sequ
 
 
 def _checked(path: Path, name: str, value: Any) -> Any:
+    from dronecats.flight.latency_trace import from_folder
     from foundation.errors import UsageError
 
     def wants(what: str) -> UsageError:
@@ -119,6 +120,8 @@ def _checked(path: Path, name: str, value: Any) -> Any:
         good: tuple[type, ...] = (int, float) if name == "rate" else (str, dict) if name == "model" else (str,)
         if not each or not all(isinstance(one, good) and not isinstance(one, bool) for one in each):
             raise wants("a list of numbers" if name == "rate" else "a list of words")
+        if name == "latency":
+            return [from_folder(one, path.parent) for one in each]
         return [str(one) for one in each] if name == "rate" else each
     if name in SWITCHES and not isinstance(value, bool):
         raise wants("true or false")

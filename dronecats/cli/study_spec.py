@@ -118,16 +118,35 @@ def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file
     suite = suite_of_options(args)
     out = args.out or folder
     with _naming(file):
-        axes = [_axis(name, value) for name, value in told.get("factors", {}).items()]
-        _check_once("[factors]", told.get("factors", {}))
+        varied, once = (_from_file(told.get(table, {}), file) for table in TABLES)
+        axes = [_axis(name, value) for name, value in varied.items()]
+        _check_once("[factors]", varied)
         design = _design(axes, told)
-        held = _held("[held]", told.get("held", {}).items())
+        held = _held("[held]", once.items())
     held |= _held("--hold", [_pair(each) for each in args.hold or ()])
     pilots = _pilots(args, out, {**{axis.name: axis.ends for axis in axes}, **{k: (v,) for k, v in held.items()}})
     with _naming(file):
         resolved = plan(told["name"], pilots, suite, design, held=held, flights=args.flights)
         looked_up.check(resolved)
     return AskedStudy(args=args, out=out, suite=suite, plan=resolved)
+
+
+def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
+    """Return a table of a file with the recorded latencies in it looked for from the file's own folder."""
+    from dronecats.flight.latency_trace import from_folder
+    from dronecats.study.factors import POLICY
+
+    def placed(level: Any) -> Any:
+        return from_folder(level, file.parent) if file and isinstance(level, str) else level
+
+    return {
+        name: value
+        if name.replace("-", "_") != POLICY
+        else [placed(level) for level in value]
+        if isinstance(value, list)
+        else placed(value)
+        for name, value in factors.items()
+    }
 
 
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":

@@ -48,6 +48,12 @@ def carried(text: str) -> str:
     )
 
 
+def from_folder(text: str, folder: Path) -> str:
+    """Return the words of a policy with the FILE of its `trace:FILE`, unless it is absolute, in a folder."""
+    file = _file(text)
+    return text if file is None else _instead(text, str(folder / file))
+
+
 def digest_of(text: str) -> str | None:
     """Return by which name the recorded latencies of words that `carried` gave are known; None: they have none."""
     file = _file(text)

@@ -113,6 +113,7 @@ class PlayableFlight:
             t_s=t_s,
             drones=drones,
             judge=self._judge(t_s),
+            moved=self.world.moved(t_s) if self.world is not None else {},
             state=f"over: {end.reason}" if end is not None and over else "in the air",
             rate_hz=newest.rate_hz if newest else None,
             instruction=self.instruction,
@@ -207,7 +208,7 @@ class PlayableFlight:
     def _judge(self, t_s: float) -> JudgeMoment:
         if not self.true:
             return JudgeMoment()
-        target, yaw = self._target(t_s)
+        target = self._target(t_s)
         away = tuple(math.dist(self.pose(d, t_s).position_ned, target) if target else None for d in self.drones)
         said = tuple(_declared(one, self.episode.delta_m) for one in self._declarations if one.t <= t_s + SOON_S)
         verdict = self.episode.verdict
@@ -216,21 +217,21 @@ class PlayableFlight:
         if over or (deciding is not None and t_s >= deciding.t - SOON_S):
             near = f", {verdict.ne_m:.2f} m from the target" if verdict.ne_m is not None else ""
             said = (*said, f"verdict: {verdict.outcome}{near}")
-        return JudgeMoment(target_ned=target, target_yaw=yaw, distance_m=away, said=said[-SAID:])
+        return JudgeMoment(target_ned=target, distance_m=away, said=said[-SAID:])
 
     @cached_property
     def _declarations(self) -> tuple[Measured, ...]:
         logs = self.episode.logs
         return tuple(sorted((measured(d, logs) for d in logs.decisions if d.declares), key=lambda each: each.t))
 
-    def _target(self, t_s: float) -> tuple[Vec3 | None, float]:
+    def _target(self, t_s: float) -> Vec3 | None:
         if self.world is not None:
-            return self.world.target_centre(t_s), self.world.target_pose(t_s)[1]
+            return self.world.target_centre(t_s)
         times, places = self._target_rows
         if not len(times):
-            return None, 0.0
+            return None
         north, east, down = (float(np.interp(t_s, times, places[:, k])) for k in range(3))
-        return (north, east, down), 0.0
+        return (north, east, down)
 
     @cached_property
     def _target_rows(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

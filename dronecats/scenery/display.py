@@ -48,6 +48,11 @@ def turned(attitude: Quat) -> tuple[float, float, float, float]:
     return (w, y, -z, -x)
 
 
+def turned_to(turn: float | Quat) -> tuple[float, float, float, float]:
+    """Return the browser's rotation of a yaw (rad) or an attitude (FRD → NED)."""
+    return turned(turn) if isinstance(turn, tuple) else wxyz_of(turn)
+
+
 def yaw_of(wxyz: tuple[float, ...] | Array) -> float:
     """Return the yaw (rad) of a rotation of the browser."""
     w, x, y, z = (float(v) for v in wxyz)

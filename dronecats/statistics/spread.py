@@ -14,7 +14,7 @@ class Spread:
     episodes: int  # of each
     mean: float  # successes
     deviation: float | None  # successes, standard deviation over the flights; None: of one flight
-    low: float | None  # interval of the deviation, were the totals normal
+    low: float | None  # interval of the deviation, were the totals normal, of what the deviation can be
     high: float | None
     binomial: float  # successes, expected of that many coins of the same share: the paper's sqrt(n p (1 - p))
     by_episode: float | None  # expected where each episode has a share of its own, as a hard and an easy one have
@@ -31,6 +31,8 @@ def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Sprea
     mean = statistics.fmean(totals)
     deviation = statistics.stdev(totals) if len(totals) > 1 else None
     low, high = (None, None) if deviation is None else deviation_interval(deviation, len(totals), confidence)
+    if high is not None and deviation is not None:  # no deviation of totals from 0 to all is larger than half of all
+        high = max(deviation, min(high, episodes / 2))
     return Spread(
         totals=totals,
         episodes=episodes,

@@ -78,6 +78,7 @@ class FlightFollower:
             t_s=t_s,
             drones=drones,
             judge=self._judge_at(t_s, drones),
+            moved=self._world.moved(max(0.0, t_s)) if self._world is not None else {},
             state=self._state(drones),
             rate_hz=self._rate_hz,
             instruction=self._instruction,
@@ -236,7 +237,7 @@ class FlightFollower:
             else sum((a - b) ** 2 for a, b in zip(one.position_ned, centre, strict=True)) ** 0.5
             for one in drones
         )
-        return JudgeMoment(centre, self._world.target_pose(max(0.0, t_s))[1], far, tuple(self._judged))
+        return JudgeMoment(centre, far, tuple(self._judged))
 
     def _t(self, time_us: int) -> float:
         return (time_us - self._begin.t0_us) / 1e6 if self._begin is not None else 0.0

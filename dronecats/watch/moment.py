@@ -1,8 +1,9 @@
 """What a page shows of a flight at one moment, wherever it comes from: a live run folder, a wire, or a recording."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dronecats.rundir.rows import Decision
+from episodes.scene import Moved
 from foundation.frames import Quat, Vec3
 
 
@@ -43,7 +44,6 @@ class JudgeMoment:
     """What only the judge knows; a page hides it until it is asked for."""
 
     target_ned: Vec3 | None = None  # m, map frame, of its centre
-    target_yaw: float = 0.0  # rad
     distance_m: tuple[float | None, ...] = ()  # m, of each drone to the target's centre
     said: tuple[str, ...] = ()  # newest last: declarations with their distances, the verdict
 
@@ -55,6 +55,7 @@ class Moment:
     t_s: float  # s of vehicle time since the episode began; before it, negative or 0
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
+    moved: Moved = field(default_factory=dict)  # where what moves in the pictures is, but for drones
     state: str = ""  # in a few words: waiting, in the air, over: cap …
     rate_hz: float | None = None  # decisions per s of vehicle time, the newest
     instruction: str = ""  # what is to be done; "": not known

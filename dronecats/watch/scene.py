@@ -10,10 +10,11 @@ import viser
 
 from dronecats.rundir.rows import drone_label
 from dronecats.scenery import daylight, display
-from dronecats.watch.judged import JudgedThings
+from dronecats.watch.added_things import AddedThings
+from dronecats.watch.judged import JudgedMarks
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.watch.trail import Trail
-from episodes.scene import Scene, Sun
+from episodes.scene import Moved, Scene, Sun
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_yaw
 
@@ -43,7 +44,7 @@ class FlightScene:
         colors: Sequence[Vec3] = COLORS,
         camera: CameraModel | None = None,
     ) -> None:
-        """Send the map of a scene without what a record has added to it, or a plain grid where none is known.
+        """Send the map of a scene, or a plain grid where none is known. What a record has added comes with `show`.
 
         `name` tells one flight from others in the same browser; `colors` are linear RGB, 0 … 1, one of each drone.
         """
@@ -52,11 +53,13 @@ class FlightScene:
         self._name, self._root = name, f"{WORLD}/{name or 'flight'}"
         self._nodes: dict[str, Any] = {}
         self._told: dict[str, object] = {}  # what a node shows
-        self._judged = JudgedThings(server, f"{self._root}/judge", scene)
+        self._added = AddedThings(server, f"{self._root}/thing", scene)
+        self._judged = JudgedMarks(server, f"{self._root}/judge", scene)
         self._followed: int | None = None
         self._picker: display.Picker | None = None
         self._looked = False
         self._brought: set[int] = set()  # browsers that have been shown where the flight is
+        self.things_shown = True  # of several flights over one another, by one
         self.judge_shown = False  # what only the judge knows is not even sent before it is
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
@@ -83,6 +86,7 @@ class FlightScene:
             for drone in moment.drones:
                 if drone.position_ned is not None and drone.drone < len(self._trails):
                     self._show_drone(drone, drone.position_ned)
+            self._show_added(moment.moved)
             self._show_judge(moment.judge)
         self._server.flush()
 
@@ -113,6 +117,7 @@ class FlightScene:
 
     def remove(self) -> None:
         """Take the flight out of the browser; the map stays for others."""
+        self._added.remove()
         self._judged.remove()
         self._server.scene.remove_by_name(self._root)
         self._nodes.clear()
@@ -241,7 +246,13 @@ class FlightScene:
         if (node := self._nodes.pop(key, None)) is not None:
             node.remove()
 
-    # ---- the judge
+    # ---- what the record has added, and the judge
+
+    def _show_added(self, moved: Moved) -> None:
+        if self.things_shown:
+            self._added.show(moved)
+        else:
+            self._added.remove()
 
     def _show_judge(self, judge: JudgeMoment) -> None:
         if self.judge_shown:

@@ -37,9 +37,9 @@ class WireFollower:
                 if not listener.read(0.0):
                     break
         drones = tuple(self._heard.moment(k, self._world.ground_down) for k in range(self._drones))
-        judge = JudgeMoment(self._world.target_centre(0.0), self._world.target_pose(0.0)[1])
+        judge, moved = JudgeMoment(self._world.target_centre(0.0)), self._world.moved(0.0)
         flying = any(drone.armed for drone in drones)
-        return Moment(self._heard.time_us / 1e6, drones, judge, "armed" if flying else "on the ground")
+        return Moment(self._heard.time_us / 1e6, drones, judge, moved, "armed" if flying else "on the ground")
 
     def close(self) -> None:
         for listener in self._listeners:

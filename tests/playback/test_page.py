@@ -100,3 +100,25 @@ def test_what_is_judged_is_sent_on_demand_only(page, sent):
     assert page.idle(PATIENCE_S)
     assert "verdict:" in sent.text()
     assert "/judge/ring" in sent.text()
+
+
+def test_the_target_is_shown_unasked_where_it_is_then_and_of_the_chosen_flight_alone(flight, runs):
+    """Of both it would stand twice where one flight is over and the other goes on."""
+    page = ReplayPage([flight, playable_flight(runs / "other")], free_port(socket.SOCK_STREAM), at_s=3.0)
+    sent = Sent(page.url)
+    try:
+        for number in (0, 1):
+            page.choose(number)
+            assert page.idle(PATIENCE_S)
+            told = [each for each in sent.update() if "/thing/" in str(each.get("name"))]
+            shown = {each["name"] for each in told} - {
+                each["name"] for each in told if each["type"] == "RemoveSceneNodeMessage"
+            }
+            (name,) = (each for each in shown if each.startswith(f"/world/{number + 1} "))
+            assert len(shown) == 1
+            place = display.ned_of(sent.newest("SetPositionMessage", name)["position"])
+            assert place == pytest.approx(flight.world.target_pose(3.0)[0], abs=1e-3)
+        assert "/judge/" not in sent.text()
+    finally:
+        sent.close()
+        page.close()

@@ -6,6 +6,7 @@ import pytest
 
 from tests.review.paged_runs import picture_is, point_of, ring_is_at
 from tests.support.json_lines import rows
+from tests.support.narrow_pages import PHONE, right_edge_is_darker, row_heads_out_of_sight, sized, wider_than_shown
 
 
 def test_it_opens_without_a_network_and_asks_for_nothing(reader, page):
@@ -34,6 +35,17 @@ def test_what_would_be_fetched_is_refused(reader, page):
     assert all("Content Security Policy" in each for each in refused)
     assert all(any(directive in each for each in refused) for directive in ("img-src", "script-src"))
     assert reader.script("return window.hacked") is None
+
+
+def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader, page):
+    sized(reader.driver, PHONE)
+    reader.open(page)
+    wide = wider_than_shown(reader.driver)
+    assert wide
+    for number in wide:
+        assert row_heads_out_of_sight(reader.driver, number) == []
+    assert right_edge_is_darker(reader.driver, wide[0], at_end=False)
+    assert not right_edge_is_darker(reader.driver, wide[0], at_end=True)
 
 
 def test_from_the_table_down_to_a_step_by_clicks(reader, page, runs):

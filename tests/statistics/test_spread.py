@@ -39,6 +39,13 @@ def test_the_interval_of_a_deviation_is_by_chi_square():
     assert 0.94 < held / 2000 < 0.96
 
 
+def test_the_interval_of_a_deviation_holds_only_what_it_can_be():
+    told = spread(of_totals([14, 15], 20))  # by chi-square alone: up to 22.6 of 20 episodes
+    assert told.low is not None
+    assert told.high is not None
+    assert 0 < told.low < math.sqrt(0.5) < told.high <= 10
+
+
 def test_episodes_of_their_own_difficulty_scatter_less_than_coins_of_one_share():
     always = spread([[True] * 10 + [False] * 10] * 3)
     assert (always.deviation, always.by_episode) == (0.0, 0.0)

@@ -40,5 +40,5 @@ def moment(world: World, t_s: float = 1.0, drones: int = 1, **changes) -> Moment
         replace(one, drone=k, position_ned=(1.0 + t_s, 2.0 + 2.0 * k, -2.0), decision=replace(said, drone=k), **changes)
         for k in range(drones)
     )
-    judge = JudgeMoment(world.target_centre(t_s), 0.5, (6.54321,) * drones, ("verdict: success",))
-    return Moment(t_s, fleet, judge, "in the air", 0.4, "go to it")
+    judge = JudgeMoment(world.target_centre(t_s), (6.54321,) * drones, ("verdict: success",))
+    return Moment(t_s, fleet, judge, world.moved(t_s), "in the air", 0.4, "go to it")

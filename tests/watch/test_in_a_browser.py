@@ -138,7 +138,7 @@ def seen(browser, tmp_path_factory):
         found["judge-before"] = text(browser, ".judge")
         listening.send({"type": "GuiUpdateMessage", "uuid": box["uuid"], "updates": {"value": True}})
         found["judge-after"] = until(lambda: text(browser, ".judge"))
-        until(lambda: any("/judge/target" in str(m.get("name")) for m in list(listening.messages)))
+        until(lambda: any("/judge/ring" in str(m.get("name")) for m in list(listening.messages)))
         found["after"] = list(listening.messages)[len(found["before"]) :]
         listening.end()
         found["errors"] = [e["message"] for e in browser.get_log("browser") if e["level"] == "SEVERE"]

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from benchmarks.page_client import PageClient
+from dronecats.editor.draft import Drafting
 from dronecats.rundir.rows import Decision
 from dronecats.scenery import display
 from dronecats.scenery.page import LoopbackServer
@@ -18,6 +19,9 @@ from dronecats.watch import markup
 from dronecats.watch.moment import DroneMoment, JudgeMoment, Moment
 from dronecats.watch.panels import FlightPanels
 from dronecats.watch.scene import FlightScene
+from episodes import maps
+from episodes.record import Path3D
+from episodes.world import World
 from tests.watch.conftest import moment, picture
 
 PATIENCE_S = 30.0
@@ -82,24 +86,50 @@ def test_the_judges_knowledge_is_not_sent_before_it_is_asked_for(page, world):
     told = json.dumps(before, default=str)
     for word in ("judge/", "6.54", "verdict", "(judge)"):
         assert word not in told
-    assert not any(near(m["position"], target) for m in of(before, "SetPositionMessage"))
+    assert not any("target" in str(m.get("name")) for m in before)
     tick(page, before)
     page.show(one)
     after = page.sent()
     told = json.dumps(after, default=str)
-    for word in ("/judge/target", "6.54", "verdict: success", "(judge)"):
+    for word in ("/judge/ring", "6.54", "verdict: success", "(judge)"):
         assert word in told
     assert any(near(m["position"], target, 2.5) for m in of(after, "SetPositionMessage"))
     tick(page, before)
     page.show(one)
     gone = {m["name"] for m in of(page.sent(), "RemoveSceneNodeMessage")}
-    assert any(name.endswith("/judge/target") for name in gone)
+    assert {name.rpartition("/")[2] for name in gone} == {"ring", "name"}  # the target itself stays
     late = PageClient(page.server.url)  # and who comes now is not sent what another had asked for
     page.server.gui.set_panel_label("late")
     told = json.dumps(late.until(lambda m: "late" in m.values(), PATIENCE_S), default=str)
     late.close()
-    assert "/judge/target" not in told
+    assert "/judge/ring" not in told
     assert "6.54" not in told
+
+
+def test_what_pictures_show_of_the_record_is_shown_unasked_and_moves_as_there(yard):
+    """The drone looks at its target from the first moment on, whoever knows which thing that is."""
+    still = World(Drafting(maps.build(yard)).new(yard).record)
+    lane = Path3D(waypoints_ned=((4.0, -6.0, 0.0), (4.0, 14.0, 0.0)), speed_mps=0.5)
+    target = replace(still.record.target, position_ned=None, yaw_deg=None, path=lane)
+    look_alike = replace(still.record.target, paint="red", position_ned=(-6.0, 3.0, 0.0), yaw_deg=90.0)
+    world = World(replace(still.record, target=target, candidates=(look_alike,)))
+    page = Page(world)
+    try:
+        places = []
+        for t_s in (0.0, 10.0):
+            page.show(moment(world, t_s))
+            sent = page.sent()
+            places.append({m["name"]: m["position"] for m in of(sent, "SetPositionMessage") if "/thing/" in m["name"]})
+        before, after = places
+        assert sorted(display.ned_of(p) for p in before.values()) == [
+            pytest.approx((-6.0, 3.0, 0.0)),
+            pytest.approx(world.target_pose(0.0)[0]),
+        ]
+        ((name, place),) = after.items()  # what stands is not sent again
+        assert name in before
+        assert display.ned_of(place) == pytest.approx((4.0, -1.0, 0.0))
+    finally:
+        page.close()
 
 
 def near(place, other, far: float = 0.5) -> bool:

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.statistics.corrections import holm
-from dronecats.statistics.differences import KnownMean, known_mean, share_difference, signed_rank
-from dronecats.statistics.paired import paired
+from dronecats.statistics.differences import MeanDifference, mean_difference, share_difference
 from dronecats.study.analysis.levels import MEASURES, LevelStep, level_steps, number
 from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, by_episode, comparable, others
 
@@ -27,9 +26,8 @@ class PairedDifference:
     at: LevelStep  # the level of the first
     against: LevelStep  # of the second
     pairs: int  # of flights
-    difference: KnownMean  # of shares (-1 … 1), or in the metric's unit; episodes are the unit
-    p: float  # exact: McNemar's, the signed-rank test of what is no outcome
-    p_holm: float  # corrected for all of one table that are of the same entrants, cell and metric
+    difference: MeanDifference  # of shares (-1 … 1), or in the metric's unit; episodes are the unit
+    p_holm: float  # the difference's p, corrected for all of one table that are of the same entrants, cell and metric
 
 
 def between_levels(studied: Studied, factor: int) -> list[PairedDifference]:
@@ -105,14 +103,12 @@ def difference(
     """Return the difference, or nothing where no pair tells it."""
     second = {id(a): b for a, b in pairs}
     if metric == SUCCESS:
-        sides = [
-            ([a.scored.success for a in some], [second[id(a)].scored.success for a in some])
+        means = [
+            statistics.fmean(a.scored.success - second[id(a)].scored.success for a in some)
             for some in by_episode([a for a, _ in pairs]).values()
         ]
-        means = [statistics.fmean(a) - statistics.fmean(b) for a, b in sides]
         apart = len({id(b) for _, b in pairs})  # one flight beside several of a step is one pair's evidence
-        known = share_difference(means, max(1.0, apart / max(1, len(sides))))
-        p, count = paired([a for a, _ in sides], [b for _, b in sides]).p, len(pairs)
+        known, count = share_difference(means, max(1.0, apart / max(1, len(means)))), len(pairs)
     else:
         differences, count = [], 0
         for some in by_episode([a for a, _ in pairs]).values():
@@ -122,12 +118,12 @@ def difference(
             both = [a - b for a, b in told if a is not None and b is not None]
             differences += [statistics.fmean(both)] if both else []
             count += len(both)
-        known, p = known_mean(differences), signed_rank(differences)
+        known = mean_difference(differences)
     if not known.episodes:
         return []
-    return [PairedDifference(factor, cell, metric, one[0], other[0], one[1], other[1], count, known, p, p)]
+    return [PairedDifference(factor, cell, metric, one[0], other[0], one[1], other[1], count, known, known.p)]
 
 
 def _corrected(told: Sequence[PairedDifference]) -> list[PairedDifference]:
-    adjusted = holm([each.p for each in told])
+    adjusted = holm([each.difference.p for each in told])
     return [replace(each, p_holm=p) for each, p in zip(told, adjusted, strict=True)]

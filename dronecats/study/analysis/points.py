@@ -116,9 +116,9 @@ def _usual(factors: Sequence[StudiedFactor], points: Iterable[FlownPoint]) -> Fl
 
 
 def _corrected(told: Sequence[AtPoint]) -> list[AtPoint]:
-    by_success = holm([each.success.p for each in told])
+    by_success = holm([each.success.difference.p for each in told])
     with_ne = [each.ne for each in told if each.ne is not None]
-    by_ne = iter(holm([each.p for each in with_ne]))
+    by_ne = iter(holm([each.difference.p for each in with_ne]))
     return [
         replace(
             each,

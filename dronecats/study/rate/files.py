@@ -81,7 +81,7 @@ def study_file(chain: ReplayedChain) -> str:
             'suite = "one-drone"',
             "",
             "[factors]",
-            f"latency_policy = {json.dumps(['fixed:0', f'trace:{chain.trace}'], ensure_ascii=False)}",
+            f"latency_policy = {json.dumps(['fixed:0', f'trace:{chain.trace.name}'], ensure_ascii=False)}",
             *([f"frame_delay = {json.dumps(delays)}"] if delays else []),
             "",
         ]

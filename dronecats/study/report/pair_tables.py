@@ -15,8 +15,10 @@ TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m i
 AT_POINTS = (SUCCESS, NE)
 TESTS = (
     "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: points of 100,"
-    " Agresti and Min's interval, McNemar's exact test; other measures: Student's interval of the episodes' means,"
-    " Wilcoxon's exact signed-rank test. p, Holm: corrected for all lines of the block and measure."
+    " Agresti and Min's interval. p: randomisation test of the mean of the episodes' differences, which of one flight"
+    " an episode is McNemar's exact test; the interval holds 0 where this p is above 0.05. Of fewer than six episodes,"
+    " means have no interval. p, Holm: corrected for all lines of the block and measure, so that a difference whose"
+    " interval is without 0 may still not be told apart."
 )
 
 
@@ -123,7 +125,7 @@ def _columns(metric: str) -> list[TableColumn]:
 def _told(each: PairedDifference | None, scale: float) -> list[TableCell]:
     if each is None:
         return [TableCell(value=None)] * 3
-    return [mean(each.difference, scale), TableCell(value=each.p), TableCell(value=each.p_holm)]
+    return [mean(each.difference, scale), TableCell(value=each.difference.p), TableCell(value=each.p_holm)]
 
 
 def tables(found: Findings, along: FactorFindings) -> Sequence[ReportTable]:

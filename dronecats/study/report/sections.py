@@ -105,7 +105,7 @@ def _over(found: Findings, cells: Sequence[str]) -> Iterator[str]:
     for each in (each for each in found.over_points if each.cell in cells):
         yield (
             f"{each.first} less {each.second}, {cell_title(each.cell).lower()}, over all {count} points alike:"
-            f" {_success(each)}; p {_equals(each.p)}."
+            f" {_success(each)}; p {_equals(each.difference.p)}."
         )
 
 
@@ -117,7 +117,8 @@ def _quiet(found: Findings) -> Iterator[str]:
         for along in found.factors:
             told = _against_reference(along, entrant, cell)
             if told and not any(each.p_holm <= ALPHA for each in told):
-                names.append(along.factor.name.replace("_", " "))
+                alone = _alone(told)
+                names.append(along.factor.name.replace("_", " ") + (f" ({alone})" if alone else ""))
         if names:
             yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart in success of {', '.join(names)}."
 
@@ -133,7 +134,12 @@ def _costs(found: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]
         if not told:
             continue
         if not apart:
-            yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success.", False
+            alone = _alone(told)
+            reason = f" after Holm's correction ({alone})" if alone else ""
+            yield (
+                f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success{reason}.",
+                False,
+            )
             continue
         each = min(apart, key=_away)  # of words, which are no way off, the first
         told_so = (
@@ -146,6 +152,17 @@ def _costs(found: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]
 def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
     """Return each level's success less the reference's."""
     return [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, SUCCESS)]
+
+
+def _alone(told: Sequence[PairedDifference]) -> str:
+    """Return the level that would be told apart were it the only one, and what Holm's correction makes of it, or ''."""
+    each = min(told, key=lambda each: each.difference.p)
+    if each.difference.p > ALPHA:
+        return ""
+    return (
+        f"{each.at.title} by itself would be: {_success(each)}, p {_equals(each.difference.p)}; with {len(told)} levels"
+        f" compared, Holm's correction makes it {probability(each.p_holm)}"
+    )
 
 
 def _success(told: PairedDifference) -> str:

@@ -1,12 +1,13 @@
 """What is told at each level and of pairs, counted by hand and held to the tests of the statistics."""
 
+import random
 import shutil
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
 from dronecats.statistics.corrections import holm
-from dronecats.statistics.paired import paired
 from dronecats.study.analysis.effects import heat_maps, main_effects
 from dronecats.study.analysis.flown_study import flown_study
 from dronecats.study.analysis.halves import halves
@@ -16,6 +17,7 @@ from dronecats.study.analysis.steps import motions, served
 from dronecats.study.analysis.studied import ALL, StudiedFactor
 from tests.study.analysis.in_memory import a_study, number_factor
 from tests.study.studies import APPROACHING, SPEED, TRACKING, falling, write_study
+from tests.support.randomisation import randomised
 from tests.support.scores import an_episode
 
 
@@ -79,11 +81,41 @@ def test_levels_are_against_the_reference_on_the_same_flights(studied):
             flown = [f for f in studied.of("vision", "tracking") if f.levels == (level,)]
             names = sorted({f.scored.episode for f in flown})
             sides.append([[f.scored.success for f in flown if f.scored.episode == name] for name in names])
-        by_hand = paired(sides[0], sides[1])
-        assert each.difference.mean == pytest.approx(by_hand.difference)
-        assert (each.p, each.pairs) == (by_hand.p, 8)
-    assert [each.p_holm for each in told] == holm([each.p for each in told])
+        by_hand = [Fraction(sum(a) - sum(b), 2) for a, b in zip(*sides, strict=True)]
+        assert each.difference.mean == pytest.approx(float(sum(by_hand) / 4))
+        assert each.difference.p == pytest.approx(randomised(by_hand))
+        assert each.pairs == 8
+    assert [each.p_holm for each in told] == holm([each.difference.p for each in told])
     assert told[1].difference.mean < 0  # success falls with latency
+
+
+@pytest.mark.parametrize("episodes", [3, 9, 20])
+def test_intervals_hold_only_what_can_be_and_agree_with_the_tests_beside_them(episodes):
+    """Distances of which one in ten is far off: none is below 0, and 0 is outside of an interval where p tells it."""
+    latency = number_factor("latency", 0.0, 1.0, 2.0)
+    points = [(level,) for level in latency.levels]
+    rng, flown = random.Random(episodes), a_study([latency], points, lambda s: 1.0 - s, episodes=episodes)
+    far = []
+    for each in flown.flights:
+        delay = float(each.levels[0])
+        values = {
+            "ne_m": 90.0 if rng.random() < 0.1 else 3.0 + delay,
+            "dwell_s": rng.random() * delay,
+            "longest_loss_s": rng.expovariate(1.0),
+        }
+        far.append(replace(each, scored=replace(each.scored, values=values)))
+    flown = replace(flown, flights=tuple(far))
+    for at in at_levels(flown, 0):
+        for metric, told in zip(("ne_m", "dwell_s", "longest_loss_s"), at.measures, strict=True):
+            there = [float(f.scored.values[metric] or 0.0) for f in flown.flights if f.levels == (at.step.at,)]
+            ends = [end for end in (told.low, told.high) if end is not None]
+            assert all(min(there) <= end <= max(there) for end in ends)
+    compared = between_levels(flown, 0)
+    for pair in compared:
+        low, high = pair.difference.low, pair.difference.high
+        tells = low is not None and high is not None and not low <= 0 <= high
+        assert tells == (pair.difference.p <= 0.05), pair
+    assert episodes < 6 or any(pair.difference.p <= 0.05 for pair in compared)
 
 
 def test_of_many_levels_the_reference_stays_one():

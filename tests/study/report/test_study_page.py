@@ -4,8 +4,17 @@ import json
 import shutil
 
 from dronecats.cli.main import main
+from dronecats.study.report import writing
 from tests.study.report.test_report_files import FIGURES
-from tests.study.studies import falling, write_study
+from tests.study.studies import APPROACHING, TRACKING, falling, write_study
+from tests.support.narrow_pages import (
+    DESK,
+    PHONE,
+    right_edge_is_darker,
+    row_heads_out_of_sight,
+    sized,
+    wider_than_shown,
+)
 
 HOSTILE = "</style><script>window.hacked=1</script><img src=x onerror='window.hacked=2'>{{body}}"
 
@@ -24,6 +33,27 @@ def test_it_is_one_file_that_asks_for_nothing(reader, report, tmp_path):
     assert [url for url in reader.requested() if not url.startswith(("file:", "data:", "about:"))] == []
     assert reader.errors() == []
     assert len(reader.all("figure svg")) == len(FIGURES)
+
+
+def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader, report):
+    sized(reader.driver, PHONE)
+    opened(reader, report / "index.html")
+    wide = wider_than_shown(reader.driver)
+    assert wide
+    for number in wide:
+        assert row_heads_out_of_sight(reader.driver, number) == []
+    assert right_edge_is_darker(reader.driver, wide[0], at_end=False)
+    assert not right_edge_is_darker(reader.driver, wide[0], at_end=True)
+
+
+def test_on_a_desk_every_level_of_the_success_table_is_seen_at_once(reader, tmp_path, monkeypatch):
+    monkeypatch.setattr(writing, "draw", lambda found, out: [])  # figures take most of a report's time
+    levels = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
+    write_study(tmp_path / "s", {"latency": levels}, falling(), episodes=(*TRACKING[:8], *APPROACHING[:3]), flights=2)
+    assert main(["study", "report", str(tmp_path / "s"), "--out", str(tmp_path / "r")]) == 0
+    sized(reader.driver, DESK)
+    opened(reader, tmp_path / "r/index.html")
+    assert wider_than_shown(reader.driver) == []
 
 
 def test_on_paper_folded_tables_are_open(reader, report):

@@ -14,6 +14,7 @@ from dronecats.study.report.sections import short
 from dronecats.study.report.words import interval
 from dronecats.study.report.words import scatter as told_scatter
 from tests.study.analysis.in_memory import a_study, number_factor
+from tests.support.scores import an_episode
 
 
 @pytest.mark.parametrize(("easiest", "first"), [(2.0, "0.5 Hz"), (0.25, "1 Hz")])
@@ -23,6 +24,25 @@ def test_the_first_level_told_apart_is_the_one_nearest_to_the_reference(easiest,
     law = (lambda hz: 50.0 if hz >= 1.0 else -50.0) if easiest == 2.0 else (lambda hz: 50.0 if hz < 1.0 else -50.0)
     said = short(findings(a_study([rate], [(hz,) for hz in rate.levels], law, episodes=10), "command"))
     assert any(re.search(rf"\b{first} .* {easiest:g} Hz", each) for each in said)
+
+
+@pytest.mark.parametrize("more", [0, 4])  # factors, of more than four of which the rest is one sentence
+def test_a_level_that_only_the_correction_keeps_from_being_told_apart_is_named_with_it(more):
+    """Six of twelve fail at 4 s and nowhere else: p = 0.031 by itself, 0.125 corrected for four levels."""
+    latency = number_factor("latency", 0.0, 1.0, 2.0, 3.0, 4.0)
+    others = [number_factor(name, 0.0) for name in ("wind", "gusts", "payload", "gps_delay")][:more]
+    points = [(level, *(0.0,) * more) for level in latency.levels]
+    flown = a_study([latency, *others], points, lambda *levels: 99.0, episodes=12, flights=1)
+    lost = {f"campus-tracking-{k:02}" for k in range(6)}
+    flights = [
+        replace(f, scored=an_episode(f.scored.run, f.scored.episode, values={"ne_m": 9.0}))
+        if f.levels[0] == 4.0 and f.scored.episode in lost else f
+        for f in flown.flights
+    ]  # fmt: skip
+    said = short(findings(replace(flown, flights=tuple(flights)), "command"))
+    [told] = [each for each in said if "told apart" in each]
+    assert re.search(r"Holm", told)
+    assert re.search(r"4 s\b.*0\.031.*0\.125", told)
 
 
 def test_an_interval_is_outside_of_the_levels_only_where_all_of_it_is():

@@ -50,7 +50,8 @@ function table(told) {
   const groups = [];
   for (const column of told.columns) {
     const last = groups[groups.length - 1];
-    if (last && last.words === column.group) last.span += 1;
+    // the first column has a head of its own: it stays when the others are scrolled
+    if (last && last.words === column.group && (last.words || groups.length > 1)) last.span += 1;
     else groups.push({ words: column.group, span: 1 });
   }
   const grouped = groups.some((group) => group.words);
@@ -69,7 +70,7 @@ function table(told) {
         {},
         el("thead", {}, grouped ? el("tr", {}, groups.map((group) => el(group.words ? "th" : "td", { scope: group.words ? "colgroup" : null, colspan: group.span, class: "group" }, group.words))) : null, head),
         told.blocks.map((block) =>
-          el("tbody", {}, block.title ? el("tr", {}, el("th", { scope: "rowgroup", colspan: told.columns.length, class: "block" }, block.title)) : null, block.rows.map((row) => line(told, row))),
+          el("tbody", {}, block.title ? el("tr", {}, el("th", { scope: "rowgroup", colspan: told.columns.length, class: "block" }, el("span", {}, block.title))) : null, block.rows.map((row) => line(told, row))),
         ),
       ),
     ),

@@ -31,14 +31,14 @@ ALONG: tuple[tuple[str, str, OutOfFindings], ...] = (  # name, what it shows, wh
     ),
     (
         "against_reference",
-        "Paired differences of success on the same seeds, with 95 % intervals. Filled: told apart by McNemar's exact"
-        " test after Holm's correction.",
+        "Paired differences of success on the same seeds, with 95 % intervals. Filled: told apart by the"
+        " randomisation test after Holm's correction.",
         forests.between_levels,
     ),
     (
         "between_entrants",
         "Paired differences of success between those who fly, on the same seeds, with 95 % intervals. Filled: told"
-        " apart by McNemar's exact test after Holm's correction.",
+        " apart by the randomisation test after Holm's correction.",
         forests.between_entrants,
     ),
     (
@@ -52,7 +52,7 @@ ALONG: tuple[tuple[str, str, OutOfFindings], ...] = (  # name, what it shows, wh
 POINTS = (
     "at_points",
     "Paired differences of success between those who fly, on the same seeds, at every point of the design, with 95 %"
-    " intervals. Filled: told apart by McNemar's exact test after Holm's correction over all points.",
+    " intervals. Filled: told apart by the randomisation test after Holm's correction over all points.",
 )
 EFFECTS = (
     "main_effects",

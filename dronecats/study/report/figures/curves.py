@@ -75,7 +75,7 @@ def measures(found: Findings, along: FactorFindings) -> Any:
                 continue
             at = panels.shifted(panels.along([step for step, _ in known]), number, len(found.studied.entrants))
             middle = [mean.mean for _, mean in known]
-            low = [mean.mean if mean.low is None else max(0.0, mean.low) for _, mean in known]
+            low = [mean.mean if mean.low is None else mean.low for _, mean in known]
             high = [mean.mean if mean.high is None else mean.high for _, mean in known]
             reach = [[m - lo for m, lo in zip(middle, low, strict=True)],
                      [hi - m for m, hi in zip(middle, high, strict=True)]]  # fmt: skip

@@ -21,8 +21,8 @@ def as_html(table: ReportTable) -> str:
     for block in table.blocks:
         lines.append("<tbody>")
         if block.title:
-            head = f'<th class="block" scope="rowgroup" colspan="{len(table.columns)}">{html.escape(block.title)}</th>'
-            lines.append(f"<tr>{head}</tr>")
+            head = f'<th class="block" scope="rowgroup" colspan="{len(table.columns)}">'
+            lines.append(f"<tr>{head}<span>{html.escape(block.title)}</span></th></tr>")
         for row in block.rows:
             cells = [_cell(c, column, k) for k, (c, column) in enumerate(zip(row.cells, table.columns, strict=True))]
             lines.append(f"<tr>{''.join(cells)}</tr>")
@@ -34,8 +34,8 @@ def as_html(table: ReportTable) -> str:
 
 def _heads(columns: Sequence[TableColumn]) -> Iterator[str]:
     if any(column.group for column in columns):
-        cells = []
-        for group, members in itertools.groupby(columns, lambda column: column.group):
+        cells = ["<td></td>"] if not columns[0].group else []  # the first column stays when the others are scrolled
+        for group, members in itertools.groupby(columns[len(cells) :], lambda column: column.group):
             width = len(list(members))
             cells.append(f'<th class="group" scope="colgroup" colspan="{width}">{html.escape(group)}</th>'
                          if group else f'<td colspan="{width}"></td>')  # fmt: skip
