@@ -39,7 +39,9 @@ def test_prompt_fills_its_fields_and_nothing_else():
 
 def test_the_prompt_says_what_a_think_is_worth_and_how_depths_make_strides():
     """Of substance in the paper's prompt: a think is no wasted step, and far things want large depths."""
-    _, think, finished = (part.partition("\n# ")[0] for part in re.split('"(?:think|finished)"', Prompt.load().template))
+    _, think, finished = (
+        part.partition("\n# ")[0] for part in re.split('"(?:think|finished)"', Prompt.load().template)
+    )
     assert re.search(r"never\s+(lost|wasted)", think)
     assert "arrived" in finished
     (depth,) = re.findall(r"depth_m: (.*?)\n\n", Prompt.load().template, re.S)
