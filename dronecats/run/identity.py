@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import foundation
+from dronecats.run import source_digest
 from dronecats.rundir import layout
 from dronecats.rundir.reading import exchanges, rows
 from dronecats.rundir.rows import Decision, EpisodeIdentity
@@ -27,14 +28,11 @@ ROOMS = ("agent", "flight", "judge", "logger", "pilots", "processes", "run", "ru
 def code_digest() -> str:
     """Return the digest of every source that decides what is flown and how it is judged.
 
-    What asks for flights and reads them back (command line, campaigns, metrics, reports) is not among them.
+    What asks for flights and reads them back (command line, campaigns, metrics, reports) is not among them. Moving a
+    file or changing a comment changes nothing: `dronecats.run.source_digest`.
     """
-    state = hashlib.sha256()
-    for folder in (*(ROOT / floor for floor in FLOORS), *(ROOT / "dronecats" / room for room in ROOMS)):
-        for path in sorted(each for each in folder.rglob("*") if each.suffix in SOURCES):
-            state.update(f"{path.relative_to(ROOT).as_posix()}\n".encode())
-            state.update(hashlib.sha256(path.read_bytes()).digest())
-    return state.hexdigest()
+    folders = (*(ROOT / floor for floor in FLOORS), *(ROOT / "dronecats" / room for room in ROOMS))
+    return source_digest.digest([path for folder in folders for path in folder.rglob("*") if path.suffix in SOURCES])
 
 
 def protocol_numbers() -> dict[str, float | str]:

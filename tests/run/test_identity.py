@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from dronecats.run import identity
+from dronecats.run import identity, source_digest
 from dronecats.run.identity import code_digest, identify, protocol_numbers, suite_digest
 from dronecats.rundir.reading import json_object
 from dronecats.rundir.rows import EpisodeIdentity
@@ -32,15 +32,61 @@ def digest_now():
     return code_digest()
 
 
-def test_any_source_that_flies_moves_the_digest_and_what_reads_it_back_does_not(sources):
+def edited(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_what_decides_a_flight_moves_the_digest(sources):
+    seen = [digest_now()]
+    edited(sources / "dronecats/agent/controller.py", "= ", "= 1 + ")
+    seen.append(digest_now())
+    with (sources / "dronecats/agent/prompt.txt").open("a") as file:
+        file.write("Fly slowly.")
+    seen.append(digest_now())
+    edited(sources / "vehicles/airframes/x500.toml", "mass_kg = ", "mass_kg = 1")
+    seen.append(digest_now())
+    weights = next((sources / "dronecats/pilots").rglob("*.npz"))
+    weights.write_bytes(weights.read_bytes() + b" ")
+    seen.append(digest_now())
+    (sources / "hil/more.py").write_text("SPEED = 1.0\n")
+    seen.append(digest_now())
+    edited(sources / "hil/more.py", "1.0", "1.1")
+    seen.append(digest_now())
+    assert len(set(seen)) == len(seen)
+
+
+def test_where_a_source_stands_and_how_it_is_explained_does_not(sources):
     before = digest_now()
-    for changed in ("vehicles/rotor.py", "dronecats/agent/prompt.txt", "vehicles/airframes/x500.toml"):
-        with (sources / changed).open("a") as file:
-            file.write("\n")
-        assert digest_now() != before, changed
-        before = digest_now()
+    controller = sources / "dronecats/agent/controller.py"
+    edited(controller, "\n\n\n", "\n\n\n# a comment\n\n\n")
+    edited(controller, '"""', '"""In other words: ')
+    edited(sources / "vehicles/airframes/x500.toml", "\n", "\n# a comment\n")
+    (sources / "dronecats/flight/moved").mkdir()
+    controller.rename(sources / "dronecats/flight/moved/steering.py")
+    (sources / "vehicles/airframes/x500.toml").rename(sources / "vehicles/x500.toml")
+    assert digest_now() == before
+
+
+def test_a_function_that_moves_to_another_file_stays_what_it_is(sources):
+    (sources / "hil/a.py").write_text("import math\n\n\ndef half(x):\n    return x / 2\n\n\nLIMIT = 3\n")
+    before = digest_now()
+    (sources / "hil/a.py").write_text('"""Limits."""\n\nLIMIT = 3\n')
+    (sources / "dronecats/run/b.py").write_text("def half(x):\n    # of it\n    return x / 2\n")
+    assert digest_now() == before
+
+
+def test_what_reads_flights_back_does_not_count(sources):
+    before = digest_now()
     (sources / "dronecats" / "cli").mkdir()
     (sources / "dronecats" / "cli" / "main.py").write_text("x = 1\n")
+    assert digest_now() == before
+
+
+def test_it_is_computed_once_and_kept(sources, monkeypatch):
+    before = digest_now()
+    monkeypatch.setattr(source_digest, "statements", lambda *_: pytest.fail("parsed again"))
     assert digest_now() == before
 
 
