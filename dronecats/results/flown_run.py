@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.names import MADE_PAPERS, PAPER
+from dronecats.agent.names import agent_name
 from dronecats.rundir import layout
 from dronecats.rundir.reading import episodes, run_configuration
 from foundation.errors import UsageError
@@ -38,11 +38,8 @@ class FlownRun:
 
     @property
     def agent(self) -> str:
-        """Who decided: `paper`, another name, or MODULE:NAME. Of a run that names none, what made its agent."""
-        if named := self.flight.get("agent"):
-            return str(named)
-        made = self.configuration.get("agent")
-        return PAPER if made in (None, MADE_PAPERS) else str(made)
+        """Who decided: `paper`, another name, or MODULE:NAME."""
+        return agent_name(self.flight.get("agent") or self.configuration.get("agent"))
 
     @property
     def seed(self) -> int:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dronecats.agent.names import FORMER, agent_name
 from dronecats.results.flown_run import FlownRun
 from dronecats.rundir import layout
 from dronecats.rundir.damage import taken
@@ -62,7 +63,11 @@ def identity(run: FlownRun) -> dict[str, frozenset[str]]:
 
 def identity_digest(told: Identity) -> str:
     """Return the SHA-256 by which runs of one kind are told from others."""
-    text = json.dumps({what: sorted(values) for what, values in told.items()}, sort_keys=True)
+    # with the names of version 0.1.0, whose archives tell such a digest
+    former = {name: made for made, name in FORMER.items()}
+    agents = frozenset(former.get(name, name.replace(":", ".")) for name in told.get("the agent", ()))
+    all_of_it = {**told, "the agent": agents} if agents else told
+    text = json.dumps({what: sorted(values) for what, values in all_of_it.items()}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -113,8 +118,11 @@ def _of_episode(folder: Path) -> EpisodeIdentity | None:
 
 
 def _of_run(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozenset[str]]]:
+    flight = configuration.get("flight")
+    asked = flight if isinstance(flight, dict) else {}
     for key, name in NAMES.items():
-        yield name, _value(configuration[key]) if key in configuration else frozenset({NOT_TOLD})
+        told = configuration.get(key, NOT_TOLD)
+        yield name, _value(agent_name(asked.get("agent") or told) if key == "agent" else told)
     protocol = configuration.get("protocol")
     yield "the protocol", frozenset({"told" if isinstance(protocol, dict) else NOT_TOLD})
     for name, value in _leaves(protocol if isinstance(protocol, dict) else {}):
@@ -123,8 +131,6 @@ def _of_run(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozenset[s
     yield "the suite's version", _value(suite.get("version")) if isinstance(suite, dict) else frozenset({NOT_TOLD})
     if isinstance(suite, dict):
         yield f"the suite {suite.get('name') or 'of episodes by name'}", _value(suite.get("sha256"))
-    flight = configuration.get("flight")
-    asked = flight if isinstance(flight, dict) else {}
     for name, value in _leaves({key: value for key, value in asked.items() if key not in FREE}):
         yield name, _value(value)
     versions = configuration.get("versions")

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from dronecats.agent.names import MADE_PAPERS
+from dronecats.agent.names import PAPER, agent_name
 from dronecats.pilots.failing import FAILURES
 from dronecats.pilots.patterns import PATTERNS
 from dronecats.pilots.roster import BLIND, FAILING, NOISY, ORACLE, RECORDED, SERVED
@@ -92,14 +92,14 @@ def what(pilot: str) -> str:
 def _tables(entries: Sequence[Verification]) -> str:
     """Return a table a suite, those of another agent behind the paper's: no table holds two agents."""
     found = []
-    for agent in sorted({_agent(one) for one in entries}, key=lambda agent: (agent != MADE_PAPERS, agent)):
-        by = "" if agent == MADE_PAPERS else f", by the agent {_text(agent)}"
+    for agent in sorted({_agent(one) for one in entries}, key=lambda agent: (agent != PAPER, agent)):
+        by = "" if agent == PAPER else f", by the agent {_text(agent)}"
         found += _by_one_agent([one for one in entries if _agent(one) == agent], by)
     return "\n".join(found)
 
 
 def _agent(one: Verification) -> str:
-    return str(one.settings.get("agent") or MADE_PAPERS)
+    return agent_name(one.settings.get("agent"))
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:

@@ -16,12 +16,12 @@ def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
 
     Raises UsageError for an agent that there is not.
     """
-    agent = agent_maker(flight.spec.agent)
+    agent_maker(flight.spec.agent)
     of_map, on_purpose = map_digest(flight.record), disturbed(flight.spec.disturbances)
     return {
         "flight": as_kept(flight.spec),
         **({"disturbed": on_purpose} if on_purpose else {}),
-        "agent": f"{agent.__module__}.{agent.__qualname__}",
+        "agent": flight.spec.agent,
         **({"map_sha256": of_map} if of_map else {}),
         "prompt_name": flight.prompt.name,
         "prompt_sha256": flight.prompt.digest,

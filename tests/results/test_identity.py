@@ -1,10 +1,19 @@
 """Which runs are of one kind, and in what others differ."""
 
+import hashlib
 import json
 import re
 from typing import Any
 
-from dronecats.results.identity import NOT_TOLD, differences, identity, record_digest, refusal, served
+from dronecats.results.identity import (
+    NOT_TOLD,
+    differences,
+    identity,
+    identity_digest,
+    record_digest,
+    refusal,
+    served,
+)
 from tests.support.scores import MODEL, TOLD, a_run, named
 
 
@@ -20,7 +29,7 @@ def test_flights_of_one_kind_differ_in_their_seed_and_in_who_pays():
 CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
     ({"code_sha256": "b" * 64}, "code", ("a" * 64, "b" * 64)),
     ({"prompt_sha256": "d" * 64}, "prompt", ("c" * 64, "d" * 64)),
-    ({"agent": "mine.agent"}, "agent", ("dronecats.run.pilot.papers_agent", "mine.agent")),
+    ({"agent": "mine.agent"}, "agent", ("paper", "mine.agent")),
     ({"clock": "real time"}, "clock", ("lockstep", "real time")),
     ({"camera": None}, "camera", ('{"fov_deg": 90.0, "height": 480, "width": 640}', "null")),
     ({"map_sha256": "e" * 64}, "map", (NOT_TOLD, "e" * 64)),
@@ -33,6 +42,19 @@ CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
     ({"flight": {"disturbances": {"frame": {"delay_s": 0.5}}}}, "disturbances.frame.delay_s", ("0.0", "0.5")),
     ({"model": named("Qwen/Qwen3.5-9B", temperature=1.0)}, "model.temperature", ("0.4", "1.0")),
 ]
+
+
+def test_an_agent_is_the_same_under_the_name_that_version_0_1_0_gave_it():
+    former, now = (a_run(f"runs/{k}", model=MODEL, agent=name) for k, name in enumerate(
+        ("dronecats.run.steady.steady_agent", "steady")))  # fmt: skip
+    assert refusal([former, now]) is None
+    assert identity_digest(identity(former)) == identity_digest(identity(now))
+
+
+def test_the_digest_of_a_kind_is_that_of_archives_made_with_version_0_1_0():
+    told = {"the agent": frozenset({"paper"}), "the clock": frozenset({"lockstep"})}
+    text = '{"the agent": ["dronecats.run.pilot.papers_agent"], "the clock": ["lockstep"]}'
+    assert identity_digest(told) == hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_what_makes_another_kind_is_named():

@@ -190,7 +190,7 @@ def test_what_does_not_go_together_is_told_by_its_factor():
         ({"latency_policy": "soon"}, "latency_policy .*soon.* --latency "),
         ({"wind_towards": 30.0}, r"wind_towards .*30.* wind\b"),
         ({"latency_policy": "fixed:1+cap:2", "rate_cap": 1.0}, r"rate_cap .*latency_policy .*cap\b"),
-        ({"pilot": "orakel"}, "pilot .*orakel.* oracle"),
+        ({"pilot": "orakel"}, "pilot .*orakel.*oracle"),
     ]
     for levels, parts in cases:
         with pytest.raises(UsageError, match=parts):

@@ -7,13 +7,13 @@ from typing import Any
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.command_prompt import CommandPrompt
 from dronecats.agent.history import History
-from dronecats.agent.names import MADE_PAPERS
+from dronecats.agent.names import PAPER, STEADY, agent_name
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.rundir.rows import Decision, Exchange
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH
 
-PAPERS = (MADE_PAPERS, "dronecats.run.steady.steady_agent")  # one's own may ask what it likes, and these two alike
+PAPERS = (PAPER, STEADY)  # one's own may ask what it likes, and these two alike
 _SLOT = "\0"  # where the history stands in a prompt; no text has one
 
 
@@ -108,7 +108,7 @@ def _template(configuration: Mapping[str, Any]) -> Prompt | None:
     own = _flight(configuration).get("prompt")
     prompt = Prompt(own) if isinstance(own, str) else Prompt.load()
     known = prompt.digest == configuration.get("prompt_sha256")
-    return prompt if known and configuration.get("agent", MADE_PAPERS) in PAPERS else None
+    return prompt if known and agent_name(configuration.get("agent")) in PAPERS else None
 
 
 def _questions(decisions: Sequence[Decision]) -> list[list[Decision]]:
