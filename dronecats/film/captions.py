@@ -17,7 +17,8 @@ from dronecats.film.words import (
     width_px,
     write,
 )
-from dronecats.report.flight_picture import describe, qualifies
+from dronecats.judge.measured import qualifies
+from dronecats.report.flight_picture import describe
 
 COLOR_OF = {"success": GREEN, "failure": RED}
 
@@ -57,9 +58,10 @@ def action(flight: FilmedFlight, drone: int, t: float) -> tuple[str, Ink]:
         return "", PALE
     if asked is not flown and t < asked.t_decided:
         return f"step {asked.step}   the pilot is asked, {t - asked.t_frame:.1f} s", PALE
-    good = qualifies(asked, flight.episode.logs)
+    episode = flight.episode
+    good = qualifies(asked, episode.logs, episode.delta_m, episode.cap_s)
     color = {True: GREEN, False: RED, None: YELLOW}[good]
-    rejected = " · not within 5 m and in view" if good is False else ""
+    rejected = f" · not within {episode.delta_m:g} m and in view" if good is False else ""
     return f"step {asked.step}   {describe(asked)}{rejected}", color
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dronecats.judge.verdict import Measured
 from dronecats.rundir.reading import Logs
 from dronecats.rundir.rows import Decision, FrameTruth, Pose
-from foundation.protocol import CAP_S
+from foundation.protocol import CAP_S, RADIUS_M
 
 SAME_S = 1e-3  # s: pictures are announced in whole milliseconds
 SAME_M = 1e-3  # m: places and distances are logged to a tenth of a millimetre each
@@ -47,6 +47,16 @@ def measured(decision: Decision, logs: Logs) -> Measured:
     whole = frame.distance_m is not None and frame.visible is not None
     part = None if whole else f"{what}, which was measured in part"
     return Measured(step, drone, t, frame.distance_m, frame.visible, part)
+
+
+def qualifies(decision: Decision, logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> bool | None:
+    """Return whether a declaration is a success: what the verdict, pictures, pages and films say of it.
+
+    None for what is no declaration, and where what was not measured could make it a success or none.
+    """
+    if not decision.declares or not logs.true:
+        return None
+    return decision.t_decided <= cap_s and measured(decision, logs).qualifies(delta_m)
 
 
 def consistent(row: Pose | FrameTruth) -> bool:

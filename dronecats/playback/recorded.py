@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dronecats.agent.names import PAPER
 from dronecats.film.flown import FilmedFlight, filmed_flight
 from dronecats.film.track import DroneTrack, traced
-from dronecats.judge.measured import measured
+from dronecats.judge.measured import measured, qualifies
 from dronecats.judge.verdict import Measured
 from dronecats.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.playback.occurrences import OFFBOARD, Occurrence, OccurrenceKind, envelope_rows, occurrences
@@ -210,7 +210,7 @@ class PlayableFlight:
             return JudgeMoment()
         target = self._target(t_s)
         away = tuple(math.dist(self.pose(d, t_s).position_ned, target) if target else None for d in self.drones)
-        said = tuple(_declared(one, self.episode.delta_m) for one in self._declarations if one.t <= t_s + SOON_S)
+        said = tuple(text for t, text in self._declarations if t <= t_s + SOON_S)
         verdict = self.episode.verdict
         deciding = verdict.deciding
         over = self.episode.logs.end is not None and t_s >= self.end_s - SOON_S
@@ -220,9 +220,15 @@ class PlayableFlight:
         return JudgeMoment(target_ned=target, distance_m=away, said=said[-SAID:])
 
     @cached_property
-    def _declarations(self) -> tuple[Measured, ...]:
-        logs = self.episode.logs
-        return tuple(sorted((measured(d, logs) for d in logs.decisions if d.declares), key=lambda each: each.t))
+    def _declarations(self) -> tuple[tuple[float, str], ...]:
+        """When arrival was declared (s), and what the judge says of it."""
+        flown = self.episode
+        each = [
+            (d.t_decided, _declared(measured(d, flown.logs), qualifies(d, flown.logs, flown.delta_m, flown.cap_s)))
+            for d in flown.logs.decisions
+            if d.declares
+        ]
+        return tuple(sorted(each, key=lambda one: one[0]))
 
     def _target(self, t_s: float) -> Vec3 | None:
         if self.world is not None:
@@ -314,10 +320,10 @@ def _estimated(logs: Logs) -> list[Pose]:
                  distance_m=row.distance_m, visible=None) for row in told]  # fmt: skip
 
 
-def _declared(one: Measured, delta_m: float) -> str:
+def _declared(one: Measured, good: bool | None) -> str:
     away = "at a distance that was not measured" if one.distance_m is None else f"at {one.distance_m:.2f} m"
     seen = {True: ", in view", False: ", out of view", None: ""}[one.visible]
-    counts = {True: "counts", False: "does not count", None: "not known"}[one.qualifies(delta_m)]
+    counts = {True: "counts", False: "does not count", None: "not known"}[good]
     return f"{one.t:.1f} s  {drone_label(one.drone)} declared {away}{seen}: {counts}"
 
 

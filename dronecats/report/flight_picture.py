@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
+from dronecats.judge.measured import qualifies
 from dronecats.rundir import layout
 from dronecats.rundir.reading import Logs, json_object, read
 from dronecats.rundir.rows import Decision, Pose, drone_label
 from foundation.frames import Vec3
-from foundation.protocol import CAP_S, GO, POINT_SPAN, RADIUS_M, ROTATE
+from foundation.protocol import GO, POINT_SPAN, RADIUS_M, ROTATE
 
 Extent = tuple[float, float, float, float]  # m NED: north_min, north_max, east_min, east_max
 
@@ -127,14 +128,6 @@ def _declarations(axes: Axes, logs: Logs) -> None:
         else:
             axes.plot(east, north, "x", color=_REJECTED, markeredgewidth=3, markersize=9, zorder=7,
                       label=labels.pop(False, None))  # fmt: skip
-
-
-def qualifies(decision: Decision, logs: Logs) -> bool | None:
-    """Return whether a declaration was warranted at its own frame; None for what is no measured declaration."""
-    frame = logs.frames.get((decision.drone, decision.frame_id))
-    if not decision.declares or frame is None or frame.distance_m is None:
-        return None
-    return bool(frame.visible and frame.distance_m <= RADIUS_M and decision.t_decided <= CAP_S)
 
 
 def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:

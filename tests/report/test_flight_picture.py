@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dronecats.judge.measured import qualifies
 from dronecats.report import flight_picture
 from dronecats.rundir.reading import read
 from foundation.errors import UsageError
@@ -81,7 +82,7 @@ def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_pat
 
 def test_declarations_are_told_apart_by_the_truth_of_their_own_frame(tmp_path):
     logs = read(flight(tmp_path / "run"))
-    told = {d.step: flight_picture.qualifies(d, logs) for d in logs.decisions}
+    told = {d.step: qualifies(d, logs) for d in logs.decisions}
     assert told[7] is False  # 10.5 m north of the start: still more than 5 m away
     assert told[11] is True
     assert told[0] is None

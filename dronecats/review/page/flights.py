@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.history import compact
+from dronecats.judge.measured import qualifies
 from dronecats.metrics.flown_episode import FlownEpisode
 from dronecats.results.flown_run import FlownRun
 from dronecats.review.page.asked import action_of, asked, camera_of, commanded
@@ -245,14 +246,8 @@ def _truth(decision: Decision, flown: FlownEpisode) -> ShownTruth | None:
         share=_known(3, measured.visible_fraction if measured else None),
         bearing=_known(1, measured.bearing_deg if measured else None),
         depth=_known(2, measured.oracle_depth_m if measured else None),
-        qualifies=_qualifies(decision, frame.distance_m, frame.visible, flown),
+        qualifies=qualifies(decision, logs, flown.delta_m, flown.cap_s),
     )
-
-
-def _qualifies(decision: Decision, distance_m: float | None, visible: bool | None, flown: FlownEpisode) -> bool | None:
-    if not decision.declares or distance_m is None or visible is None or not flown.logs.true:
-        return None
-    return visible and distance_m <= flown.delta_m and decision.t_decided <= flown.cap_s
 
 
 def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> ShownTrace:
