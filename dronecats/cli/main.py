@@ -63,7 +63,7 @@ class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic fo
         return super().add_parser(name, **{**words, **kwargs})
 
 
-class Parser(argparse.ArgumentParser):
+class VerbParser(argparse.ArgumentParser):
     """A parser that answers a mistyped verb or value with the nearest one."""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -75,7 +75,7 @@ class Parser(argparse.ArgumentParser):
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return what a command line asks for, `run` in it to be called with it. Raises SystemExit as argparse does."""
-    parser = Parser(
+    parser = VerbParser(
         prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")

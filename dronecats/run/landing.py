@@ -8,9 +8,13 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from dronecats.rundir.rows import drone_label
 from dronecats.stages.stage import Stage
 from foundation.errors import DronecatsError, InfrastructureError
 from hil.link.link import Link
+
+# a landing begins when the episode is over: all declarations that the verdict is made of are in the logs by then
+AFTERWARDS = "The score is not affected: the episode had ended. The vehicle may still be armed."
 
 
 def finish(
@@ -36,7 +40,7 @@ def finish(
             error = error or InfrastructureError(f"the logger cannot be told of the end: {broken}")
         if hurried:
             raise KeyboardInterrupt
-        await_landing(flying, say_safely)
+        await_landing(stage.links, flying, say_safely)
     except KeyboardInterrupt:
         say_safely("asked twice to stop: not waiting any longer")
     return error
@@ -78,7 +82,7 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
     is left to them.
     """
     told = []
-    for link in stage.links:
+    for whose, link in zip(_whose(stage.links), stage.links, strict=True):
         link.on_wait = stage.check_vehicles  # a dead logger or model must not keep the vehicle in the air
         try:
             if link.taken_by is not None or link.mute:
@@ -91,7 +95,7 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
                     told.append(link)
         except Exception as fault:  # after the episode, so it changes no verdict; and the next vehicle is told too
             link.stop_stream()
-            say(f"the vehicle could not be told to {then}: {fault}")
+            say(f"{whose}the vehicle could not be told to {then}: {fault}. {AFTERWARDS}")
             say_failsafe(link, say)
     return told
 
@@ -102,13 +106,22 @@ def say_failsafe(link: Link, say: Callable[[str], None]) -> None:
         say(f"no setpoints are sent any more; a vehicle that still flies in offboard does by itself: {link.failsafe}")
 
 
-def await_landing(links: Sequence[Link], say: Callable[[str], None] = lambda line: None) -> None:
-    """Wait until every one of the drones has disarmed."""
-    for link in links:
+def await_landing(
+    links: Sequence[Link], flying: Sequence[Link], say: Callable[[str], None] = lambda line: None
+) -> None:
+    """Wait until every one of the drones that are `flying` has disarmed."""
+    for whose, link in zip(_whose(links), links, strict=True):
+        if link not in flying:
+            continue
         try:
             link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
         except DronecatsError as fault:
-            say(f"the landing was not seen to end: {fault}")
+            say(f"{whose}the landing was not seen to end: {fault}. {AFTERWARDS}")
+
+
+def _whose(links: Sequence[Link]) -> list[str]:
+    """Return what stands before a line about each drone: its name in a fleet, nothing for one alone."""
+    return [f"{drone_label(drone)}: " if len(links) > 1 else "" for drone in range(len(links))]
 
 
 def unexpected(bug: Exception, folder: Path) -> DronecatsError:

@@ -79,6 +79,29 @@ def test_vehicles_of_a_simulator_that_is_gone_are_not_waited_for_one_by_one(vehi
     assert len([line for line in said if "the simulator process hangs" in line]) == 2
 
 
+def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle):
+    stays_armed = ScriptedVehicle()
+    events: list[str] = []
+    ended = stage(flying(vehicle), flying(stays_armed), end=lambda reason, error: events.append("the log is complete"))
+    assert finish(ended, "decided", None, "land", events.append) is None  # it is no error of the flight
+    complete, (line,) = events.index("the log is complete"), [line for line in events if "not seen to end" in line]
+    assert complete < events.index(line)
+    for words in ("drone 2", "score is not affected", "may still be armed"):
+        assert words in line
+    alone: list[str] = []
+    finish(stage(flying(ScriptedVehicle())), "decided", None, "land", alone.append)
+    assert [line for line in alone if "not seen to end" in line and "drone" not in line]
+
+
+def test_a_vehicle_that_cannot_be_told_to_land_costs_no_score_either(vehicle):
+    def gone():
+        raise LinkError("the cable is out")
+
+    said: list[str] = []
+    finish(stage(flying(vehicle), check_vehicles=gone), "decided", None, "land", said.append)
+    assert [line for line in said if "could not be told" in line and "score is not affected" in line]
+
+
 def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):
     told = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
     assert "No space left" in str(told)
