@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import UsageError
+from foundation.user_cache import user_cache
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
@@ -59,11 +60,7 @@ def sources() -> list[Path]:
 
 def cache_folder() -> Path:
     """Return where compiled kernels are kept: below NUMBA_CACHE_DIR, or the user's cache folder. Raises UsageError."""
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    try:
-        return Path(base or Path.home() / ".cache") / "dronecats" / digest()
-    except RuntimeError:  # a user id that has no home
-        raise UsageError("this user has no home folder for compiled code, and NUMBA_CACHE_DIR is not set") from None
+    return user_cache() / digest()
 
 
 def _prepare() -> bool:

@@ -17,8 +17,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from foundation.compiled import cache_folder
 from foundation.errors import UsageError
+from foundation.user_cache import user_cache
 
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
@@ -103,4 +103,4 @@ def _keep(read: dict[str, int]) -> None:
 
 
 def _cache() -> Path:
-    return cache_folder().parent / "identity" / "statements.json"
+    return user_cache() / "identity" / "statements.json"
