@@ -83,7 +83,7 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
     """
     told = []
     for whose, link in zip(_whose(stage.links), stage.links, strict=True):
-        link.on_wait = stage.check_vehicles  # a dead logger or model must not keep the vehicle in the air
+        link.on_wait = _tending(stage, link)
         try:
             if link.taken_by is not None or link.mute:
                 link.stop_stream()
@@ -98,6 +98,23 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
             say(f"{whose}the vehicle could not be told to {then}: {fault}. {AFTERWARDS}")
             say_failsafe(link, say)
     return told
+
+
+def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
+    """Return what is to be done while one link waits: look after the vehicles alone, and keep up with the other drones.
+
+    A dead logger or model must not keep the vehicle in the air, nor a drone that has gone keep another there. One whose
+    turn comes later falls out of offboard when its setpoints stop meanwhile.
+    """
+    others = [link for link in stage.links if link is not waiting]
+
+    def tend() -> None:
+        stage.check_vehicles()
+        for link in others:
+            with contextlib.suppress(DronecatsError, OSError):
+                link.keep_up()
+
+    return tend
 
 
 def say_failsafe(link: Link, say: Callable[[str], None]) -> None:

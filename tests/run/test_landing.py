@@ -59,6 +59,15 @@ def test_a_process_that_hangs_is_the_error_of_the_flight_and_of_its_log(vehicle)
     assert vehicle.mode == "LAND"
 
 
+def test_the_other_drones_are_kept_up_with_while_one_is_told_to_land(vehicle, monkeypatch):
+    first, second = flying(vehicle), flying(Landing())
+    kept = []
+    monkeypatch.setattr(second, "keep_up", lambda: kept.append(vehicle.mode))
+    finish(stage(first, second), "cap", None, "land", lambda line: None)
+    assert "OFFBOARD" in kept
+    assert vehicle.mode == "LAND"
+
+
 @pytest.mark.parametrize("reason", ["takeover", "budget"])
 def test_what_is_no_fault_has_no_cause_to_look_for(vehicle, reason):
     error = LinkError("somebody else flies it")
