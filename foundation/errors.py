@@ -30,6 +30,10 @@ class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
 
+class ModelRejectedError(ModelError):
+    """The model endpoint rejects every question: a wrong key, no such model or path, no credit."""
+
+
 class CameraError(InfrastructureError):
     """The camera gives no frame."""
 

@@ -37,6 +37,11 @@ class Sitting:
     broken: "Mapping[tuple[str, str], Result]"  # by run and episode, what broke off
 
 
+def say_line(line: str) -> None:
+    """Say a line on standard error, where nothing of the result goes."""
+    print(line, file=sys.stderr, flush=True)
+
+
 def check_address(args: argparse.Namespace) -> None:
     """Raise UsageError for an address without a cluster, a page that cannot be shown, and a missing package."""
     from foundation import extras
@@ -96,6 +101,8 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
             if each.result.outcome == "error":
                 broken[each.run.entry.name, each.result.episode] = each.result
                 live.say(f"{name}: {each.result.error}")
+            if each.dropped:
+                live.say(f"{name}: {each.dropped} more flights of this model are not begun")
             if each.again:
                 live.say(f"{name}: it did not move, and is flown once more")
             live.now(told(), progress.done)

@@ -275,7 +275,7 @@ class End:
 
     kind: Literal["end"] = "end"
     t: Seconds
-    reason: Annotated[str, _of("cap, decided, budget, interrupted, takeover or error")]
+    reason: Annotated[str, _of("cap, decided, budget, rejected, interrupted, takeover or error")]
     error: str | None = None
 
 

@@ -21,7 +21,7 @@ from dronecats.flight.spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster
 from dronecats.pilots.commander import divide
 from dronecats.pilots.server import completion, read_request
-from dronecats.run import accounts
+from dronecats.run import accounts, first_question
 from dronecats.run.fly import fly
 from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
 from tests.support.command_line import DRONECATS, last_object
@@ -35,6 +35,7 @@ LOCKSTEP = Simulated(speed=None)
 @pytest.fixture
 def serve(monkeypatch):
     monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(first_question, "open_model", lambda spec, _: open_model(spec, RetryPolicy(pause_s=0.0)))
     monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     opened = []
 
@@ -112,7 +113,7 @@ def test_a_fleet_whose_model_fences_its_replies_flies_where_they_are_read_lenien
 def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flies_it_again(tmp_path, serve, capsys):
     dead = serve(vision)
     (whole,) = dead.script
-    dead.script = [whole, whole, reset]
+    dead.script = [whole, whole, whole, reset]  # the first question, and two steps
     spec = tmp_path / "spec.json"
     model = ModelSpec(provider="local", name="m", base_url=dead.url)
     spec.write_text(json.dumps(as_kept(FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seed=3))))

@@ -63,7 +63,9 @@ class HttpModel(ABC):
         headers = {**HEADERS, **self.headers()}
         self._address = keyless(url)
         limiter = limiters(redacted_url(url), spec.name) if limiters else None
-        self._endpoint = Endpoint(url, key, tuple(keys.values()), patience, self.key_header, headers, limiter)
+        self._endpoint = Endpoint(
+            url, key, tuple(keys.values()), patience, self.key_header, headers, limiter, provider.key_variable
+        )
 
     def close(self) -> None:
         self._endpoint.close()
@@ -107,7 +109,7 @@ class HttpModel(ABC):
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply, without any key of ours that is echoed in it. Raises ModelError."""
+        """Return the reply, without any key of ours that is echoed in it. Raises ModelError, ModelRejectedError."""
         answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
         try:
             said = self.read(json.loads(answer.body))

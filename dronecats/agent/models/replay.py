@@ -10,6 +10,7 @@ from foundation.errors import ModelError
 _BROKEN_OFF = {  # by the reason of a flight's end
     "budget": "it was ended by its budget",
     "error": "it broke down",
+    "rejected": "its model endpoint rejected every question",
     "interrupted": "it was interrupted",
     "takeover": "somebody took over",
 }
