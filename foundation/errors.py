@@ -34,6 +34,10 @@ class ModelRejectedError(ModelError):
     """The model endpoint rejects every question: a wrong key, no such model or path, no credit."""
 
 
+class UnreadableError(ModelError):
+    """So many replies in a row are no actions that the settings of the model are taken to be wrong."""
+
+
 class CameraError(InfrastructureError):
     """The camera gives no frame."""
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LISTS = ("suite", "episodes", "model", "pilot", "agent", "command", "latency", "rate")
 DISTURBED = {each.name: each.kind for each in disturbance_options.OPTIONS}
 NUMBERS = ("cost_limit", *(name for name, kind in DISTURBED.items() if kind is float))
-COUNTS = ("flights", "jobs", "limit", "seed", "token_limit")
+COUNTS = ("flights", "jobs", "limit", "seed", "token_limit", "stop_unreadable")
 WORDS = ("address", "parser", "commander", "commander_url", "engine", "speed", "shard", *OPTIONS,
          *(name for name, kind in DISTURBED.items() if kind is str))  # fmt: skip
 CHOICES = {
@@ -215,6 +215,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             accounts=accounts if pays else replace(accounts, ledger=None),
             prompt=template_of(args.prompt) if args.prompt else None,
             parser=args.parser,
+            stop_unreadable=args.stop_unreadable,
             disturbances=disturbances_of(args, lockstep=factor is None),
             seed=args.seed,
             full=args.full,

@@ -31,7 +31,7 @@ BESIDE_SPEC = (
 )  # fmt: skip
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
-            "full", "prompt", "parser", *disturbance_options.NAMES)  # fmt: skip
+            "full", "prompt", "parser", "stop_unreadable", *disturbance_options.NAMES)  # fmt: skip
 RECORDED = ("axis", "schema", "temperature", "command", "commander", "drones", "agent")  # in a replay as they were
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
@@ -92,6 +92,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         drones=args.drones,
         **latency_fields(args.latency or (LATENCY if factor is None else "real")),
         parser=args.parser or "strict",
+        stop_unreadable=args.stop_unreadable,
         disturbances=disturbances_of(args, lockstep=factor is None),
         seed=args.seed or 0,
         full=args.full,
@@ -130,7 +131,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
     changes["disturbances"] = disturbances_of(args, spec.disturbances, lockstep=vehicle.speed is None)
-    changes |= {name: value for name in ("seed", "parser") if (value := getattr(args, name)) is not None}
+    kept = ("seed", "parser", "stop_unreadable")
+    changes |= {name: value for name in kept if (value := getattr(args, name)) is not None}
     if args.latency:
         changes |= latency_fields(args.latency)
     if args.prompt:
@@ -199,6 +201,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         connected=vehicle,
         **latency_fields(args.latency or "real"),
         parser=args.parser or "strict",
+        stop_unreadable=args.stop_unreadable,
         patience_s=PATIENCE_S if args.patience is None else args.patience,
         **({} if args.seconds is None else {"seconds": args.seconds}),
         envelope=_limits(args.envelope, Limits()),

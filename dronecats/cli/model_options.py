@@ -34,6 +34,10 @@ def add_manners(group: "argparse._ActionsContainer") -> None:
     group.add_argument(
         "--parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)"
     )
+    group.add_argument(
+        "--stop-unreadable", type=int, metavar="N",
+        help="end a flight as an error when N replies in a row are no actions (default: never)",
+    )  # fmt: skip
     group.add_argument("--commander", metavar="NAME", help="of a hierarchy; or scripted:divide, no model")
     group.add_argument("--commander-url", metavar="URL", help="where that is served")
 

@@ -128,6 +128,8 @@ def _check_numbers(spec: FlightSpec) -> None:
         raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {spec.seed}")
     if not (math.isfinite(spec.seconds) and 0.0 < spec.seconds <= CAP_S):
         raise UsageError(f"--seconds wants more than 0 and at most {CAP_S:g}, got {spec.seconds:g}")
+    if spec.stop_unreadable is not None and spec.stop_unreadable < 1:
+        raise UsageError(f"--stop-unreadable wants a whole number from 1, got {spec.stop_unreadable}")
     least, most = PATIENCE_S
     if spec.patience_s is not None and not least <= spec.patience_s <= most:
         raise UsageError(f"--patience wants {least:g} to {most:g} seconds, got {spec.patience_s:g}")

@@ -76,7 +76,8 @@ def fly_connected(
                     return fly(
                         stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
                         seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                        check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
+                        check=pilot.check, say=say,
+                        on_step=StepLines(say, spent=pilot.spent, stop_unreadable=spec.stop_unreadable),
                     )  # fmt: skip
             finally:
                 stage.close()

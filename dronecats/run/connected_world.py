@@ -77,7 +77,8 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
                     return fly(
                         stage, [start], pilot.agent(flight), folder,
                         seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                        check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
+                        check=pilot.check, say=say,
+                        on_step=StepLines(say, spent=pilot.spent, stop_unreadable=spec.stop_unreadable),
                         true_start=true_start if judged else None,
                     )  # fmt: skip
             finally:

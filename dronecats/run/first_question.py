@@ -7,6 +7,7 @@ from pathlib import Path
 from dronecats.agent.models.budget import spent_on
 from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.endpoint import GIVE_UP_S, RetryPolicy
+from dronecats.agent.models.finish import ending_reason
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
@@ -64,7 +65,8 @@ class FirstQuestions:
             raise UsageError(f"{rejected}; nothing was flown") from None
         finally:
             model.close()
-        self._say(f"{spec.title}: answered in {reply.latency_s:.2f} s")
+        why = ending_reason(reply.finish, reply.tokens_out)
+        self._say(f"{spec.title}: answered in {reply.latency_s:.2f} s{f', {why}' if why else ''}")
         return _Answered(spec.title, spent_on(spec, request, reply), flight.accounts)
 
 

@@ -113,7 +113,8 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
                 stage, starts, pilot.agent(flight), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
                 pictures=_pictures(spec.disturbances.frame, recall),
-                check=pilot.check, on_step=StepLines(say, len(starts), pilot.spent), say=say, true_start=true_start,
+                check=pilot.check, say=say, true_start=true_start,
+                on_step=StepLines(say, len(starts), pilot.spent, spec.stop_unreadable),
             )  # fmt: skip
     finally:
         try:

@@ -137,6 +137,19 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     assert EASY in capsys.readouterr().err
 
 
+def test_unreadable_replies_end_a_flight_as_nobodys_score_where_that_is_asked_for(tmp_path, serve):
+    def cut_off(body):
+        prompt, images = read_request(body)
+        said = completion("m", body, prompt, images, '{"acti')
+        said["choices"][0]["finish_reason"] = "length"
+        return said
+
+    result, folder = flown(tmp_path / "run", serve(cut_off), episode=EASY, seconds=60.0, stop_unreadable=2)
+    assert (result["outcome"], result["reason"], result["status"], result["steps"]) == ("error", "error", 3, 1)
+    assert "cut off" in result["error"]
+    assert len(rows(folder / "decisions.jsonl")) == 2
+
+
 def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):
     def slow(body):
         time.sleep(0.7)
