@@ -88,7 +88,7 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
         left = campaign.left
         for each, episode, result in bench.stored():
             if (each.entry.name, episode) not in left:
-                progress.stored(result.outcome)
+                progress.stored(result)
         spending, began_s = Spending(bench.out), time.monotonic()
         ending: Ending = "flown"
 
