@@ -9,7 +9,7 @@ from typing import Any
 from dronecats.agent.names import PAPER
 from dronecats.results.collection import Collection, ScoredEpisode
 from dronecats.results.flown_run import FlownRun
-from dronecats.results.identity import refusal
+from dronecats.results.identity import odd_runs, refusal
 from foundation.errors import UsageError
 
 FLAT = "flat"
@@ -73,7 +73,12 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
     found = []
     for one, members in runs.items():
         episodes = tuple(each for run in members for each in flown.get(run.folder, ()))
-        if not pool_anyway and (said := refusal(members) or _twice(episodes)):
+        if not pool_anyway and (said := refusal(members)):
+            odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
+            raise UsageError(
+                f"{said}; leave {odd} out and report it by itself, or count them together with --pool-anyway"
+            )
+        if not pool_anyway and (said := _twice(episodes)):
             raise UsageError(f"{said}; leave one of them out, or count them together with --pool-anyway")
         found.append(Entrant(_label(one, list(runs)), one, tuple(members), episodes))
     return tuple(sorted(found, key=lambda entrant: not entrant.is_model))
