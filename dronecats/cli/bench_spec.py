@@ -31,7 +31,7 @@ CHOICES = {
 PATHS = ("out", "cache", "prompt")
 SWITCHES = ("full", "rendered", "no_retry", "drop_stalled", "json")
 KNOWN = (*LISTS, *NUMBERS, *COUNTS, *WORDS, *PATHS, *SWITCHES)
-ROW = ("name", "called", *OPTIONS)  # of a model that is a table
+ROW = ("name", "called", "reasoning", *OPTIONS)  # of a model that is a table; reasoning is reasoning_effort, shorter
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
 MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}
 
@@ -237,6 +237,8 @@ def _model(word: Any, args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
         raise UsageError('a model of the file that is a table wants a name = "PROVIDER/NAME"')
     given = {name: getattr(args, name) for name in OPTIONS}
     own = {name: str(word[name]) for name in OPTIONS if name in word}
+    if "reasoning" in word:
+        own["reasoning_effort"] = str(word["reasoning"])
     if wrong := next((name for name, value in own.items() if value not in CHOICES.get(name, (value,))), None):
         raise UsageError(f"{wrong} of {word['name']} wants one of {', '.join(CHOICES[wrong])}, got '{own[wrong]}'")
     model = model_of(word["name"], argparse.Namespace(**{**given, **own}))

@@ -32,7 +32,10 @@ BESIDE_SPEC = (
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
             "full", "prompt", "parser", "stop_unreadable", *disturbance_options.NAMES)  # fmt: skip
-RECORDED = ("axis", "schema", "temperature", "command", "commander", "drones", "agent")  # in a replay as they were
+RECORDED = (  # in a replay as they were
+    "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort", "command", "commander", "drones",
+    "agent",
+)  # fmt: skip
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
@@ -117,7 +120,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     if args.base_url:
         raise UsageError("a replay asks nobody: leave --base-url out")
     if stray := next((name for name in RECORDED if getattr(args, name) is not None), None):
-        raise UsageError(f"--{stray} is as it was on the flight that --model replay:RUN flies again: leave it out")
+        told = f"--{_option(stray)} is as it was on the flight that --model replay:RUN flies again"
+        raise UsageError(f"{told}: leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):

@@ -18,6 +18,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser = actions.add_parser("check", help="send one small picture, and say what came back: some cents at most")
     parser.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
     add_options(parser)
+    parser.add_argument("--parser", choices=("strict", "lenient"), default="strict", help="how replies are read")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     spec = model_of(args.model, args)
     model = open_model(spec)
     try:
-        result = probe(model, spec)
+        result = probe(model, spec, args.parser)
     finally:
         model.close()
     if args.json:

@@ -160,6 +160,22 @@ class Endpoint:
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise UsageError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
+    def get(self, path: str) -> bytes:
+        """Return the body of an answer of status 200. Raises ModelError for any other, in one sentence."""
+
+        def fetch(until: float) -> bytes:
+            with self._http.stream("GET", self.url(path), timeout=CONNECT_S, follow_redirects=False) as response:
+                body = self._body(response, until)
+                if response.status_code != 200:
+                    said = self._rejection(Exchanged(response.status_code, body, None), path, "GET")
+                    raise ModelError(f"the model endpoint {self.shown} {said}")
+                return body
+
+        try:
+            return self._within(CONNECT_S, fetch)
+        except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
+            raise ModelError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
+
     def post(self, path: str, content: bytes, tokens: int = 0) -> Answer:
         """Return the answer of status 200 that holds no error, after as many attempts as patience allows.
 
@@ -199,7 +215,8 @@ class Endpoint:
                 if came.status == 200:
                     return Answer(came.body, round(time.monotonic() - began, 6), round(began - asked, 6))
                 if came.rejects:
-                    raise ModelRejectedError(f"the model endpoint {self.shown} {self._rejection(came, path)}")
+                    said = self._rejection(came, path)
+                    raise ModelRejectedError(f"the model endpoint {self.shown} {said}", came.status)
                 said, again = self._refusal(came), came.status in AGAIN or came.status >= 500
                 pause_s = pause_s if came.wish_s is None else came.wish_s
                 if came.status == BUSY:
@@ -258,10 +275,10 @@ class Endpoint:
             return f"{told}, a redirect: none is followed, so that no key goes there; give the final address"
         return f"{told}: {self.brief(came.body)}"
 
-    def _rejection(self, came: Exchanged, path: str) -> str:
+    def _rejection(self, came: Exchanged, path: str, method: str = "POST") -> str:
         """Return what is said of an answer that every question would get: the path that was asked, and what to do."""
         base, mark, query = self.shown.partition("?")
-        asked = f"POST {base.rstrip('/')}/{path}{mark}{query}"
+        asked = f"{method} {base.rstrip('/')}/{path}{mark}{query}"
         said = f"{came.told.format(came.status)} to {asked}: {self.brief(came.body)}"
         if came.status == NOT_FOUND and not _VERSION.search(self._base.path):
             return f"{said}; its address lacks /v1: try --base-url {base.rstrip('/')}/v1{mark}{query}"

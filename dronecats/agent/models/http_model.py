@@ -1,5 +1,6 @@
 """A model behind an endpoint: what the wire formats share, from the key in its header to an answer that is none."""
 
+import difflib
 import hashlib
 import json
 import os
@@ -8,13 +9,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, Endpoint, KeyHeader, RetryPolicy
+from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS, provider_of
 from dronecats.agent.models.reply_schema import known_part, orders_schema, reply_schema
 from dronecats.agent.models.spec import ModelSpec
-from foundation.errors import ModelError, UsageError
+from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
 
 CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
@@ -110,7 +111,10 @@ class HttpModel(ABC):
 
     def ask(self, request: Request) -> Reply:
         """Return the reply, without any key of ours that is echoed in it. Raises ModelError, ModelRejectedError."""
-        answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
+        try:
+            answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
+        except ModelRejectedError as rejected:
+            raise ModelRejectedError(f"{rejected}{self._near(rejected.status)}", rejected.status) from None
         try:
             said = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
@@ -119,6 +123,29 @@ class HttpModel(ABC):
         text, finish = self._endpoint.hide(said.text), said.finish and self._endpoint.hide(said.finish)
         served = self._served(said.served)
         return Reply(text, answer.latency_s, said.tokens_in, said.tokens_out, answer.waited_s, finish, served)
+
+    def listed(self) -> list[str]:
+        """Return the models that the endpoint lists, by the names that it has for them. Raises ModelError."""
+        body = self._endpoint.get("models")
+        try:
+            data = json.loads(body)
+            names = [entry["id"] for entry in data["data"]] if "data" in data else [m["name"] for m in data["models"]]
+            told = [self._endpoint.hide(text_of(name)).removeprefix("models/") for name in names]
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            what = f"answered no list of models but: {self._endpoint.brief(body)}"
+            raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
+        return [name for name in told if name.isprintable()]
+
+    def _near(self, status: int) -> str:
+        """Return which models of the endpoint have a name like this one's, where it may be unknown there."""
+        if status != NOT_FOUND:
+            return ""
+        try:
+            names = self.listed()
+        except ModelError:
+            return ""
+        near = difflib.get_close_matches(self.name, names, cutoff=0.5) if self.name not in names else []
+        return f"; did you mean {' or '.join(near)}?" if near else ""
 
     def _served(self, told: tuple[Any, ...]) -> str | None:
         """Return what answered, in one line; None where it told nothing but the name that was asked for."""
