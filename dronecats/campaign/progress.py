@@ -57,8 +57,8 @@ class Progress:
         """Return how many wall seconds are left at this pace; None while nobody knows."""
         return (self.total - self.done) * wall_s / self.flown if self.flown else None
 
-    def line(self, wall_s: float, spent: Spent | None = None) -> str:
-        """Return it all in one line."""
+    def line(self, wall_s: float, spent: Spent | None = None, left_usd: float | None = None) -> str:
+        """Return it all in one line; `left_usd`: what is left is going to cost, None where that is not known."""
         told = [f"{self.done}/{self.total}"]
         left_s = self.left_s(wall_s)
         if left_s is not None and self.done < self.total:
@@ -70,7 +70,9 @@ class Progress:
         if self.retries:
             told.append(counted(self.retries, "retry", "retries"))
         if spent is not None and spent.questions:
-            told.append(f"{spent.tokens:,} tokens" + (f", ${spent.usd:.2f}" if spent.usd else ""))
+            usd = f", ${spent.usd:.2f}" if spent.usd else ""
+            usd += f" of about ${spent.usd + left_usd:.2f}" if usd and left_usd else ""
+            told.append(f"{spent.tokens:,} tokens{usd}")
         return "; ".join(told)
 
     def _count(self, result: Result) -> None:

@@ -156,6 +156,20 @@ def test_a_deviation_says_of_how_many_flights_it_is():
     assert [note for note in table.notes if "two flights" in note]
 
 
+def test_costs_tell_cached_and_reasoning_tokens_and_who_answered():
+    run = a_run("runs/a", model=named("a"))
+    used = [
+        Usage(questions=10, tokens_in=1000, tokens_out=100, cached=512, reasoning=60,
+              endpoints=("Novita", "DeepInfra")),
+        Usage(questions=10, tokens_in=1000, tokens_out=100, reasoning=20, endpoints=("DeepInfra",)),
+    ]  # fmt: skip
+    flown = [an_episode(run, f"campus-approaching-{k:02}", usage=each) for k, each in enumerate(used, 1)]
+    told = line(made(costs.costs, small(collected(flown))), "vllm/a")
+    assert (told["tokens_cached"].value, told["tokens_cached"].of) == (512, 1)
+    assert (told["tokens_reasoning"].value, told["tokens_reasoning"].of) == (40, 2)
+    assert told["endpoints"].value == "DeepInfra, Novita"
+
+
 def test_approaching_leaves_out_of_a_mean_who_has_no_value():
     run = a_run("runs/a", model=named("a"))
     flown = [

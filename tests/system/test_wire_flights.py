@@ -97,6 +97,21 @@ def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recordi
     assert logs(third) == logs(first)
 
 
+def test_what_a_router_tells_is_in_the_record_and_flown_again(serve, tmp_path, capsys):
+    def routed(body):
+        said = vision(body)
+        said["usage"]["prompt_tokens_details"] = {"cached_tokens": 5}
+        return {**said, "provider": "DeepInfra"}
+
+    _, first = flown(asking(serve(reply=routed), seconds=4.0), tmp_path / "first")
+    decisions = rows(first / "decisions.jsonl")
+    assert {(row["tokens_cached"], row["endpoint"], row.get("tokens_reasoning")) for row in decisions} == {
+        (5, "DeepInfra", None)
+    }
+    _, again = replayed(capsys, first, tmp_path / "again")
+    assert logs(again) == logs(first)
+
+
 def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
     _, first = flown(replace(LOCKSTEP, latency="lognormal:1,0.5", seconds=12.0, full=True), tmp_path / "first")
     result, again = replayed(capsys, first, tmp_path / "again")

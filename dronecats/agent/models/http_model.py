@@ -34,6 +34,9 @@ class ReadAnswer:
     tokens_out: int | None = None
     finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
     served: tuple[Any, ...] = ()  # the model's name, and the version of what serves it, as far as they are told
+    tokens_cached: int | None = None  # as in `Reply`, and both below
+    tokens_reasoning: int | None = None
+    endpoint: Any = None
 
 
 class HttpModel(ABC):
@@ -121,8 +124,18 @@ class HttpModel(ABC):
             what = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
         text, finish = self._endpoint.hide(said.text), said.finish and self._endpoint.hide(said.finish)
-        served = self._served(said.served)
-        return Reply(text, answer.latency_s, said.tokens_in, said.tokens_out, answer.waited_s, finish, served)
+        return Reply(
+            text,
+            answer.latency_s,
+            said.tokens_in,
+            said.tokens_out,
+            answer.waited_s,
+            finish,
+            self._served(said.served),
+            said.tokens_cached,
+            said.tokens_reasoning,
+            self._words((said.endpoint,)) or None,
+        )
 
     def listed(self) -> list[str]:
         """Return the models that the endpoint lists, by the names that it has for them. Raises ModelError."""
@@ -149,9 +162,13 @@ class HttpModel(ABC):
 
     def _served(self, told: tuple[Any, ...]) -> str | None:
         """Return what answered, in one line; None where it told nothing but the name that was asked for."""
-        named = (self._endpoint.hide(each) for each in told if isinstance(each, str) and each.isprintable())
-        words = " ".join(each[:MAX_SERVED_CHARS] for each in named).strip()
+        words = self._words(told)
         return None if words in ("", self.name) else words
+
+    def _words(self, told: tuple[Any, ...]) -> str:
+        """Return what a vendor tells in one line, without what is no text."""
+        named = (self._endpoint.hide(each) for each in told if isinstance(each, str) and each.isprintable())
+        return " ".join(each[:MAX_SERVED_CHARS] for each in named).strip()
 
     def reasoning(self, lifted: bool) -> Mapping[str, Any]:
         """Return the fields of the request that switch extended reasoning on or off."""
@@ -193,6 +210,11 @@ def finish_of(value: Any, words: Mapping[str, str | None]) -> str | None:
     if not isinstance(value, str):
         return None
     return words.get(value, value[:MAX_FINISH_CHARS])
+
+
+def table_of(value: Any) -> dict[str, Any]:
+    """Return a table; an empty one in the place of anything else."""
+    return value if isinstance(value, dict) else {}
 
 
 def text_of(value: Any) -> str:
