@@ -30,6 +30,22 @@ class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
 
+class ModelRejectedError(ModelError):
+    """The model endpoint rejects every question: a wrong key, no such model or path, no credit."""
+
+    def __init__(self, said: str, status: int) -> None:
+        super().__init__(said)
+        self.status = status  # of HTTP
+
+    def __reduce__(self) -> tuple[type, tuple[str, int]]:
+        """Make it anew from both where it crosses to another process."""
+        return type(self), (str(self), self.status)
+
+
+class UnreadableError(ModelError):
+    """So many replies in a row are no actions that the settings of the model are taken to be wrong."""
+
+
 class CameraError(InfrastructureError):
     """The camera gives no frame."""
 

@@ -193,6 +193,9 @@ class Decider:
                 finish=reply.finish or UNSET,
                 report=self._report(action),
                 served=served,
+                tokens_cached=UNSET if reply.tokens_cached is None else reply.tokens_cached,
+                tokens_reasoning=UNSET if reply.tokens_reasoning is None else reply.tokens_reasoning,
+                endpoint=reply.endpoint or UNSET,
                 host_lag_s=UNSET if lag_s is None else round(lag_s, 3),
                 frame_wait_s=UNSET if waited_s is None else round(waited_s, 3),
             )

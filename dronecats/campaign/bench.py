@@ -1,6 +1,6 @@
 """A benchmark's folder: bench.json, a run folder for each of its runs, and one ledger for all of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,7 @@ from dronecats.campaign.summary import EpisodeScore, score
 from dronecats.flight.file import as_kept
 from dronecats.flight.flight import look_up
 from dronecats.pilots import roster
+from dronecats.run.first_question import FirstQuestions
 from dronecats.run.settings import settings
 from dronecats.rundir import layout
 from dronecats.rundir.folder import write_json
@@ -35,11 +36,13 @@ class Bench:
         limit: int | None = None,
         shard: tuple[int, int] | None = None,
         first: Callable[[], None] = lambda: None,
+        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         """`limit` and `shard`: how much of it is flown here and now. Raises UsageError, InfrastructureError.
 
         `first` is called when it is known that all can be flown, before bench.json is written: each run that stands
-        there is opened as what is asked for now. New ones are made after that, so that a kill leaves none untold.
+        there is opened as what is asked for now. New ones are made after that, so that a kill leaves none untold. Each
+        model that is still to fly is asked one small question before that; `say` takes the lines about it.
         """
         self.out = out
         self._opened = ExitStack()
@@ -52,7 +55,11 @@ class Bench:
             told = self._joined(as_json(benchmark(suite, entries, retry=retry)))
             asked = list(zip(entries, configurations, strict=True))
             open_ones = {entry.name: self._batch(entry, one) for entry, one in asked if (out / entry.name).exists()}
+            flights = [e.flight for e in entries if self._has_left(open_ones.get(e.name), e, part, retry)]
+            questions = FirstQuestions(flights, out, say)
+            questions.ask()
             self._keep(told, first)
+            questions.book(out)
             open_ones |= {entry.name: self._batch(entry, one) for entry, one in asked if entry.name not in open_ones}
             self.runs = tuple(
                 OpenRun(
@@ -90,6 +97,12 @@ class Bench:
                     retried, folder = run.batch.retried(episode), run.batch.folder(episode)
                     found.append(score(setting_of(run.entry), run.entry.flight, folder, result, retried=retried))
         return found
+
+    @staticmethod
+    def _has_left(batch: Batch | None, entry: BenchEntry, part: Collection[str], retry: bool) -> bool:
+        """Return whether something of a run is still to be flown; `batch` None: it was not begun."""
+        asked = [each for each in entry.episodes if each in part]
+        return bool(asked if batch is None else batch.left(asked, retry=retry))
 
     def _batch(self, entry: BenchEntry, configuration: dict[str, Any]) -> Batch:
         batch = Batch(self.out / entry.name, configuration)
@@ -130,14 +143,11 @@ def setting_of(entry: BenchEntry) -> str:
 
 
 def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[dict[str, Any]]:
-    """Return what each run.json holds, each model asked once whether it answers. Raises UsageError."""
-    asked: set[str] = set()
+    """Return what each run.json holds. Raises UsageError."""
     found = []
     for entry in entries:
-        who = f"{entry.flight.model} {entry.flight.commander}"
         spec = entry.flight  # looked up without its ledger, which is made with the folder
-        flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)), ask_model=who not in asked)
-        asked.add(who)
+        flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
         told = settings(flight, flight.camera)
         found.append({**told, "flight": as_kept(spec), "suite": as_json(suite.flown)})
     return found

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.campaign.batch import Batch
 from dronecats.campaign.engine import Engine, Sortie
 from dronecats.campaign.matrix import BenchEntry
@@ -31,6 +32,7 @@ class Came:
     run: OpenRun
     result: Result
     again: bool  # it did not move, and is flown once more: this is not its result
+    dropped: int = 0  # flights of the same model that are not begun, since its endpoint rejects every question
 
 
 class Campaign:
@@ -66,13 +68,20 @@ class Campaign:
                 if landed.result.reason == "budget":
                     ending = "budget"
                     self._todo.clear()
+                dropped = self._drop(run) if landed.result.reason == "rejected" else 0
                 again = self._retry and ending == "flown" and run.batch.stuck(episode)
                 if again:
                     self._todo.appendleft((run, episode))
-                on_came(Came(run=run, result=landed.result, again=again))
+                on_came(Came(run=run, result=landed.result, again=again, dropped=dropped))
         finally:
             engine.close()
         return ending
+
+    def _drop(self, rejected: OpenRun) -> int:
+        """Begin no other flight of the models of a run; return how many flights that leaves out."""
+        models, before = _models(rejected), len(self._todo)
+        self._todo = deque((run, episode) for run, episode in self._todo if _models(run) != models)
+        return before - len(self._todo)
 
     def _sortie(self, run: OpenRun, episode: str) -> Sortie:
         try:
@@ -81,6 +90,11 @@ class Campaign:
             raise InfrastructureError(f"{run.batch.run} cannot be written: {full.strerror}") from None
         flight = replace(run.entry.flight, episode=None, record=run.batch.record(episode))
         return Sortie(flight=flight, folder=folder)
+
+
+def _models(run: OpenRun) -> tuple[ModelSpec | None, ModelSpec | None]:
+    """Return the model that flies a run, and the one that commands it."""
+    return run.entry.flight.model, run.entry.flight.commander
 
 
 def _in_order(runs: Sequence[OpenRun], retry: bool) -> Iterator[tuple[OpenRun, str]]:

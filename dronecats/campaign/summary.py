@@ -11,6 +11,7 @@ from msgspec import UNSET
 from dronecats.agent.latency import parts_of
 from dronecats.campaign.audit import cell_of, cell_order
 from dronecats.flight.spec import FlightSpec
+from dronecats.metrics.replies import is_cut_off, is_refused, is_unreadable
 from dronecats.rundir import layout
 from dronecats.rundir.reading import rows
 from dronecats.rundir.results import SCORED, Result
@@ -34,6 +35,9 @@ class EpisodeScore:
     stalled: bool  # the host delayed it
     rates_hz: tuple[float, ...]  # decisions per s of vehicle time, of each step but the first
     broken_pins: int  # replies that came later than the pinned rate allows
+    unreadable: int = 0  # decisions without an action
+    refused: int = 0  # of these, refused by the model or withheld by its provider
+    cut_off: int = 0  # of these, cut off at the longest reply that was allowed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +56,9 @@ class BenchRow:
     stalled: int  # flights that the host delayed
     dropped: int  # of these, left unscored
     broken_pins: int
+    unreadable: int  # decisions without an action
+    refused: int  # of these, refused by the model or withheld by its provider
+    cut_off: int  # of these, cut off at the longest reply that was allowed
 
     def as_json(self) -> dict[str, Any]:
         """Return it as `bench --json` prints it."""
@@ -72,6 +79,9 @@ def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, ret
         stalled=result.host_stalls is not UNSET and result.host_stalls > 0,
         rates_hz=tuple(each.rate_hz for each in decisions if each.rate_hz is not None),
         broken_pins=broken_pins(flight.latency, decisions),
+        unreadable=sum(map(is_unreadable, decisions)),
+        refused=sum(map(is_refused, decisions)),
+        cut_off=sum(map(is_cut_off, decisions)),
     )
 
 
@@ -116,20 +126,27 @@ def _row(setting: str, group: str, scores: Sequence[EpisodeScore], drop_stalled:
         stalled=sum(each.stalled for each in scored),
         dropped=len(scored) - len(kept),
         broken_pins=sum(each.broken_pins for each in kept),
+        unreadable=sum(each.unreadable for each in kept),
+        refused=sum(each.refused for each in kept),
+        cut_off=sum(each.cut_off for each in kept),
     )
 
 
 def text(lines: Sequence[BenchRow]) -> str:
     """Return the lines as text, a block per setting."""
     said: list[str] = []
+    unread = any(line.unreadable for line in lines)
+    heads = f" {'unreadable':>11} {'refused':>8} {'cut off':>8}" if unread else ""
     for setting in dict.fromkeys(line.setting for line in lines):
-        said += [setting, f"{'':30} {'solved':>8} {'SR':>6} {'95 %':>13} {'control rate, Hz':>18}"]
-        said += [_line(line) for line in lines if line.setting == setting]
+        said += [setting, f"{'':30} {'solved':>8} {'SR':>6} {'95 %':>13} {'control rate, Hz':>18}{heads}"]
+        said += [_line(line, bool(heads)) for line in lines if line.setting == setting]
+    if heads:
+        said.append("unreadable: replies without an action; of these, refused (by model or provider), and cut off")
     said.append("control rate: decisions per second of vehicle time, the quantiles 0.1, 0.5 and 0.9 over all steps")
     return "\n".join(said)
 
 
-def _line(row: BenchRow) -> str:
+def _line(row: BenchRow, replies: bool) -> str:
     share = "–" if row.share is None else f"{row.share:.1%}"
     low, high = row.interval
     within = "–" if row.share is None else f"{low:.1%}–{high:.1%}"
@@ -145,4 +162,5 @@ def _line(row: BenchRow) -> str:
         if count
     ]
     told = f"  {row.group:28} {f'{row.solved}/{row.flights}':>8} {share:>6} {within:>13} {rate:>18}"
+    told += f" {row.unreadable:>11} {row.refused:>8} {row.cut_off:>8}" if replies else ""
     return told + ("   " + "; ".join(notes) if notes else "")

@@ -84,7 +84,7 @@ def flown(told: dict[str, Any], folder: Path) -> dict[str, Any]:
     try:
         spec = from_json(told, "a worker's order")
         with COMPUTING.taken() if waits_for_models_alone(spec) else nullcontext():
-            flight = look_up(spec, ask_model=False)
+            flight = look_up(spec)
             found = settings(flight, flight.camera)
             result = fly_in(folder, flight, lambda line: None, found)
     except DronecatsError as error:

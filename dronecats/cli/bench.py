@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     shard = bench_spec.shard(args)
     entries = bench_spec.runs(args, chosen, out)
     retry = not args.no_retry
-    bench = Bench(out, chosen, entries, retry=retry, limit=args.limit, shard=shard)
+    bench = Bench(out, chosen, entries, retry=retry, limit=args.limit, shard=shard, say=sitting.say_line)
     with ExitStack() as beside:
         sat = sitting.sit(bench, args, retry=retry, beside=beside)
         sitting.say(sat, table(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)

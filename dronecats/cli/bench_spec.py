@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LISTS = ("suite", "episodes", "model", "pilot", "agent", "command", "latency", "rate")
 DISTURBED = {each.name: each.kind for each in disturbance_options.OPTIONS}
 NUMBERS = ("cost_limit", *(name for name, kind in DISTURBED.items() if kind is float))
-COUNTS = ("flights", "jobs", "limit", "seed", "token_limit")
+COUNTS = ("flights", "jobs", "limit", "seed", "token_limit", "stop_unreadable")
 WORDS = ("address", "parser", "commander", "commander_url", "engine", "speed", "shard", *OPTIONS,
          *(name for name, kind in DISTURBED.items() if kind is str))  # fmt: skip
 CHOICES = {
@@ -31,7 +31,7 @@ CHOICES = {
 PATHS = ("out", "cache", "prompt")
 SWITCHES = ("full", "rendered", "no_retry", "drop_stalled", "json")
 KNOWN = (*LISTS, *NUMBERS, *COUNTS, *WORDS, *PATHS, *SWITCHES)
-ROW = ("name", "called", *OPTIONS)  # of a model that is a table
+ROW = ("name", "called", "reasoning", *OPTIONS)  # of a model that is a table; reasoning is reasoning_effort, shorter
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
 MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}
 
@@ -215,6 +215,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             accounts=accounts if pays else replace(accounts, ledger=None),
             prompt=template_of(args.prompt) if args.prompt else None,
             parser=args.parser,
+            stop_unreadable=args.stop_unreadable,
             disturbances=disturbances_of(args, lockstep=factor is None),
             seed=args.seed,
             full=args.full,
@@ -236,6 +237,8 @@ def _model(word: Any, args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
         raise UsageError('a model of the file that is a table wants a name = "PROVIDER/NAME"')
     given = {name: getattr(args, name) for name in OPTIONS}
     own = {name: str(word[name]) for name in OPTIONS if name in word}
+    if "reasoning" in word:
+        own["reasoning_effort"] = str(word["reasoning"])
     if wrong := next((name for name, value in own.items() if value not in CHOICES.get(name, (value,))), None):
         raise UsageError(f"{wrong} of {word['name']} wants one of {', '.join(CHOICES[wrong])}, got '{own[wrong]}'")
     model = model_of(word["name"], argparse.Namespace(**{**given, **own}))

@@ -31,8 +31,11 @@ BESIDE_SPEC = (
 )  # fmt: skip
 REPLAY = "replay:"
 REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
-            "full", "prompt", "parser", *disturbance_options.NAMES)  # fmt: skip
-RECORDED = ("axis", "schema", "temperature", "command", "commander", "drones", "agent")  # in a replay as they were
+            "full", "prompt", "parser", "stop_unreadable", *disturbance_options.NAMES)  # fmt: skip
+RECORDED = (  # in a replay as they were
+    "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort", "command", "commander", "drones",
+    "agent",
+)  # fmt: skip
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
@@ -92,6 +95,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         drones=args.drones,
         **latency_fields(args.latency or (LATENCY if factor is None else "real")),
         parser=args.parser or "strict",
+        stop_unreadable=args.stop_unreadable,
         disturbances=disturbances_of(args, lockstep=factor is None),
         seed=args.seed or 0,
         full=args.full,
@@ -116,7 +120,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     if args.base_url:
         raise UsageError("a replay asks nobody: leave --base-url out")
     if stray := next((name for name in RECORDED if getattr(args, name) is not None), None):
-        raise UsageError(f"--{stray} is as it was on the flight that --model replay:RUN flies again: leave it out")
+        told = f"--{_option(stray)} is as it was on the flight that --model replay:RUN flies again"
+        raise UsageError(f"{told}: leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):
@@ -130,7 +135,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
     changes["disturbances"] = disturbances_of(args, spec.disturbances, lockstep=vehicle.speed is None)
-    changes |= {name: value for name in ("seed", "parser") if (value := getattr(args, name)) is not None}
+    kept = ("seed", "parser", "stop_unreadable")
+    changes |= {name: value for name in kept if (value := getattr(args, name)) is not None}
     if args.latency:
         changes |= latency_fields(args.latency)
     if args.prompt:
@@ -199,6 +205,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         connected=vehicle,
         **latency_fields(args.latency or "real"),
         parser=args.parser or "strict",
+        stop_unreadable=args.stop_unreadable,
         patience_s=PATIENCE_S if args.patience is None else args.patience,
         **({} if args.seconds is None else {"seconds": args.seconds}),
         envelope=_limits(args.envelope, Limits()),

@@ -1,6 +1,8 @@
 """The options that say of a model what its row says, or says otherwise: shared by the verbs that open one."""
 
 import argparse
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dronecats.agent.models.spec import ModelSpec
 
-OPTIONS = ("base_url", "axis", "schema", "temperature")  # as argparse has them
+# as argparse has them
+OPTIONS = ("base_url", "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort")
 
 
 def add_options(group: "argparse._ActionsContainer") -> None:
@@ -19,6 +22,11 @@ def add_options(group: "argparse._ActionsContainer") -> None:
         "--schema", choices=("object", "array", "none"), help="the root of the schema that replies are held to"
     )
     group.add_argument("--temperature", metavar="X", help="of the sampling (its row's, or 0.4); none sends none")
+    group.add_argument("--top-p", metavar="X", help="of the sampling (its row's, or the provider's)")
+    group.add_argument("--max-tokens", metavar="N", help="of a reply, reasoning included (its row's, or 8192)")
+    group.add_argument(
+        "--reasoning-effort", metavar="WORD", help="on every step but the one after a think: the vendor's word, as low"
+    )
 
 
 def add_accounts(group: "argparse._ActionsContainer") -> None:
@@ -34,6 +42,10 @@ def add_manners(group: "argparse._ActionsContainer") -> None:
     group.add_argument(
         "--parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)"
     )
+    group.add_argument(
+        "--stop-unreadable", type=int, metavar="N",
+        help="end a flight as an error when N replies in a row are no actions (default: never)",
+    )  # fmt: skip
     group.add_argument("--commander", metavar="NAME", help="of a hierarchy; or scripted:divide, no model")
     group.add_argument("--commander-url", metavar="URL", help="where that is served")
 
@@ -46,7 +58,9 @@ def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
 
 
 def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
-    """Return a model with what the options say otherwise. Raises UsageError for a temperature that is none."""
+    """Return a model with what the options say otherwise. Raises UsageError for a value that cannot be sent."""
+    from dronecats.agent.models.providers import with_effort
+
     changed: dict[str, Any] = {}
     if args.base_url:
         changed["base_url"] = args.base_url
@@ -56,7 +70,12 @@ def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
         changed["schema"] = None if args.schema == "none" else args.schema
     if args.temperature is not None:
         changed["temperature"] = _temperature(args.temperature)
-    return replace(spec, **changed)
+    if args.top_p is not None:
+        changed["top_p"] = float(_stated("top_p", args.top_p))
+    if args.max_tokens is not None:
+        changed["max_tokens"] = int(_stated("max_tokens", args.max_tokens))
+    spec = replace(spec, **changed)
+    return with_effort(spec, _effort(args.reasoning_effort)) if args.reasoning_effort else spec
 
 
 def told(spec: "ModelSpec") -> str:
@@ -64,7 +83,7 @@ def told(spec: "ModelSpec") -> str:
     point = "[x, y]" if spec.axis_order == "xy" else "[y, x]"
     schema = f"a schema with an {spec.schema} at its root" if spec.schema else "no schema"
     temperature = "no temperature" if spec.temperature is None else f"temperature {spec.temperature:g}"
-    return f"{spec.title}: points are {point}, {schema}, {temperature}"
+    return f"{spec.title}: points are {point}, {schema}, {temperature}, replies of {spec.max_tokens:,} tokens at most"
 
 
 def _temperature(text: str) -> float | None:
@@ -80,3 +99,22 @@ def _temperature(text: str) -> float | None:
     if not 0.0 <= value <= TEMPERATURE_MAX:
         raise UsageError(f"--temperature wants a number from 0 to {TEMPERATURE_MAX:g}, or none, got '{text}'")
     return value
+
+
+def _stated(name: str, text: str) -> float:
+    """Return the number that an option states, as a row of models.toml may. Raises UsageError for any other."""
+    from dronecats.agent.models.rows import KEYS
+    from foundation.errors import UsageError
+
+    try:
+        return float(KEYS[name].read(json.loads(text)))
+    except ValueError as wants:
+        raise UsageError(f"--{name.replace('_', '-')} wants {wants}, got '{text:.40}'") from None
+
+
+def _effort(text: str) -> str:
+    from foundation.errors import UsageError
+
+    if not re.fullmatch(r"[a-z]{1,20}", text):
+        raise UsageError(f"--reasoning-effort wants the vendor's word for it, as none, low or high, got '{text:.40}'")
+    return text

@@ -4,6 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
+from dronecats.agent.models.finish import ending_reason
 from dronecats.cli.model_options import add_options, model_of, told
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser = actions.add_parser("check", help="send one small picture, and say what came back: some cents at most")
     parser.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
     add_options(parser)
+    parser.add_argument("--parser", choices=("strict", "lenient"), default="strict", help="how replies are read")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -29,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     spec = model_of(args.model, args)
     model = open_model(spec)
     try:
-        result = probe(model, spec)
+        result = probe(model, spec, args.parser)
     finally:
         model.close()
     if args.json:
@@ -42,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
         said = " ".join(reply.text.split())
         print(f"\n{asked.what}: {reply.latency_s:.2f} s, {tokens}")
         print(f"  {said[:REPLY_SHOWN]}{'…' if len(said) > REPLY_SHOWN else ''}" if said else "  (an empty reply)")
+        if why := ending_reason(reply.finish, reply.tokens_out):
+            print(f"  {why}")
     print()
     for line in findings(result):
         print(line)
@@ -52,6 +56,8 @@ def findings(result: "ProbeResult") -> list[str]:
     """Return what the replies come to, a sentence each."""
     spec, cost = result.spec, result.cost_usd
     lines = [_pointing(result), f"Schema: {_SCHEMA[result.enforced]}."]
+    whys = (ending_reason(asked.reply.finish, asked.reply.tokens_out) for asked in result.asked)
+    lines += [f"Unfinished: {why}." for why in dict.fromkeys(whys) if why]
     tokens_in, tokens_out = result.tokens
     known = f"${cost:.6f}" if cost is not None else "not known: its row has no prices, or the endpoint told no tokens"
     lines.append(
@@ -84,6 +90,7 @@ def as_json(result: "ProbeResult") -> dict[str, Any]:
                 "latency_s": asked.reply.latency_s,
                 "tokens_in": asked.reply.tokens_in,
                 "tokens_out": asked.reply.tokens_out,
+                "finish": asked.reply.finish,
             }
             for asked in result.asked
         ],

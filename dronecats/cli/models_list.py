@@ -12,14 +12,21 @@ if TYPE_CHECKING:
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the action."""
     parser = actions.add_parser("list", help="one line per model that is known by name")
+    parser.add_argument(
+        "--endpoint", metavar="URL", help="a PROVIDER or an address: the models that its server lists instead"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the rows."""
+    """Print the rows, or the models that a server lists."""
     from dronecats.agent.models.rows import rows
 
+    if args.endpoint:
+        names = listed(args.endpoint)
+        print(json.dumps({"endpoint": args.endpoint, "models": names}) if args.json else "\n".join(names))
+        return 0
     known = [as_json(row) for row in rows().values()]
     if args.json:
         print(json.dumps({"models": known}))
@@ -30,6 +37,25 @@ def run(args: argparse.Namespace) -> int:
     for line in lines:
         print("  ".join([*(f"{text:{width}}" for text, width in zip(line, wide, strict=False)), line[-1]]))
     return 0
+
+
+def listed(endpoint: str) -> list[str]:
+    """Return the models that a server lists. Raises UsageError for no address, ModelError where none is listed.
+
+    A server at a provider's own address is asked with that provider's key.
+    """
+    from dronecats.agent.models.open import open_model
+    from dronecats.agent.models.providers import PROVIDERS
+    from dronecats.agent.models.spec import ModelSpec
+
+    url = endpoint.rstrip("/")
+    known = next((each for each in PROVIDERS.values() if url in (each.name, each.base_url)), PROVIDERS["local"])
+    base_url = None if url == known.name else endpoint
+    model = open_model(ModelSpec(provider=known.name, name="models", base_url=base_url))
+    try:
+        return model.listed()
+    finally:
+        model.close()
 
 
 def as_json(row: "ModelRow") -> dict[str, Any]:

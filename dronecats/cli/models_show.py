@@ -67,18 +67,21 @@ def kept(spec: "ModelSpec") -> dict[str, Any]:
 
 
 def request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
-    """Return {url, headers, body} of one step's request, without key and picture. Raises UsageError as opening does."""
+    """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
+    from dronecats.agent.history import History
     from dronecats.agent.models.model import Request
     from dronecats.agent.models.open import open_model
     from dronecats.agent.models.probe import marked_picture
     from dronecats.agent.models.providers import provider_of
     from dronecats.agent.prompt import Prompt
+    from foundation.camera import CameraModel
+    from foundation.protocol import HISTORY_LENGTH
 
     provider = provider_of(spec.provider)
     # with an address given, no key is asked for
     model = open_model(replace(spec, base_url=spec.base_url or provider.base_url))
     jpeg = marked_picture()
-    text = Prompt.load().render(INSTRUCTION, "(none)", 5, spec.axis_order)
+    text = Prompt.load().render(INSTRUCTION, History(CameraModel()).render(), HISTORY_LENGTH, spec.axis_order)
     body = model.body(Request(text, (jpeg,), lifted))
     model.close()
     key = {model.key_header.name: f"{model.key_header.before}***"} if provider.key_variable else {}

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dronecats.campaign.bench import Bench
     from dronecats.campaign.campaign import Ending
     from dronecats.campaign.engine import Engine
+    from dronecats.campaign.estimate import CostEstimate
     from dronecats.campaign.summary import BenchRow, EpisodeScore
     from dronecats.rundir.results import Result
 
@@ -35,6 +36,11 @@ class Sitting:
     done: int
     spent: "Spent | None"  # None: nobody is paid
     broken: "Mapping[tuple[str, str], Result]"  # by run and episode, what broke off
+
+
+def say_line(line: str) -> None:
+    """Say a line on standard error, where nothing of the result goes."""
+    print(line, file=sys.stderr, flush=True)
 
 
 def check_address(args: argparse.Namespace) -> None:
@@ -69,6 +75,7 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
     A page that is wanted is opened `beside`, and is there until that is closed.
     """
     from dronecats.campaign.campaign import Came, Campaign
+    from dronecats.campaign.estimate import CostEstimate
     from dronecats.campaign.local import cores
     from dronecats.campaign.progress import Progress
     from dronecats.cli.live import Live
@@ -81,21 +88,26 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
         campaign = Campaign(bench.runs, jobs=jobs, retry=retry)
         progress = Progress(total=sum(len(each.part) for each in bench.runs))
         left = campaign.left
+        estimate = CostEstimate(bench.runs, left)
         for each, episode, result in bench.stored():
             if (each.entry.name, episode) not in left:
-                progress.stored(result.outcome)
+                progress.stored(result)
+                estimate.came(each, result)
         spending, began_s = Spending(bench.out), time.monotonic()
         ending: Ending = "flown"
 
         def told() -> str:
-            return progress.line(time.monotonic() - began_s, spending.spent())
+            return progress.line(time.monotonic() - began_s, spending.spent(), estimate.left_usd())
 
         def came(each: Came) -> None:
             name = f"{each.run.entry.name}/{each.result.episode}"
             progress.came(each.result, again=each.again)
+            estimate.came(each.run, each.result, again=each.again)
             if each.result.outcome == "error":
                 broken[each.run.entry.name, each.result.episode] = each.result
                 live.say(f"{name}: {each.result.error}")
+            if each.dropped:
+                live.say(f"{name}: {each.dropped} more flights of this model are not begun")
             if each.again:
                 live.say(f"{name}: it did not move, and is flown once more")
             live.now(told(), progress.done)
@@ -103,6 +115,8 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
         live = Live(progress.total)
         try:
             if left:
+                if estimate.flights:
+                    live.say(_foreseen(estimate))
                 live.now(told(), progress.done)
                 beside.enter_context(opened(view_of(args), bench.out, bench.out.name, live.say))
                 ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), came)
@@ -121,6 +135,15 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
         out=bench.out, scores=scores, ending=ending, episodes=progress.total, done=progress.done, spent=spent,
         broken=broken,
     )  # fmt: skip
+
+
+def _foreseen(estimate: "CostEstimate") -> str:
+    """Return what the flights of models that are left are going to cost, a sentence."""
+    flights = f"{estimate.flights} flight{'' if estimate.flights == 1 else 's'} of models"
+    usd = estimate.left_usd()
+    if usd is None:
+        return f"cost of {flights}: not known, since {estimate.unpriced} has no prices"
+    return f"cost of {flights}: about ${usd:.2f} if each flies to its cap; measured anew as flights end"
 
 
 def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":

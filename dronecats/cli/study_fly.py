@@ -31,6 +31,7 @@ def fly(asked: "AskedStudy") -> int:
     bench = Bench(
         out, asked.suite, asked.plan.entries, retry=False, limit=args.limit,
         shard=bench_spec.shard(args), first=lambda: folder.write(out, study),
+        say=sitting.say_line,
     )  # fmt: skip
     with ExitStack() as beside:
         sat = sitting.sit(bench, args, retry=False, beside=beside)

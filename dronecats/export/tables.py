@@ -13,7 +13,7 @@ from dronecats.results.tables import TABLES
 
 OF_EPISODE = frozenset({"run", "episode", "map", "cell", "instruction", "drones", "ended", "ended_s"})
 COSTS = frozenset({"questions", "median_latency_s", "rate_hz_5", "rate_hz_50", "rate_hz_95", "all_tokens_in",
-                   "all_tokens_out"})  # fmt: skip
+                   "all_tokens_out", "decisions", "unreadable", "refused", "cut_off"})  # fmt: skip
 OF_STEP = frozenset({"run", "episode", "drone_index", "step", "frame_id", "t_frame_s", "t_decided_s", "action",
                      "point_x", "point_y", "depth_m", "angle_deg", "reply", "error", "mended", "latency_s", "tokens_in",
                      "tokens_out", "thinking", "rate_hz", "finish", "rescaled", "wide_rotation"})  # fmt: skip

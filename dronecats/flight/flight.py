@@ -69,8 +69,8 @@ class Flight:
         return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
 
 
-def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None = None) -> Flight:
-    """Return the flight of a spec; `ask_model`: see whether its endpoint answers. Raises UsageError.
+def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
+    """Return the flight of a spec; no model is asked anything yet. Raises UsageError.
 
     `outside` answers where the spec says that somebody outside does.
     """
@@ -112,12 +112,7 @@ def look_up(spec: FlightSpec, *, ask_model: bool = True, outside: Model | None =
     if spec.pilot and not spec.replay:
         roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])
     for asked in () if spec.replay else filter(None, (spec.model, spec.commander)):
-        model = open_model(asked)
-        try:
-            if ask_model and spec.accounts.cache is None:  # which may know every reply
-                model.check()
-        finally:
-            model.close()
+        open_model(asked).close()
     return Flight(
         spec=spec,
         record=record,
@@ -133,6 +128,8 @@ def _check_numbers(spec: FlightSpec) -> None:
         raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {spec.seed}")
     if not (math.isfinite(spec.seconds) and 0.0 < spec.seconds <= CAP_S):
         raise UsageError(f"--seconds wants more than 0 and at most {CAP_S:g}, got {spec.seconds:g}")
+    if spec.stop_unreadable is not None and spec.stop_unreadable < 1:
+        raise UsageError(f"--stop-unreadable wants a whole number from 1, got {spec.stop_unreadable}")
     least, most = PATIENCE_S
     if spec.patience_s is not None and not least <= spec.patience_s <= most:
         raise UsageError(f"--patience wants {least:g} to {most:g} seconds, got {spec.patience_s:g}")

@@ -55,6 +55,9 @@ def _recording(folder: Path) -> RecordedFlight:
                 tokens_out=said.tokens_out,
                 finish=None if said.finish is UNSET else str(said.finish),
                 served=served.get(said.drone),
+                tokens_cached=None if said.tokens_cached is UNSET else said.tokens_cached,
+                tokens_reasoning=None if said.tokens_reasoning is UNSET else said.tokens_reasoning,
+                endpoint=None if said.endpoint is UNSET else str(said.endpoint),
             )
             asked[said.drone] += 1
     if not steps:

@@ -100,6 +100,7 @@ class FlightSpec:
     latency: str = LATENCY
     latency_trace: tuple[float, ...] | None = None  # s, of a `trace:`, as they were recorded one after the other
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
+    stop_unreadable: int | None = None  # replies in a row that are no actions and end the flight; None: none do
     patience_s: float | None = None  # s without a frame or a reply after which the flight ends; None: theirs
     disturbances: Disturbances = UNDISTURBED  # of pictures, wire and vehicle, on purpose
     seed: int = 0  # tells flights of one episode apart

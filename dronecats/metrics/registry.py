@@ -1,10 +1,10 @@
 """Every metric that there is: the docs' table, the reports, `--json` and SQL go by this list."""
 
-from dronecats.metrics import costs, fleets, outcomes, pointing, trajectories
+from dronecats.metrics import costs, fleets, outcomes, pointing, replies, trajectories
 from dronecats.metrics.metric import Metric
 
 METRICS: dict[str, Metric] = {
     metric.name: metric
-    for room in (outcomes, trajectories, costs, pointing, fleets)
+    for room in (outcomes, trajectories, costs, replies, pointing, fleets)
     for metric in room.METRICS
 }  # fmt: skip

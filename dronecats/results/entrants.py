@@ -1,5 +1,6 @@
 """Who stands in a table: the runs of one pilot under one setting, their flights of each episode put together."""
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,10 +10,11 @@ from typing import Any
 from dronecats.agent.names import PAPER
 from dronecats.results.collection import Collection, ScoredEpisode
 from dronecats.results.flown_run import FlownRun
-from dronecats.results.identity import refusal
+from dronecats.results.identity import odd_runs, refusal
 from foundation.errors import UsageError
 
 FLAT = "flat"
+ASKED = ("temperature", "top_p", "max_tokens", "reasoning")  # fields of a Setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,10 @@ class Setting:
     latency: str  # the policy, by which a rate is pinned too
     agent: str  # paper, or another; its runs are never counted together with the paper's
     disturbed: str = ""  # what was done to it on purpose, in words; empty: nothing
+    temperature: str = ""  # in words, as the three below; empty: no model, or not sent
+    top_p: str = ""
+    max_tokens: str = ""
+    reasoning: str = ""  # what a model is sent to switch it, on all steps but those after a think
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,12 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
     found = []
     for one, members in runs.items():
         episodes = tuple(each for run in members for each in flown.get(run.folder, ()))
-        if not pool_anyway and (said := refusal(members) or _twice(episodes)):
+        if not pool_anyway and (said := refusal(members)):
+            odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
+            raise UsageError(
+                f"{said}; leave {odd} out and report it by itself, or count them together with --pool-anyway"
+            )
+        if not pool_anyway and (said := _twice(episodes)):
             raise UsageError(f"{said}; leave one of them out, or count them together with --pool-anyway")
         found.append(Entrant(_label(one, list(runs)), one, tuple(members), episodes))
     return tuple(sorted(found, key=lambda entrant: not entrant.is_model))
@@ -93,7 +104,18 @@ def setting(run: FlownRun) -> Setting:
         latency=str(flight.get("latency") or ""),
         agent=run.agent,
         disturbed=str(run.configuration.get("disturbed") or ""),
+        **_asked(flight.get("model")),
     )
+
+
+def _asked(model: Any) -> dict[str, str]:
+    """Return how a model is asked, in words by the field of a Setting."""
+    if not isinstance(model, dict):
+        return {}
+    sent = {name: model.get(name) for name in ("temperature", "top_p", "max_tokens")}
+    told = {name: f"{name} {value}" for name, value in sent.items() if value is not None}
+    quick = model.get("quick")
+    return told if quick is None else {**told, "reasoning": f"reasoning {json.dumps(quick, sort_keys=True)}"}
 
 
 def _label(one: Setting, others: Sequence[Setting]) -> str:
@@ -107,7 +129,7 @@ def _label(one: Setting, others: Sequence[Setting]) -> str:
         other for other in others if (other.pilot, other.replayed, other.agent) == (one.pilot, one.replayed, one.agent)
     ]
     said = []
-    for field in ("command", "commander", "latency", "disturbed"):
+    for field in ("command", "commander", "latency", "disturbed", *ASKED):
         value = getattr(one, field)
         if value and any(getattr(other, field) != value for other in namesakes):
             said.append(value)

@@ -83,22 +83,41 @@ def differences(a: Identity, b: Identity) -> list[Difference]:
     return found
 
 
+def odd_runs(runs: Sequence[FlownRun]) -> list[tuple[FlownRun, list[Difference]]]:
+    """Return the runs that are not of the kind of most of them, each with its differences from the first of most.
+
+    Where two kinds have as many runs, the kind of the earlier run stands for most.
+    """
+    kinds = [identity(run) for run in runs]
+    usual = _usual(kinds)
+    apart = [(run, differences(kind, usual)) for run, kind in zip(runs, kinds, strict=True)]
+    return [(run, found) for run, found in apart if found]
+
+
 def refusal(runs: Sequence[FlownRun]) -> str | None:
     """Return why these runs are not of one kind, a sentence that names in what they differ; None when they are."""
-    kinds = [identity(run) for run in runs]
-    for run, kind in zip(runs, kinds, strict=True):
-        if len(kind["the code"]) > 1:
-            return f"the episodes of {run.folder} were flown by different code ({_shown(kind['the code'])})"
-    others = [(run, differences(kinds[0], kind)) for run, kind in zip(runs, kinds, strict=True)] if runs else []
-    different = [(run, found) for run, found in others if found]
-    if not different:
+    for run in runs:
+        codes = identity(run)["the code"]
+        if len(codes) > 1:
+            return f"the episodes of {run.folder} were flown by different code ({_shown(codes)})"
+    odd = odd_runs(runs)
+    if not odd:
         return None
-    run, found = different[0]
-    more = f"; {len(different) - 1} more differ from the first" if len(different) > 1 else ""
+    run, found = odd[0]
+    others = [each for each in runs if each.folder not in {folder.folder for folder, _ in odd}]
+    single = "suite" not in run.configuration and "suite" in others[0].configuration
+    alone = ", since it was not flown by a benchmark" if single else ""
+    more = f"; {len(odd) - 1} more differ" if len(odd) > 1 else ""
     return (
-        f"{runs[0].folder} and {run.folder}, both of {run.pilot}, differ in {_listed(found)}{more}:"
+        f"{run.folder} differs from {others[0].folder}, both of {run.pilot}, in {_listed(found)}{alone}{more}:"
         " runs of different kinds are not counted together"
     )
+
+
+def _usual(kinds: Sequence[Identity]) -> Identity:
+    """Return the first of the kind that most are of."""
+    alike = [sum(not differences(kind, other) for other in kinds) for kind in kinds]
+    return kinds[alike.index(max(alike))] if kinds else {}
 
 
 def record_digest(record: Mapping[str, Any]) -> str:

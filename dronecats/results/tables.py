@@ -55,7 +55,7 @@ class EpisodeRow:
     error: Annotated[str | None, _of("why it is nobody's score, or what is damaged; null: it is scored")]
     note: Annotated[str | None, _of("what the verdict leaves open though it stands")]
     censored: Annotated[bool | None, _of("whether the flight was not seen to its cap though its outcome stands")]
-    ended: Annotated[str | None, _of("cap, decided, budget, interrupted, takeover or error")]
+    ended: Annotated[str | None, _of("cap, decided, budget, rejected, interrupted, takeover or error")]
     ended_s: Annotated[float | None, _of("s of vehicle time")]
 
 

@@ -26,6 +26,11 @@ class TableColumn:
     cell: str | None = None  # the cell of the grid that it is of, as records name it; None: of several
     map: str | None = None  # the map, likewise
 
+    @property
+    def head_unit(self) -> str:
+        """The unit of what is shown: a share that is shown as a count has none."""
+        return "" if self.as_count else self.unit
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableCell:

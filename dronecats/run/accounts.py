@@ -13,6 +13,7 @@ from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.spec import ON_CLUSTER, Accounts
 from dronecats.rundir.layout import LEDGER
+from foundation.errors import BudgetError
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,27 @@ def check_budget(accounts: Accounts, run: Path) -> None:
     ledger = _books(accounts, run)
     try:
         _budget(accounts).check(ledger.spent())
+    finally:
+        ledger.close()
+
+
+def is_spent(accounts: Accounts, run: Path | None) -> bool:
+    """Return whether a run has nothing left to fly on with; `run` None: a new one."""
+    kept = accounts.ledger or (run and run / LEDGER)
+    if kept is None or not Path(kept).exists():
+        return False
+    try:
+        check_budget(accounts, Path(kept).parent)
+    except BudgetError:
+        return True
+    return False
+
+
+def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
+    """Add what a model (PROVIDER/NAME) has cost to the ledger of the run in a folder. Raises InfrastructureError."""
+    ledger = _books(accounts, run)
+    try:
+        ledger.spend(model, spent)
     finally:
         ledger.close()
 

@@ -10,6 +10,7 @@ from dronecats.pilots import roster
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
+from dronecats.run.first_question import FirstQuestions
 from dronecats.run.instruments import UNWATCHED, Instruments
 from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
@@ -60,7 +61,9 @@ def fly_connected(
             "url": shown(vehicle.camera or ""),
         },
     )
-    with folders.create(out, spec.pilot_name, EPISODE, found) as folder:
+    questions = FirstQuestions([spec], out, say)
+    with folders.create(out, spec.pilot_name, EPISODE, found, questions.ask) as folder:
+        questions.book(folder.parent)
         folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
 
         def fly_it() -> Flown:
@@ -73,7 +76,8 @@ def fly_connected(
                     return fly(
                         stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
                         seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                        check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
+                        check=pilot.check, say=say,
+                        on_step=StepLines(say, spent=pilot.spent, stop_unreadable=spec.stop_unreadable),
                     )  # fmt: skip
             finally:
                 stage.close()

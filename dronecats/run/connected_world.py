@@ -12,6 +12,7 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import start_of
 from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
+from dronecats.run.first_question import FirstQuestions
 from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.oracle import opened_in
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
@@ -52,7 +53,9 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
         source.close()
     link = open_link(vehicle, spec.envelope)
     found = settings(flight, CAMERA)
-    with folders.create(out, spec.pilot_name, record.id, found) as folder:
+    questions = FirstQuestions([spec], out, say)
+    with folders.create(out, spec.pilot_name, record.id, found, questions.ask) as folder:
+        questions.book(folder.parent)
         drawn = folder / (layout.EPISODE if judged else layout.WORLD)
         drawn.write_text(record.to_json(), encoding="utf-8")
         if not judged:
@@ -74,7 +77,8 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
                     return fly(
                         stage, [start], pilot.agent(flight), folder,
                         seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                        check=pilot.check, on_step=StepLines(say, spent=pilot.spent), say=say,
+                        check=pilot.check, say=say,
+                        on_step=StepLines(say, spent=pilot.spent, stop_unreadable=spec.stop_unreadable),
                         true_start=true_start if judged else None,
                     )  # fmt: skip
             finally:

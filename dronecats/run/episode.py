@@ -20,7 +20,7 @@ from dronecats.rundir import layout
 from dronecats.rundir.reading import read
 from dronecats.rundir.rows import drone_label
 from dronecats.stages.stage import Stage
-from foundation.errors import BudgetError, DronecatsError
+from foundation.errors import BudgetError, DronecatsError, ModelRejectedError
 from foundation.protocol import CAP_S
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
@@ -46,7 +46,7 @@ class StartCheck(Protocol):
 class Flown:
     """How the episode ended."""
 
-    reason: str  # cap, decided, budget, interrupted, takeover, error
+    reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
     error: DronecatsError | None
     sim_seconds: float
     wall_seconds: float
@@ -106,6 +106,8 @@ def fly(
         reason, error = "takeover", taken
     except BudgetError as spent:
         reason, error = "budget", spent
+    except ModelRejectedError as rejected:
+        reason, error = "rejected", rejected
     except DronecatsError as fault:
         reason, error = "error", fault
     except Exception as bug:
@@ -118,7 +120,7 @@ def fly(
     error = finish(stage, reason, error, authority.then, say)
     safety.sum_up()
     log.close()
-    ended = "error" if error and reason not in ("takeover", "budget") else reason
+    ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
     return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
 
 

@@ -13,6 +13,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.accounts import check_budget
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
+from dronecats.run.first_question import FirstQuestions
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.settings import settings
 from dronecats.run.step_lines import StepLines
@@ -30,7 +31,9 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any
     flight = look_up(spec)
     record = _record(flight)
     found = settings(flight, flight.camera)
-    with folders.create(out, spec.pilot_name, record.id, found) as folder:
+    questions = FirstQuestions([spec], out, say)
+    with folders.create(out, spec.pilot_name, record.id, found, questions.ask) as folder:
+        questions.book(folder.parent)
         disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
         say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
 
@@ -110,7 +113,8 @@ def _fly(flight: Flight, record: EpisodeRecord, folder: Path, say: Say, found: d
                 stage, starts, pilot.agent(flight), folder,
                 seed=flight.seed, full=spec.full, cap_s=spec.seconds,
                 pictures=_pictures(spec.disturbances.frame, recall),
-                check=pilot.check, on_step=StepLines(say, len(starts), pilot.spent), say=say, true_start=true_start,
+                check=pilot.check, say=say, true_start=true_start,
+                on_step=StepLines(say, len(starts), pilot.spent, spec.stop_unreadable),
             )  # fmt: skip
     finally:
         try:

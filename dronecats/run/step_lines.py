@@ -1,4 +1,4 @@
-"""The lines that a flight prints while it is flown: one per step and drone."""
+"""What a flight says and checks at each decision: a line per step and drone, and replies that are no actions."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -7,28 +7,34 @@ from msgspec import UNSET
 
 from dronecats.agent.action import action_from
 from dronecats.agent.history import compact
+from dronecats.agent.models.finish import ending_reason
 from dronecats.rundir.rows import Decision, drone_label
+from foundation.errors import UnreadableError
 from foundation.protocol import FINISHED
 
 UNREADABLE = 10  # replies in a row that are no action, after which a flight warns
-REASONS = {  # of `finish`; {tokens} is the length of the reply
-    "length": "cut off at {tokens} tokens: raise max_tokens or lower the reasoning",
-    "refusal": "the model refused to answer",
-    "filtered": "the provider's filter withheld the reply",
-}
 
 
 class StepLines:
     """Prints a line for each decision, and once a warning when replies in a row are no actions."""
 
-    def __init__(self, say: Callable[[str], None], drones: int = 1, spent: Callable[[], str] = lambda: "") -> None:
-        """`spent` returns what the model has cost so far, or an empty string."""
-        self._say, self._drones, self._spent = say, drones, spent
+    def __init__(
+        self,
+        say: Callable[[str], None],
+        drones: int = 1,
+        spent: Callable[[], str] = lambda: "",
+        stop_unreadable: int | None = None,
+    ) -> None:
+        """`spent` returns what the model has cost so far, or an empty string.
+
+        `stop_unreadable`: so many replies in a row that are no actions end the flight; None: they never do.
+        """
+        self._say, self._drones, self._spent, self._stop = say, drones, spent, stop_unreadable
         self._unreadable: Counter[int] = Counter()  # replies in a row, by drone
         self._has_warned = False
 
     def __call__(self, decision: Decision) -> None:
-        """Print a decision."""
+        """Print a decision. Raises UnreadableError when too many replies in a row are no actions."""
         what = compact(action_from(decision.action)) if decision.action else f"! {unreadable(decision)}"
         what += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
         what += " (confirmed)" if decision.confirmed_by is not UNSET else ""
@@ -36,6 +42,9 @@ class StepLines:
         line = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {what:34} ({decision.latency_s:.2f} s)"
         self._say(f"{line}  {cost}" if (cost := self._spent()) else line)
         self._unreadable[decision.drone] = 0 if decision.action else self._unreadable[decision.drone] + 1
+        if self._unreadable[decision.drone] == self._stop:
+            told = f"{self._stop} replies in a row are no actions" if self._stop > 1 else "a reply is no action"
+            raise UnreadableError(f"{told}: {unreadable(decision)} (--stop-unreadable {self._stop})")
         if self._unreadable[decision.drone] == UNREADABLE and not self._has_warned:
             self._has_warned = True
             self._say(f"WARNING: {UNREADABLE} replies in a row are no actions: the drone holds. {unreadable(decision)}")
@@ -43,7 +52,4 @@ class StepLines:
 
 def unreadable(decision: Decision) -> str:
     """Return why a decision has no action: the server's reason for the end of the reply, else the parser's."""
-    reason = REASONS.get(decision.finish) if isinstance(decision.finish, str) else None
-    if reason is None:
-        return str(decision.error)
-    return reason.format(tokens="its limit of" if decision.tokens_out is None else f"{decision.tokens_out:,}")
+    return ending_reason(decision.finish, decision.tokens_out) or str(decision.error)

@@ -5,7 +5,7 @@ import fcntl
 import json
 import platform
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
 from importlib import metadata
 from itertools import count
@@ -25,13 +25,20 @@ PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "e
 
 
 @contextlib.contextmanager
-def create(out: Path | None, pilot_name: str, episode_id: str, configuration: dict[str, Any]) -> Iterator[Path]:
+def create(
+    out: Path | None,
+    pilot_name: str,
+    episode_id: str,
+    configuration: dict[str, Any],
+    first: Callable[[], None] = lambda: None,
+) -> Iterator[Path]:
     """Yield a new episode folder inside a run folder, with its empty logs and the run's run.json, held until the end.
 
     The run folder is `out`, or a new one named after the time and the pilot. A flight there without a score is kept
     under UNFINISHED and flown again: one whose verdict is an error, or one that was killed, which has no verdict and no
-    process that holds it. Raises UsageError when `out` has another flight of that episode or another configuration, or
-    when nothing can be written there.
+    process that holds it. `first` is called once the folder is known to take this flight, before anything is written
+    or moved there; when it raises, a folder that was new is gone again. Raises UsageError when `out` has another flight
+    of that episode or another configuration, or when nothing can be written there.
     """
     with contextlib.ExitStack() as held:
         try:
@@ -49,6 +56,8 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
                 raise UsageError(
                     f"{run} is a run of another pilot or other settings; choose another folder (option out)"
                 )
+            held.callback(_remove_unused, run)
+            first()
             if again:
                 _set_aside(run, folder)
             prepare(folder)
@@ -57,6 +66,14 @@ def create(out: Path | None, pilot_name: str, episode_id: str, configuration: di
         except OSError as error:
             raise UsageError(_unwritable(out or Path("runs"), error)) from None
         yield folder
+
+
+def _remove_unused(run: Path) -> None:
+    """Remove a run folder that holds nothing but its lock."""
+    with contextlib.suppress(OSError):
+        if [path.name for path in run.iterdir()] == [LOCK]:
+            (run / LOCK).unlink()
+            run.rmdir()
 
 
 def hold(lock: Path, what: Path, *, shared: bool = False) -> TextIO:

@@ -190,7 +190,7 @@ class Result:
     run_dir: Annotated[str | None, _of("the episode's folder")] = None
     error: Annotated[str | None, _of("why it is nobody's score, or what went wrong beside it")] = None
     distances: Annotated[Distances | UnsetType | None, _of("of a flight whose truth nobody measured")] = UNSET
-    reason: Annotated[str | UnsetType, _of("cap, decided, budget, interrupted, takeover or error")] = UNSET
+    reason: Annotated[str | UnsetType, _of("cap, decided, budget, rejected, interrupted, takeover or error")] = UNSET
     status: Annotated[int | UnsetType, _of("exit status of the command")] = UNSET
     host_stalls: Annotated[Whole, _of("steps that the host delayed; only if any")] | UnsetType = UNSET
 

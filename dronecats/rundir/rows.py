@@ -107,6 +107,12 @@ class Decision:
         Annotated[str, _of("what answered, in the vendor's words; missing: as before, at first the name asked for")]
         | UnsetType
     ) = UNSET
+    tokens_cached: Annotated[Whole, _of("of tokens_in, had from before; missing: not told")] | UnsetType = UNSET
+    tokens_reasoning: Annotated[Whole, _of("of tokens_out, reasoning; missing: not told")] | UnsetType = UNSET
+    endpoint: (
+        Annotated[str, _of("whom a router had answer, in its words, as OpenRouter's provider; missing: not told")]
+        | UnsetType
+    ) = UNSET
     host_lag_s: (
         Annotated[
             Number, _of("s of wall time × speed by which the vehicle's clock fell behind since the last decision")
@@ -275,7 +281,7 @@ class End:
 
     kind: Literal["end"] = "end"
     t: Seconds
-    reason: Annotated[str, _of("cap, decided, budget, interrupted, takeover or error")]
+    reason: Annotated[str, _of("cap, decided, budget, rejected, interrupted, takeover or error")]
     error: str | None = None
 
 

@@ -33,7 +33,7 @@ def check(plan: StudyPlan) -> None:
 def _wrong(flight: FlightSpec) -> str | None:
     """Return why a flight cannot be, None where it can. Its ledger is made with the folder, and not here."""
     try:
-        look_up(replace(flight, accounts=replace(flight.accounts, ledger=None)), ask_model=False)
+        look_up(replace(flight, accounts=replace(flight.accounts, ledger=None)))
         agent_maker(flight.agent)
     except UsageError as wrong:
         return str(wrong)

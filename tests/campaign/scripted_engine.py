@@ -10,6 +10,8 @@ from dronecats.rundir.results import Result
 from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
 
 STUCK, NEAR, MOVED, SOLVED, BROKEN, SPENT = "stuck", "stuck and solved", "moved", "solved", "broken", "spent"
+REJECTED = "rejected"
+REASONS = {BROKEN: "error", SPENT: "budget", REJECTED: "rejected"}
 Script = Callable[[Sortie, int], str]  # a flight, and which of its episode's and run's it is, to what comes of it
 
 
@@ -41,10 +43,9 @@ def fly(sortie: Sortie, what: str) -> Result:
     """Leave the folder of a flight to which this happened, and return its result."""
     assert not list(sortie.folder.glob("*.jpg"))
     (sortie.folder / "episode.json").write_text(json.dumps(sortie.flight.record))
-    if what in (BROKEN, SPENT):
+    if what in REASONS:
         write_verdict(sortie.folder)
-        reason = "budget" if what == SPENT else "error"
-        return Result(episode=sortie.folder.name, outcome="error", error="because", reason=reason)
+        return Result(episode=sortie.folder.name, outcome="error", error="because", reason=REASONS[what])
     far_m = 0.4 if what in (STUCK, NEAR) else 20.0
     trace = [pose(t / 2, 12.0, place=[far_m * (t % 2), 0.0, -2.0]) for t in range(601)]
     near_m = 1.0 if what in (SOLVED, NEAR) else 12.0

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.campaign.batch import RETRIED, Batch
 from dronecats.campaign.bench import Bench
-from dronecats.campaign.campaign import Campaign
-from dronecats.campaign.matrix import entries, part_of, suite_of
+from dronecats.campaign.campaign import Campaign, OpenRun
+from dronecats.campaign.matrix import BenchEntry, entries, part_of, suite_of
 from dronecats.campaign.summary import table
 from dronecats.flight.file import as_kept
 from dronecats.flight.spec import FlightSpec, Simulated
@@ -18,7 +19,7 @@ from dronecats.metrics.stuck import is_stuck, track_m
 from dronecats.rundir.rows import Pose
 from episodes import suites
 from foundation.errors import UsageError
-from tests.campaign.scripted_engine import BROKEN, MOVED, NEAR, SOLVED, SPENT, STUCK, ScriptedEngine
+from tests.campaign.scripted_engine import BROKEN, MOVED, NEAR, REJECTED, SOLVED, SPENT, STUCK, ScriptedEngine
 
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
 FOUR = ["residential-approaching-01", "residential-approaching-02", "campus-tracking-01", "campus-tracking-02"]
@@ -133,6 +134,24 @@ def test_a_spent_budget_begins_nothing_more(tmp_path):
     again = bench(tmp_path / "b")
     assert len(Campaign(again.runs, jobs=1).left) == 4
     again.close()
+
+
+def test_a_model_whose_endpoint_rejects_it_flies_no_more_and_others_do(tmp_path):
+    models = [ModelSpec(provider="local", name=name, base_url="http://h/v1") for name in ("wrong", "right")]
+    runs = [
+        OpenRun(
+            entry=BenchEntry(
+                name=f"{model.name}-{seed}", episodes=tuple(FOUR),
+                flight=FlightSpec(model=model, simulated=Simulated(speed=None), seed=seed),
+            ),
+            batch=Batch(tmp_path / f"{model.name}-{seed}", {"agent": "x"}), part=tuple(FOUR),
+        )
+        for model in models for seed in (0, 1)
+    ]  # fmt: skip
+    engine, came = ScriptedEngine(lambda sortie, time: REJECTED if "wrong" in str(sortie.folder) else MOVED), []  # type: ignore[var-annotated]
+    assert Campaign(runs, jobs=1).fly(engine, came.append) == "flown"
+    assert [each.split("/")[0] for each in engine.flown] == ["wrong-0", *["right-0"] * 4, *["right-1"] * 4]
+    assert [each.dropped for each in came] == [7] + [0] * 8
 
 
 @given(st.lists(st.integers(0, 999), unique=True, max_size=40), st.integers(1, 7), st.none() | st.integers(1, 50))

@@ -17,6 +17,7 @@ from dronecats.campaign.summary import EpisodeScore, broken_pins, score, table, 
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.rundir.results import Result
 from dronecats.rundir.rows import Decision
+from dronecats.statistics.shares import known_share, wilson
 from foundation.errors import UsageError
 from tests.judge.episode_logs import decision
 
@@ -35,6 +36,7 @@ def scores(draw):
         stalled=st.booleans(),
         rates_hz=st.lists(st.floats(0.01, 10.0), max_size=5).map(tuple),
         broken_pins=st.integers(0, 3),
+        unreadable=st.integers(0, 9),
     )
     return draw(st.lists(one, max_size=25))
 
@@ -53,6 +55,7 @@ def test_the_table_counts_what_a_second_count_counts(flown, drop):
         assert line.solved == sum(e.outcome == "success" for e in kept)
         assert line.errors == sum(e.outcome == "error" for e in mine)
         assert line.dropped == (sum(e.stalled for e in mine if e.outcome != "error") if drop else 0)
+        assert line.unreadable == sum(e.unreadable for e in kept)
         assert line.retries == sum(e.retried for e in mine)
         low, high = line.interval
         assert (line.share is None) == (not kept)
@@ -63,7 +66,10 @@ def test_the_table_counts_what_a_second_count_counts(flown, drop):
             assert line.rate_hz[1] == pytest.approx(float(np.median(rates)), abs=1e-3)
             assert list(line.rate_hz) == sorted(line.rate_hz)
         json.dumps(line.as_json())
-    assert len(text(lines).splitlines()) == len(lines) + 2 * len(settings_flown) + 1
+    told = text(lines)
+    explained = any(line.unreadable for line in lines)
+    assert len(told.splitlines()) == len(lines) + 2 * len(settings_flown) + 1 + explained
+    assert ("cut off" in told) == explained
 
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency="rate:2")
@@ -86,6 +92,31 @@ def test_a_score_is_what_its_folder_says(tmp_path):
     assert score("x", FLIGHT, tmp_path, result, retried=False).rates_hz == ()
 
 
+def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
+    told = [
+        decision(0, 1, 1.0),
+        decision(1, 2, 2.0, action=None, error="no JSON"),
+        decision(2, 3, 3.0, action=None, error="no JSON", finish="refusal"),
+        decision(3, 4, 4.0, action=None, error="no JSON", finish="filtered"),
+        decision(4, 5, 5.0, action=None, error="no JSON", finish="length"),
+        decision(5, 6, 6.0, finish="length"),  # an action that is readable all the same
+    ]
+    (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
+    found = score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="failure"), retried=False)
+    assert (found.unreadable, found.refused, found.cut_off) == (4, 2, 1)
+    assert re.search(r"\b4 +2 +1\b", text(table([found])))
+
+
+def test_the_interval_on_the_way_is_that_of_the_table():
+    flown = [("a", True), ("a", True), ("a", True), ("b", False), ("b", False), ("b", False)]
+    progress = Progress(total=9)
+    for episode, won in flown:
+        progress.stored(Result(episode=episode, outcome="success" if won else "failure"))
+    known = known_share([[True] * 3, [False] * 3])
+    assert f"SR 50% ({known.low:.0%}–{known.high:.0%})" in progress.line(0.0)
+    assert (known.low, known.high) != wilson(3, 6)
+
+
 def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
     policy = latency("rate:3")
     assert policy.charge is not None
@@ -103,7 +134,7 @@ def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
 def test_the_line_says_how_far_it_is_and_what_it_has_cost():
     progress = Progress(total=8)
     assert re.findall(r"[\d.]+", progress.line(0.0)) == ["0", "8", "0", "0", "0"]
-    progress.stored("success")
+    progress.stored(Result(episode="z", outcome="success"))
     assert progress.left_s(10.0) is None  # what was there before says nothing of the pace
     progress.came(Result(episode="a", outcome="failure"), again=True)
     progress.came(Result(episode="a", outcome="failure"), again=False)

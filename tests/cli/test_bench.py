@@ -105,6 +105,19 @@ def test_a_file_says_what_the_options_say(tmp_path, monkeypatch):
     assert (kept["name"], kept["base_url"], kept["axis_order"]) == ("b", "http://h:1/v1", "yx")
 
 
+def test_rows_of_one_model_may_differ_in_how_it_is_asked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    row = '{{ name = "openrouter/maker/m", base_url = "http://h:1/v1", {}, called = "{}" }}'
+    told = {"low": 'reasoning = "low", max_tokens = 512', "high": 'reasoning = "high", top_p = 0.5'}
+    rows = [row.format(words, name) for name, words in told.items()]
+    Path("my.toml").write_text(f'suite = ["quick"]\nmodel = [{", ".join(rows)}]\n')
+    low, high = (run.flight.model for run in runs("my.toml")[1])
+    assert low is not None
+    assert high is not None
+    assert (low.quick, low.max_tokens, low.top_p) == ({"reasoning": {"effort": "low"}}, 512, None)
+    assert (high.quick, high.max_tokens, high.top_p) == ({"reasoning": {"effort": "high"}}, 8192, 0.5)
+
+
 def test_several_agents_fly_runs_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     both = ["--suite", "quick", "--pilot", "oracle", "--agent", "paper", "steady", "mine.own:agent", "paper"]

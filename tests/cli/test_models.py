@@ -9,7 +9,9 @@ from dronecats.agent.models.rows import OWN_FILE, rows
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main, parse
 from dronecats.flight.file import as_kept
-from tests.agent.models.pointing import Pointer
+from tests.agent.flown_wire import Endpoint
+from tests.agent.flown_wire import fly as first_step
+from tests.agent.models.pointing import FORMATS, Pointer, mark, wrapped
 from tests.agent.models.recording import Recording
 
 KEY = "sk-cli-SECRET-0987654321"
@@ -110,6 +112,20 @@ def test_a_check_says_what_came_back_and_that_it_can_fly(capsys, house):
         assert re.search(part, told), part
 
 
+def test_a_check_says_why_a_reply_was_cut_off(capsys):
+    def cut_off(sent):
+        said = wrapped("openai", '{"acti', 100, 8192)
+        said["choices"][0]["finish_reason"] = "length"
+        return 200, json.dumps(said).encode()
+
+    with Recording(cut_off) as server:
+        words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
+        assert main(words) == 1
+        assert re.search(r"Unfinished: .*8,192 tokens.*max_tokens", capsys.readouterr().out)
+        assert main([*words, "--json"]) == 1
+    assert {asked["finish"] for asked in json.loads(capsys.readouterr().out)["asked"]} == {"length"}
+
+
 def test_a_model_that_points_otherwise_than_declared_cannot_fly_and_is_told_how(capsys):
     with Recording(Pointer("always [y, x]")) as server:
         words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
@@ -128,7 +144,7 @@ def test_a_check_that_the_endpoint_fails_is_an_error_of_the_infrastructure(monke
     with Recording(f"wrong key {KEY}".encode(), 401) as server:
         assert main(["models", "check", "claude-opus-5-5", "--base-url", server.url + "/v1"]) == 3
     said = capsys.readouterr().err
-    assert "401: wrong key ***" in said
+    assert re.search(r"401 .*/messages: wrong key \*\*\*", said), said
     assert KEY not in said
 
 
@@ -201,3 +217,97 @@ def test_a_flight_says_how_its_model_is_asked(capsys, house):
     said = capsys.readouterr()
     assert re.search(r"local/x\b.*\[y, x\].*schema.*temperature", said.out)
     assert "--base-url" in said.err
+
+
+def test_the_first_step_is_shown_as_the_agent_asks_it(capsys, tmp_path):
+    with Endpoint(['{"action": "think"}']) as endpoint:
+        first_step(endpoint, tmp_path / "flight", steps=1)
+        assert main(["models", "show", "openrouter/maker/model-1", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)["request"]["body"]
+    (sent,) = endpoint.bodies
+    assert shown["messages"][0]["content"][0] == sent["messages"][0]["content"][0]
+    assert outline(shown) == outline(sent)
+
+
+SENT: dict[str, dict[str, object]] = {
+    "openai/m": {"reasoning_effort": "low"},
+    "gpt-5": {"reasoning_effort": "low"},
+    "openrouter/maker/m": {"reasoning": {"effort": "low"}},
+    "qwen3.5-9b": {"reasoning": {"effort": "low"}, "provider": {"require_parameters": True}},
+    "vllm/m": {"reasoning_effort": "low", "chat_template_kwargs": {"enable_thinking": True}},
+    "anthropic/m": {"output_config": {"effort": "low"}},
+}
+
+
+@pytest.mark.parametrize("name", SENT)
+def test_an_effort_of_the_reasoning_is_sent_as_each_vendor_has_it(capsys, name):
+    def shown(*words):
+        assert main(["models", "show", name, "--json", *words]) == 0
+        return json.loads(capsys.readouterr().out)["request"]["body"]
+
+    body = shown("--reasoning-effort", "low")
+    assert {key: body[key] for key in SENT[name]} == SENT[name]
+    assert shown("--reasoning-effort", "low", "--lifted") == shown("--lifted")
+
+
+def test_gemini_has_a_level_in_capitals_beside_the_length_and_the_sampling(capsys):
+    words = ["--reasoning-effort", "low", "--max-tokens", "512", "--top-p", "0.5"]
+    assert main(["models", "show", "gemini-3.7-flash", "--json", *words]) == 0
+    config = json.loads(capsys.readouterr().out)["request"]["body"]["generationConfig"]
+    assert config["thinkingConfig"] == {"thinkingLevel": "LOW"}
+    assert (config["maxOutputTokens"], config["topP"]) == (512, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--max-tokens", "0"], "--max-tokens .*1 .*'0'"),
+        (["--max-tokens", "many"], "--max-tokens .*'many'"),
+        (["--top-p", "1.5"], "--top-p .*0 to 1.*'1.5'"),
+        (["--reasoning-effort", "low;"], "--reasoning-effort .*'low;'"),
+    ],
+)
+def test_what_cannot_be_sent_is_refused(capsys, words, parts):
+    assert main(["models", "show", "gpt-5", *words]) == 2
+    assert re.search(parts, capsys.readouterr().err)
+
+
+def test_a_check_reads_as_the_flight_will(capsys):
+    def fenced(sent):
+        text, jpeg, _ = FORMATS["openai"](sent.body)
+        x, y = mark(jpeg)
+        point = [round(x), round(y)] if '"point": [x, y]' in text else [round(y), round(x)]
+        said = json.dumps({"action": "go", "point": point, "depth_m": "5"})  # a text where a number is asked for
+        return 200, json.dumps(wrapped("openai", said, 10, 5)).encode()
+
+    with Recording(fenced) as server:
+        words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
+        assert main(words) == 1
+        assert main([*words, "--parser", "lenient"]) == 0
+
+
+LISTS = {"data": [{"id": "maker/model-1"}, {"id": "maker/model-2"}]}, {"models": [{"name": "models/maker/model-1"}]}
+
+
+@pytest.mark.parametrize("listed", LISTS, ids=["OpenAI", "Gemini"])
+def test_the_models_of_a_server_are_listed(capsys, listed):
+    with Recording(listed=json.dumps(listed).encode()) as server:
+        assert main(["models", "list", "--endpoint", server.url + "/v1"]) == 0
+        assert "maker/model-1" in capsys.readouterr().out.splitlines()
+        assert main(["models", "list", "--endpoint", server.url + "/v1", "--json"]) == 0
+    assert "maker/model-1" in json.loads(capsys.readouterr().out)["models"]
+
+
+def test_a_server_that_lists_none_is_one_sentence(capsys):
+    for server in (Recording(), Recording(listed=b"<html>")):
+        with server:
+            assert main(["models", "list", "--endpoint", server.url + "/v1"]) == 3
+        said = capsys.readouterr().err
+        assert len(said.splitlines()) == 1
+        assert server.url in said
+
+
+def test_an_unknown_model_is_told_its_neighbours(capsys):
+    with Recording(b'{"error": "no such model"}', 404, listed=json.dumps(LISTS[0]).encode()) as server:
+        assert main(["models", "check", "local/maker/modle-1", "--base-url", server.url + "/v1"]) == 3
+        assert "maker/model-1" in capsys.readouterr().err

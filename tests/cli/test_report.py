@@ -81,6 +81,18 @@ def test_runs_of_different_kinds_are_refused_and_counted_together_when_told(plac
     assert "--pool-anyway" in told
 
 
+def test_a_flight_beside_a_benchmark_is_named_and_what_to_do_with_it(place, capsys):
+    suite = {"suite": {"name": "quick", "version": 1, "sha256": "5" * 64}}
+    for k in (1, 2):
+        write_run(place / "runs" / "bench" / f"f{k}", IDS, pilot="vision", seed=k)
+        told = place / "runs" / "bench" / f"f{k}" / "run.json"
+        told.write_text(json.dumps({**json.loads(told.read_text()), **suite}))
+    write_run(place / "runs" / "alone", IDS, pilot="vision", seed=3)
+    assert main(["report", "runs/alone", "runs/bench", "--out", "report", "--no-page"]) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"runs/alone differs .*bench.*leave \S*runs/alone out.*--pool-anyway", said), said
+
+
 def test_a_copy_of_a_run_is_no_second_flight(place, capsys):
     shutil.copytree(place / "runs" / "oracle", place / "runs" / "copy")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 2

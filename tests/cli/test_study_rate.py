@@ -20,7 +20,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch
         ([*MODEL, "--dry-run", "--pilot", "vision"], "--pilot .*--model"),
         (["--dry-run", "--model", "replay:runs/x"], "--model replay:RUN .*--sitl"),
         (["--dry-run", "--pilot", "oracle"], "oracle"),
-        ([*MODEL, "--dry-run"], "http://127.0.0.1:9/v1"),
+        ([*MODEL, "--dry-run"], "http://127.0.0.1:9/picture.jpg"),
         (["--dry-run", "--pilot", "blind:ring"], "http://127.0.0.1:9/picture.jpg"),
     ):
         monkeypatch.chdir(tmp_path)

@@ -78,6 +78,7 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
         costs = {
             "latency_s": draw(st.sampled_from([None, 0.5, 0.75])), "tokens_in": draw(st.sampled_from([None, 100, 250])),
             "tokens_out": draw(st.sampled_from([None, 5, 9])), "rate_hz": draw(st.sampled_from([None, 0.4, 0.5, 2.0])),
+            "finish": draw(st.sampled_from(["length", "refusal", "filtered", "eos"])),
         }  # fmt: skip
         for drone in range(drones):
             told = draw(action)

@@ -62,7 +62,7 @@ def test_another_agent_is_always_told_and_its_runs_are_no_line_with_the_papers()
 
 def test_runs_of_different_kinds_are_refused_unless_told():
     some = [flights(a_run(f"runs/{k}", seed=k, prompt_sha256=str(k) * 64), ONE) for k in range(2)]
-    with pytest.raises(UsageError, match=r"prompt.*0{8}.*1{8}.*--pool-anyway"):
+    with pytest.raises(UsageError, match=r"prompt.*1{8}.*0{8}.*--pool-anyway"):
         entrants(collected(*some))
     (entrant,) = entrants(collected(*some), pool_anyway=True)
     assert len(entrant.scored) == 4
@@ -81,3 +81,11 @@ def test_two_records_of_one_id_are_refused_whoever_flew_them():
     for anyway in (False, True):
         with pytest.raises(UsageError, match="campus-approaching-01"):
             entrants(collected([a], [b]), pool_anyway=anyway)
+
+
+def test_a_model_that_is_asked_in_two_ways_is_two_lines():
+    efforts = [named("m", quick={"reasoning_effort": word}) for word in ("low", "high")]
+    some = [flights(a_run(f"runs/{k}", model=model), ONE) for k, model in enumerate(efforts)]
+    labels = [entrant.label for entrant in entrants(collected(*some))]
+    assert [word in label for word, label in zip(("low", "high"), labels, strict=True)] == [True, True]
+    assert not [label for label in labels if "max_tokens" in label]  # in which they do not differ

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 from dronecats.results.identity import (
@@ -10,6 +11,7 @@ from dronecats.results.identity import (
     differences,
     identity,
     identity_digest,
+    odd_runs,
     record_digest,
     refusal,
     served,
@@ -96,8 +98,22 @@ def test_measured_things_make_no_kind():
 def test_the_rest_that_differs_is_counted():
     runs = [a_run(f"runs/{k}", prompt_sha256=str(k) * 64) for k in range(4)]
     message = refusal(runs) or ""
-    assert re.search(r"runs/0\b.*runs/1\b.*prompt.*0{8}.*1{8}.*\b2\b", message)
+    assert re.search(r"runs/1\b.*runs/0\b.*prompt.*1{8}.*0{8}.*\b2\b", message)
     assert "runs/2" not in message
+
+
+def test_the_run_that_differs_from_most_is_named_whichever_is_first():
+    bench = [a_run(f"runs/bench/f{k}", seed=k) for k in range(3)]
+    alone = type(bench[0])(
+        folder=Path("runs/alone"), episodes=(),
+        configuration={key: value for key, value in bench[0].configuration.items() if key != "suite"},
+    )  # fmt: skip
+    for runs in ([alone, *bench], [*bench, alone], [bench[0], alone, *bench[1:]]):
+        assert [run.folder for run, _ in odd_runs(runs)] == [alone.folder]
+        message = refusal(runs) or ""
+        assert message.startswith("runs/alone "), message
+        assert "bench" in message
+    assert odd_runs(bench) == []
 
 
 def with_identity(tmp_path, name, **told):
@@ -113,7 +129,7 @@ def test_the_model_as_it_was_served_and_the_code_of_the_machine_that_flew_count(
     a = with_identity(tmp_path, "a", served=["qwen-2026 fp_1"], code_sha256="a" * 64)
     b = with_identity(tmp_path, "b", served=["qwen-2026 fp_2"], code_sha256="a" * 64)
     assert refusal([a, a]) is None
-    assert re.search("model.*qwen-2026 fp_1.*qwen-2026 fp_2", refusal([a, b]) or "")
+    assert re.search("model.*qwen-2026 fp_2.*qwen-2026 fp_1", refusal([a, b]) or "")
     assert served(a.episodes[0]) == ("qwen-2026 fp_1",)
     elsewhere = with_identity(tmp_path, "c", served=["qwen-2026 fp_1"], code_sha256="b" * 64)
     assert re.search("code.*a{8}.*b{8}", refusal([elsewhere]) or "")

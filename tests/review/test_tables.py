@@ -1,7 +1,9 @@
 """Every table against counts by hand, over a benchmark that was made up for it."""
 
+import json
 import math
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -12,6 +14,7 @@ from dronecats.results.collection import without_stalled
 from dronecats.results.usage import Usage
 from dronecats.review import lineup as lineups
 from dronecats.review import names
+from dronecats.review.page.told_tables import page_table
 from dronecats.review.report_table import TableCell
 from dronecats.review.tables import (
     commanding,
@@ -20,6 +23,7 @@ from dronecats.review.tables import (
     failures,
     grounding,
     outcomes,
+    replies,
     served,
     setup,
     thinking,
@@ -100,6 +104,72 @@ def test_by_map():
     assert line(table, "oracle")["residential_approaching_success_percent"] == TableCell(value=None)
 
 
+def test_by_map_is_headed_by_no_percent_since_it_counts():
+    table = made(outcomes.per_map, small())
+    assert {column.unit for column in page_table(table, {}).columns} == {""}
+    assert "%" in {column.unit for column in page_table(made(outcomes.main, small()), {}).columns}
+
+
+def test_unreadable_replies_are_told_of_models():
+    run = a_run("runs/a", model=named("a"))
+    some = {"decisions": 40, "unreadable": 4, "refused": 1, "cut_off": 2}
+    none = {"decisions": 60, "unreadable": 0, "refused": 0, "cut_off": 0}
+    flown = [an_episode(run, "campus-approaching-01", values=some), an_episode(run, "campus-tracking-01", values=none)]
+    built_in = [an_episode(a_run("runs/o", pilot="oracle"), "campus-tracking-01", values=none)]
+    table = made(replies.replies, small(collected(flown, built_in)))
+    assert [row.entrant for row in table.rows] == ["vllm/a"]
+    told = line(table, "vllm/a")
+    assert [told[f"{name}_percent"].value for name in ("unreadable", "refused", "cut_off")] == [4.0, 1.0, 2.0]
+    assert (told["decisions"].value, told["unreadable_flights"].value) == (100, 1)
+    assert replies.replies(small(collected(built_in))) is None
+
+
+def test_how_it_was_flown_says_what_switches_the_reasoning():
+    own = named("a", provider="openai", quick={"reasoning_effort": "minimal"}, thinking={"reasoning_effort": "low"})
+    providers = named("b", provider="openrouter")
+    runs = [a_run("runs/a", model=own), a_run("runs/b", model=providers), a_run("runs/c", model=named("c", quick={}))]
+    table = made(setup.setup, small(collected(*(flights(run, {"campus-tracking": "s"}) for run in runs))))
+    told = {row.entrant: line(table, row.entrant)["reasoning"].value for row in table.rows}
+    assert told["openai/a"] == "reasoning_effort minimal | reasoning_effort low"
+    assert told["openrouter/b"] == "reasoning.enabled false | reasoning.enabled true"
+    assert str(told["vllm/c"]).startswith("nothing | ")
+
+
+def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
+    served = {"same": ["same"], "other": ["other-2026", "other"], "silent": []}
+    runs = []
+    for name, answered in served.items():
+        run = replace(a_run(str(tmp_path / name), model=named(name)), episodes=(tmp_path / name / "e",))
+        (tmp_path / name / "e").mkdir(parents=True)
+        (tmp_path / name / "e" / "identity.json").write_text(json.dumps(
+            {"code_sha256": "a" * 64, "record_sha256": None, "frames": 0, "frames_sha256": None, "served": answered}
+        ))  # fmt: skip
+        runs.append(run)
+    table = made(setup.setup, small(collected(*(flights(run, {"campus-tracking": "s"}) for run in runs))))
+    told = {row.entrant: line(table, row.entrant)["served"].value for row in table.rows}
+    assert told == {"vllm/same": None, "vllm/other": "other-2026", "vllm/silent": None}
+
+
+def test_a_deviation_says_of_how_many_flights_it_is():
+    table = made(variance.variance, small())
+    assert "s.d. of 2" in {row.cells[1].value for row in table.rows}
+    assert [note for note in table.notes if "two flights" in note]
+
+
+def test_costs_tell_cached_and_reasoning_tokens_and_who_answered():
+    run = a_run("runs/a", model=named("a"))
+    used = [
+        Usage(questions=10, tokens_in=1000, tokens_out=100, cached=512, reasoning=60,
+              endpoints=("Novita", "DeepInfra")),
+        Usage(questions=10, tokens_in=1000, tokens_out=100, reasoning=20, endpoints=("DeepInfra",)),
+    ]  # fmt: skip
+    flown = [an_episode(run, f"campus-approaching-{k:02}", usage=each) for k, each in enumerate(used, 1)]
+    told = line(made(costs.costs, small(collected(flown))), "vllm/a")
+    assert (told["tokens_cached"].value, told["tokens_cached"].of) == (512, 1)
+    assert (told["tokens_reasoning"].value, told["tokens_reasoning"].of) == (40, 2)
+    assert told["endpoints"].value == "DeepInfra, Novita"
+
+
 def test_approaching_leaves_out_of_a_mean_who_has_no_value():
     run = a_run("runs/a", model=named("a"))
     flown = [
@@ -172,14 +242,14 @@ def test_drones_are_counted_over_flights_and_part_them():
 def test_variance_is_over_the_episodes_that_every_flight_scored():
     table = made(variance.variance, small())
     lines = {str(row.cells[1].value): row.cells for row in table.rows}
-    assert list(lines) == ["1", "2", "mean", "s.d.", "binomial", "by episode"]
+    assert list(lines) == ["1", "2", "mean", "s.d. of 2", "binomial", "by episode"]
     approaching = [column.name for column in table.columns].index("approaching_successes")
     assert [lines[k][approaching].value for k in ("1", "2", "mean")] == [3, 2, 2.5]
-    assert lines["s.d."][approaching].value == pytest.approx(math.sqrt(0.5))
+    assert lines["s.d. of 2"][approaching].value == pytest.approx(math.sqrt(0.5))
     assert lines["binomial"][approaching].value == pytest.approx(math.sqrt(4 * 0.625 * 0.375))
     assert lines["by episode"][approaching].value == pytest.approx(math.sqrt(0.5)), "one of four differed"
-    assert number(lines["s.d."][approaching].high) > math.sqrt(0.5) > number(lines["s.d."][approaching].low)
-    (note,) = table.notes
+    assert number(lines["s.d. of 2"][approaching].high) > math.sqrt(0.5) > number(lines["s.d. of 2"][approaching].low)
+    _, note = table.notes
     assert re.search(rf"{GOOD}\b.*\b1\b", note)
     assert variance.variance(small(collected(flights(a_run(), {"campus-approaching": "sf"})))) is None
 

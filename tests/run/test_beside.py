@@ -13,6 +13,7 @@ from dronecats.pilots.server import PilotServer
 from dronecats.run import pilot as run_pilot
 from dronecats.run.simulated import fly_simulated
 from dronecats.sitl.lockstep import Lockstep
+from tests.support.first_question import after_first_question
 
 LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
 PATIENCE_S = 30.0  # of a test that is to fail
@@ -51,7 +52,7 @@ class Model:
 
 def flown(folder, model, latency):
     """Return the bytes of what is logged of a short flight under a model."""
-    server = PilotServer(model, "stub").start()
+    server = PilotServer(after_first_question(model), "stub").start()
     try:
         spec = FlightSpec(
             model=ModelSpec(provider="local", name="stub", base_url=server.base_url),

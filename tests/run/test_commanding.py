@@ -110,4 +110,4 @@ def test_a_commander_that_looks_wants_pictures():
     model = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:9/v1")
     spec = FlightSpec(pilot="oracle", episode=EPISODE, command="hierarchical", commander=model, simulated=GREY)
     with pytest.raises(UsageError, match="rendering"):
-        look_up(spec, ask_model=False)
+        look_up(spec)

@@ -4,6 +4,7 @@ import pytest
 
 from dronecats.run.step_lines import UNREADABLE, StepLines
 from dronecats.rundir.rows import Decision
+from foundation.errors import UnreadableError
 
 GO = {"action": "go", "point": [463, 553], "depth_m": 15.0}
 
@@ -14,9 +15,9 @@ def decision(step=0, drone=0, **fields):
                     tokens_in=10, thinking=False, rate_hz=None, **values)  # fmt: skip
 
 
-def printed(decisions, drones=1):
+def printed(decisions, drones=1, stop_unreadable=None):
     lines: list[str] = []
-    show = StepLines(lines.append, drones)
+    show = StepLines(lines.append, drones, stop_unreadable=stop_unreadable)
     for each in decisions:
         show(each)
     return lines
@@ -57,3 +58,14 @@ def test_many_unreadable_replies_in_a_row_are_warned_of_once():
         decision(action=GO, error=None) for _ in unread[UNREADABLE // 2 :: UNREADABLE // 2]
     ]
     assert not [line for line in printed(unread) if "WARNING" in line]
+
+
+def test_so_many_unreadable_replies_in_a_row_end_the_flight_where_that_is_asked_for():
+    unread = [decision(step, finish="length") for step in range(3)]
+    readable = decision(action=GO, error=None)
+    with pytest.raises(UnreadableError, match="8,192 tokens"):
+        printed(unread, stop_unreadable=3)
+    printed([*unread[:2], readable, *unread[:2]], stop_unreadable=3)
+    of_two_drones = [decision(step, drone) for step in range(2) for drone in range(2)]
+    printed(of_two_drones, drones=2, stop_unreadable=3)  # each drone's replies are counted apart
+    printed(unread * 9)

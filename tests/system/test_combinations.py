@@ -21,7 +21,7 @@ from dronecats.flight.spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster
 from dronecats.pilots.commander import divide
 from dronecats.pilots.server import completion, read_request
-from dronecats.run import accounts
+from dronecats.run import accounts, first_question
 from dronecats.run.fly import fly
 from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
 from tests.support.command_line import DRONECATS, last_object
@@ -35,6 +35,7 @@ LOCKSTEP = Simulated(speed=None)
 @pytest.fixture
 def serve(monkeypatch):
     monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(first_question, "open_model", lambda spec, _: open_model(spec, RetryPolicy(pause_s=0.0)))
     monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     opened = []
 
@@ -112,7 +113,7 @@ def test_a_fleet_whose_model_fences_its_replies_flies_where_they_are_read_lenien
 def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flies_it_again(tmp_path, serve, capsys):
     dead = serve(vision)
     (whole,) = dead.script
-    dead.script = [whole, whole, reset]
+    dead.script = [whole, whole, whole, reset]  # the first question, and two steps
     spec = tmp_path / "spec.json"
     model = ModelSpec(provider="local", name="m", base_url=dead.url)
     spec.write_text(json.dumps(as_kept(FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seed=3))))
@@ -134,6 +135,19 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] == EASY
     assert main(command) == 2  # what is scored is not flown over
     assert EASY in capsys.readouterr().err
+
+
+def test_unreadable_replies_end_a_flight_as_nobodys_score_where_that_is_asked_for(tmp_path, serve):
+    def cut_off(body):
+        prompt, images = read_request(body)
+        said = completion("m", body, prompt, images, '{"acti')
+        said["choices"][0]["finish_reason"] = "length"
+        return said
+
+    result, folder = flown(tmp_path / "run", serve(cut_off), episode=EASY, seconds=60.0, stop_unreadable=2)
+    assert (result["outcome"], result["reason"], result["status"], result["steps"]) == ("error", "error", 3, 1)
+    assert "cut off" in result["error"]
+    assert len(rows(folder / "decisions.jsonl")) == 2
 
 
 def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):

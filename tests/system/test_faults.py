@@ -7,6 +7,7 @@ import pytest
 from dronecats.cli.main import main
 from dronecats.pilots.server import PilotServer
 from tests.support.command_line import last_object
+from tests.support.first_question import after_first_question
 from tests.support.json_lines import rows
 
 KEY = "sk-SECRET-1234567890"
@@ -17,7 +18,7 @@ def fly(tmp_path, capsys):
     """Fly with a pilot function behind the model interface; return (status, result, everything said and written)."""
 
     def run(pilot, *arguments):
-        with PilotServer(pilot, "m") as server:
+        with PilotServer(after_first_question(pilot), "m") as server:
             endpoint = server.base_url.replace("://", "://me:pw777@")
             command = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--model", "openai/m"]
             status = main([*command, "--base-url", endpoint, "--out", str(tmp_path / "run"), "--json", *arguments])

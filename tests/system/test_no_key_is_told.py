@@ -14,6 +14,7 @@ import pytest
 
 from dronecats.cli.main import main
 from tests.support.command_line import DRONECATS
+from tests.support.first_question import is_first_question
 
 IN_THE_PATH = "c0ffee0123456789abcdef0123456789abcdef42"
 IN_THE_QUERY = "q/Top+Secret=1"
@@ -35,9 +36,9 @@ class Echo(BaseHTTPRequestHandler):
         told = " ".join((self.path, quote(self.path, safe=""), *map(str, self.headers.values()), *SECRETS))
         told += f" http://{self.headers['Host']}{self.path}"
         step = len(self.server.asked)
-        if step == 1:
+        if step <= 2:  # the first question before take-off, and a step
             self._reply(told + ' {"action":"rotate","angle_deg":5}')
-        elif step == 2:
+        elif step == 3:
             self._reply(json.dumps({"action": SECRETS[list(ENDS).index(self.server.end)]}))
         else:
             ENDS[self.server.end](self, told)
@@ -72,7 +73,7 @@ class Told(ThreadingHTTPServer):
 
     def __init__(self, end: str) -> None:
         super().__init__(("127.0.0.1", 0), Echo)
-        self.end = end  # one of ENDS: how it answers from the third call on
+        self.end = end  # one of ENDS: how it answers from the fourth call on
         self.asked: list[str] = []
 
 
@@ -110,8 +111,15 @@ class Looking(BaseHTTPRequestHandler):
     """Looks, when it is asked, at what anybody can see of the processes that fly."""
 
     def do_POST(self):
-        self.rfile.read(int(self.headers["Content-Length"]))
+        asked = self.rfile.read(int(self.headers["Content-Length"])).decode()
         assert isinstance(self.server, Seen)
+        if is_first_question(asked):
+            said = json.dumps({"choices": [{"message": {"content": "{}"}}]}).encode()
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(said)))
+            self.end_headers()
+            self.wfile.write(said)
+            return
         for child in psutil.Process(self.server.flying).children(recursive=True):
             with contextlib.suppress(psutil.NoSuchProcess):  # it ended while it was looked at
                 command, environment = " ".join(child.cmdline()), " ".join(child.environ().values())

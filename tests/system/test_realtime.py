@@ -13,6 +13,7 @@ import pytest
 from dronecats.pilots.server import PilotServer
 from dronecats.stages import parts
 from tests.support.command_line import DRONECATS, last_object
+from tests.support.first_question import after_first_question
 
 MODULES = {part.name: part.module for part in (parts.SIMULATOR, parts.CAMERA, parts.LOGGER, parts.PILOT)}
 
@@ -134,7 +135,7 @@ def test_ctrl_c_does_not_wait_for_a_silent_model(fly):
         never.wait()
         return "{}"
 
-    with PilotServer(silent, "m") as server:
+    with PilotServer(after_first_question(silent), "m") as server:
         flight = fly("--speed", "3", "--model", "local/m", "--base-url", server.base_url)
         flight.until("flying to the start pose")
         assert asked.wait(300)

@@ -15,6 +15,7 @@ from dronecats.flight.latency_trace import latency_fields
 from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.fly import fly
 from tests.support.command_line import DRONECATS, last_object
+from tests.support.first_question import is_first_question
 from tests.support.json_lines import rows
 from tests.support.simulated_vehicle import simulated_rig
 from tests.support.wire_tap import Tap, orders, setpoints
@@ -48,7 +49,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.answer(200, {"data": []})
 
     def do_POST(self):
-        self.rfile.read(int(self.headers["Content-Length"]))
+        asked = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        if is_first_question(asked):
+            return self.answer(200, {"choices": [{"message": {"content": FINISHED}}]})
         began_s, number = time.monotonic(), len(self.server.took_s)
         if number == self.server.dies_after:
             return self.answer(401, {"error": {"message": "no more"}})

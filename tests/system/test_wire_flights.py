@@ -9,14 +9,16 @@ import pytest
 
 from dronecats.agent.models import turns
 from dronecats.agent.models.endpoint import RetryPolicy
+from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli.main import main
 from dronecats.flight.spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster
 from dronecats.pilots.server import completion, read_request
-from dronecats.run import accounts
+from dronecats.run import accounts, first_question
 from dronecats.run.fly import fly
+from dronecats.rundir.layout import LEDGER
 from tests.agent.models.faulty_wire import AGAIN, Wire, behind
 from tests.support.command_line import last_object
 from tests.support.json_lines import rows
@@ -68,13 +70,14 @@ def replayed(capsys, folder, out, *words):
 
 def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(first_question, "open_model", lambda spec, _: open_model(spec, RetryPolicy(pause_s=0.0)))
     monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     result, whole = flown(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())
     hurt, folder = flown(asking(broken), tmp_path / "broken")
     assert result["outcome"] == hurt["outcome"] == "success"
     assert logs(folder) == logs(whole)
-    assert broken.served == 3 * result["steps"] >= 15
+    assert broken.served == 3 * (1 + result["steps"]) >= 15  # the first question before take-off is one more
 
 
 def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recording(serve, tmp_path, capsys):
@@ -92,6 +95,21 @@ def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recordi
     assert not list((tmp_path / "again").glob("*.sqlite-wal"))
     _, third = replayed(capsys, first, tmp_path / "third")
     assert logs(third) == logs(first)
+
+
+def test_what_a_router_tells_is_in_the_record_and_flown_again(serve, tmp_path, capsys):
+    def routed(body):
+        said = vision(body)
+        said["usage"]["prompt_tokens_details"] = {"cached_tokens": 5}
+        return {**said, "provider": "DeepInfra"}
+
+    _, first = flown(asking(serve(reply=routed), seconds=4.0), tmp_path / "first")
+    decisions = rows(first / "decisions.jsonl")
+    assert {(row["tokens_cached"], row["endpoint"], row.get("tokens_reasoning")) for row in decisions} == {
+        (5, "DeepInfra", None)
+    }
+    _, again = replayed(capsys, first, tmp_path / "again")
+    assert logs(again) == logs(first)
 
 
 def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
@@ -147,12 +165,18 @@ def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_pa
     assert re.search("3,500 tokens.*--token-limit", result["error"])
     folder = tmp_path / "run" / EASY
     decisions, end = rows(folder / "decisions.jsonl"), rows(folder / "truth.jsonl", "end")[0]
-    spent = [row["tokens_in"] + row["tokens_out"] for row in decisions]
-    assert sum(spent[:-1]) < 3500 <= sum(spent)
+    ledger = Ledger(tmp_path / "run" / LEDGER)
+    total = ledger.spent()
+    ledger.close()
+    of_steps = [row["tokens_in"] + row["tokens_out"] for row in decisions]
+    first = total.tokens - sum(of_steps)  # the question before take-off is paid for, too
+    assert 0 < first < of_steps[0]
+    assert total.questions == 1 + len(decisions)
+    assert total.tokens - of_steps[-1] < 3500 <= total.tokens
     assert end["reason"] == "budget"
     assert any("landing" in line for line in said)
-    usd = sum(row["tokens_in"] * 1.0 + row["tokens_out"] * 10.0 for row in decisions) / 1e6
-    assert any(line.endswith(f" {sum(spent):,} tokens, ${usd:.4f}") for line in said)
+    usd = (total.tokens_in * 1.0 + total.tokens_out * 10.0) / 1e6
+    assert any(line.endswith(f" {total.tokens:,} tokens, ${usd:.4f}") for line in said)
     # a flight that begins with nothing left starts nothing
     again = fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", said.append)
     assert (again["reason"], again["steps"], again["sim_seconds"]) == ("budget", 0, 0.0)

@@ -88,5 +88,8 @@ class AnthropicModel(HttpModel):
         usage = data.get("usage") or {}
         text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
         finish = finish_of(data.get("stop_reason"), _FINISH)
-        tokens = count(usage.get("input_tokens")), count(usage.get("output_tokens"))
-        return ReadAnswer(text, *tokens, finish, (data.get("model"),))
+        cached = usage.get("cache_read_input_tokens")  # of which the vendor counts none among the others
+        tokens_in = count(usage.get("input_tokens"), usage.get("cache_creation_input_tokens"), cached)
+        return ReadAnswer(
+            text, tokens_in, count(usage.get("output_tokens")), finish, (data.get("model"),), count(cached)
+        )

@@ -14,6 +14,11 @@ _WORDS = (
         re.compile(r"overloaded|unavailable|time.?d?.?out|server.?error|internal|api.?error|gateway", re.IGNORECASE),
     ),
 )
+_EXHAUSTED = re.compile(
+    rb"insufficient.{0,3}(quota|balance|credits?|funds)|credit balance is too low|billing_(hard_limit|not_active)"
+    rb"|per.?day",
+    re.IGNORECASE,
+)
 _DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # google.rpc.RetryInfo
 
 
@@ -50,6 +55,11 @@ def delay_in(body: bytes) -> float | None:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return max((float(delay[1]) for delay in delays if delay), default=None)
+
+
+def is_exhausted(body: bytes) -> bool:
+    """Return whether a refusal says that there is no credit left, or that a day's allowance is used up."""
+    return _EXHAUSTED.search(body) is not None
 
 
 def _errors(data: Any) -> Iterator[Any]:

@@ -72,6 +72,13 @@ def cost(spec: ModelSpec, tokens_in: int, tokens_out: int) -> float:
     return (tokens_in * (spec.input_usd or 0.0) + tokens_out * (spec.output_usd or 0.0)) / MILLION
 
 
+def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
+    """Return what a question and its reply have cost. Tokens that an endpoint does not count are estimated."""
+    tokens_in = tokens_of(request) if reply.tokens_in is None else reply.tokens_in
+    tokens_out = len(reply.text) // CHARACTERS_PER_TOKEN if reply.tokens_out is None else reply.tokens_out
+    return Spent(1, tokens_in, tokens_out, cost(spec, tokens_in, tokens_out))
+
+
 class BudgetedModel:
     """Asks a model while there is something left. Questions under way together may overshoot by one each."""
 
@@ -83,11 +90,7 @@ class BudgetedModel:
         """Return the reply, with what it costs in the ledger. Raises BudgetError, ModelError, InfrastructureError."""
         self._budget.check(self._ledger.spent())
         reply = self._model.ask(request)
-        # an endpoint that counts nothing is counted for: a limit has to end somewhere
-        tokens_in = tokens_of(request) if reply.tokens_in is None else reply.tokens_in
-        tokens_out = len(reply.text) // CHARACTERS_PER_TOKEN if reply.tokens_out is None else reply.tokens_out
-        spent = Spent(1, tokens_in, tokens_out, cost(self._spec, tokens_in, tokens_out))
-        self._ledger.spend(self._spec.title, spent)
+        self._ledger.spend(self._spec.title, spent_on(self._spec, request, reply))
         return reply
 
     def check(self) -> None:

@@ -38,6 +38,11 @@ class ReplyCache:
             (kept,) = db.execute(_READ, (question,)).fetchone()
         return reply if kept == told else _reply(kept)
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether it holds no reply. Raises InfrastructureError."""
+        return self._file.row("SELECT 1 FROM replies LIMIT 1") is None
+
     def close(self) -> None:
         self._file.close()
 

@@ -1,6 +1,7 @@
 """An HTTP endpoint that may be slow, busy, broken or hostile: an answer or a ModelError, and within a stated time."""
 
 import functools
+import re
 import ssl
 import time
 import zlib
@@ -16,10 +17,10 @@ from typing import TypeVar
 import httpx
 
 from dronecats.agent.executors import DaemonExecutor
-from dronecats.agent.models.body_fault import BUSY, delay_in, fault_in
+from dronecats.agent.models.body_fault import BUSY, delay_in, fault_in, is_exhausted
 from dronecats.agent.models.limiter import Limiter, Unlimited
 from dronecats.agent.models.rate_headers import allowances
-from foundation.errors import ModelError, UsageError
+from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.printable import printable
 from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
 from foundation.turn import COMPUTING
@@ -30,6 +31,8 @@ MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; one of 8192 tokens has
 MAX_SAID_CHARS = 100_000  # of a refusal, of which a sentence is shown
 MAX_PAUSE_S = 60.0  # whatever Retry-After asks for
 AGAIN = (408, 425, 429)  # and 5xx: answers that ask to be tried again
+UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # every other question gets the same answer
+_VERSION = re.compile(r"/v\d")  # in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
 
@@ -75,6 +78,13 @@ class Exchanged:
     wish_s: float | None  # s to wait that the answer asks for
     told: str = "answered {}"  # what is said of the status
 
+    @property
+    def rejects(self) -> bool:
+        """Whether every other question would be answered the same: the key, the model, the path or the credit."""
+        if self.status in (UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND):
+            return True
+        return 400 <= self.status < 500 and is_exhausted(self.body)
+
 
 @functools.cache
 def _trusted() -> ssl.SSLContext:
@@ -94,9 +104,13 @@ class Endpoint:
         key_header: KeyHeader = BEARER,
         headers: Mapping[str, str] = HEADERS,
         limiter: Limiter | None = None,
+        key_variable: str | None = None,
     ) -> None:
-        """Connect nothing yet. Raises UsageError for what is no URL, and for a key that cannot be sent."""
+        """Connect nothing yet; `key_variable` holds the key, for a sentence about a wrong one.
+
+        Raises UsageError for what is no URL, and for a key that cannot be sent."""
         self.shown = redacted_url(base_url)
+        self._key_hint = f"{'check' if key else 'set'} the key in {key_variable}" if key_variable else ""
         self.patience = patience
         self._limiter = limiter or Unlimited()
         self._secrets = worth_hiding(key, *secrets, *secrets_of(base_url))
@@ -146,13 +160,29 @@ class Endpoint:
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise UsageError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
+    def get(self, path: str) -> bytes:
+        """Return the body of an answer of status 200. Raises ModelError for any other, in one sentence."""
+
+        def fetch(until: float) -> bytes:
+            with self._http.stream("GET", self.url(path), timeout=CONNECT_S, follow_redirects=False) as response:
+                body = self._body(response, until)
+                if response.status_code != 200:
+                    said = self._rejection(Exchanged(response.status_code, body, None), path, "GET")
+                    raise ModelError(f"the model endpoint {self.shown} {said}")
+                return body
+
+        try:
+            return self._within(CONNECT_S, fetch)
+        except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
+            raise ModelError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
+
     def post(self, path: str, content: bytes, tokens: int = 0) -> Answer:
         """Return the answer of status 200 that holds no error, after as many attempts as patience allows.
 
-        `tokens`: about as many as it asks about, for the limiter. Raises ModelError.
+        `tokens`: about as many as it asks about, for the limiter. Raises ModelError, and of these ModelRejectedError at
+        once where every other question would be answered the same.
         """
-        url = self.url(path)
-        return self._within(self.patience.give_up_s, lambda until: self._attempts(url, content, tokens, until))
+        return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, until))
 
     def _within(self, seconds: float, call: Callable[[float], T]) -> T:
         """Return what `call` returns, which is told until when it may take. Raises ModelError when that is over.
@@ -169,8 +199,8 @@ class Endpoint:
     def _silent(self, seconds: float) -> ModelError:
         return ModelError(f"the model endpoint {self.shown} has not answered for {seconds:g} s")
 
-    def _attempts(self, url: httpx.URL, content: bytes, tokens: int, until: float) -> Answer:
-        asked = time.monotonic()
+    def _attempts(self, path: str, content: bytes, tokens: int, until: float) -> Answer:
+        url, asked = self.url(path), time.monotonic()
         for attempt in range(1, self.patience.attempts + 1):
             pause_s = self.patience.pause_s * 2.0 ** (attempt - 1)
             self._await_turn(tokens, until)
@@ -184,6 +214,9 @@ class Endpoint:
             else:
                 if came.status == 200:
                     return Answer(came.body, round(time.monotonic() - began, 6), round(began - asked, 6))
+                if came.rejects:
+                    said = self._rejection(came, path)
+                    raise ModelRejectedError(f"the model endpoint {self.shown} {said}", came.status)
                 said, again = self._refusal(came), came.status in AGAIN or came.status >= 500
                 pause_s = pause_s if came.wish_s is None else came.wish_s
                 if came.status == BUSY:
@@ -241,6 +274,17 @@ class Endpoint:
         if 300 <= came.status < 400:
             return f"{told}, a redirect: none is followed, so that no key goes there; give the final address"
         return f"{told}: {self.brief(came.body)}"
+
+    def _rejection(self, came: Exchanged, path: str, method: str = "POST") -> str:
+        """Return what is said of an answer that every question would get: the path that was asked, and what to do."""
+        base, mark, query = self.shown.partition("?")
+        asked = f"{method} {base.rstrip('/')}/{path}{mark}{query}"
+        said = f"{came.told.format(came.status)} to {asked}: {self.brief(came.body)}"
+        if came.status == NOT_FOUND and not _VERSION.search(self._base.path):
+            return f"{said}; its address lacks /v1: try --base-url {base.rstrip('/')}/v1{mark}{query}"
+        if came.status in (UNAUTHORIZED, FORBIDDEN) and self._key_hint:
+            return f"{said}; {self._key_hint}"
+        return said
 
     def _reason(self, error: Exception) -> str:
         return self.brief(str(error)) if str(error) else type(error).__name__

@@ -48,7 +48,15 @@ class GeminiModel(HttpModel):
         usage = data.get("usageMetadata") or {}
         tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
         text, finish = _text(data)
-        return ReadAnswer(text, count(usage.get("promptTokenCount")), tokens_out, finish, (data.get("modelVersion"),))
+        return ReadAnswer(
+            text,
+            count(usage.get("promptTokenCount")),
+            tokens_out,
+            finish,
+            (data.get("modelVersion"),),
+            count(usage.get("cachedContentTokenCount")),
+            count(usage.get("thoughtsTokenCount")),
+        )
 
 
 def _text(data: dict[str, Any]) -> tuple[str, str | None]:

@@ -1,5 +1,6 @@
 """A model behind an endpoint: what the wire formats share, from the key in its header to an answer that is none."""
 
+import difflib
 import hashlib
 import json
 import os
@@ -8,13 +9,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, Endpoint, KeyHeader, RetryPolicy
+from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS, provider_of
 from dronecats.agent.models.reply_schema import known_part, orders_schema, reply_schema
 from dronecats.agent.models.spec import ModelSpec
-from foundation.errors import ModelError, UsageError
+from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
 
 CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
@@ -33,6 +34,9 @@ class ReadAnswer:
     tokens_out: int | None = None
     finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
     served: tuple[Any, ...] = ()  # the model's name, and the version of what serves it, as far as they are told
+    tokens_cached: int | None = None  # as in `Reply`, and both below
+    tokens_reasoning: int | None = None
+    endpoint: Any = None
 
 
 class HttpModel(ABC):
@@ -63,7 +67,9 @@ class HttpModel(ABC):
         headers = {**HEADERS, **self.headers()}
         self._address = keyless(url)
         limiter = limiters(redacted_url(url), spec.name) if limiters else None
-        self._endpoint = Endpoint(url, key, tuple(keys.values()), patience, self.key_header, headers, limiter)
+        self._endpoint = Endpoint(
+            url, key, tuple(keys.values()), patience, self.key_header, headers, limiter, provider.key_variable
+        )
 
     def close(self) -> None:
         self._endpoint.close()
@@ -107,22 +113,62 @@ class HttpModel(ABC):
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply, without any key of ours that is echoed in it. Raises ModelError."""
-        answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
+        """Return the reply, without any key of ours that is echoed in it. Raises ModelError, ModelRejectedError."""
+        try:
+            answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
+        except ModelRejectedError as rejected:
+            raise ModelRejectedError(f"{rejected}{self._near(rejected.status)}", rejected.status) from None
         try:
             said = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
             what = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
         text, finish = self._endpoint.hide(said.text), said.finish and self._endpoint.hide(said.finish)
-        served = self._served(said.served)
-        return Reply(text, answer.latency_s, said.tokens_in, said.tokens_out, answer.waited_s, finish, served)
+        return Reply(
+            text,
+            answer.latency_s,
+            said.tokens_in,
+            said.tokens_out,
+            answer.waited_s,
+            finish,
+            self._served(said.served),
+            said.tokens_cached,
+            said.tokens_reasoning,
+            self._words((said.endpoint,)) or None,
+        )
+
+    def listed(self) -> list[str]:
+        """Return the models that the endpoint lists, by the names that it has for them. Raises ModelError."""
+        body = self._endpoint.get("models")
+        try:
+            data = json.loads(body)
+            names = [entry["id"] for entry in data["data"]] if "data" in data else [m["name"] for m in data["models"]]
+            told = [self._endpoint.hide(text_of(name)).removeprefix("models/") for name in names]
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            what = f"answered no list of models but: {self._endpoint.brief(body)}"
+            raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
+        return [name for name in told if name.isprintable()]
+
+    def _near(self, status: int) -> str:
+        """Return which models of the endpoint have a name like this one's, where it may be unknown there."""
+        if status != NOT_FOUND:
+            return ""
+        try:
+            names = self.listed()
+        except ModelError:
+            return ""
+        near = difflib.get_close_matches(self.name, names, cutoff=0.5) if self.name not in names else []
+        return f"; did you mean {' or '.join(near)}?" if near else ""
 
     def _served(self, told: tuple[Any, ...]) -> str | None:
         """Return what answered, in one line; None where it told nothing but the name that was asked for."""
-        named = (self._endpoint.hide(each) for each in told if isinstance(each, str) and each.isprintable())
-        words = " ".join(each[:MAX_SERVED_CHARS] for each in named).strip()
+        words = self._words(told)
         return None if words in ("", self.name) else words
+
+    def _words(self, told: tuple[Any, ...]) -> str:
+        """Return what a vendor tells in one line, without what is no text."""
+        named = (self._endpoint.hide(each) for each in told if isinstance(each, str) and each.isprintable())
+        return " ".join(each[:MAX_SERVED_CHARS] for each in named).strip()
 
     def reasoning(self, lifted: bool) -> Mapping[str, Any]:
         """Return the fields of the request that switch extended reasoning on or off."""
@@ -164,6 +210,11 @@ def finish_of(value: Any, words: Mapping[str, str | None]) -> str | None:
     if not isinstance(value, str):
         return None
     return words.get(value, value[:MAX_FINISH_CHARS])
+
+
+def table_of(value: Any) -> dict[str, Any]:
+    """Return a table; an empty one in the place of anything else."""
+    return value if isinstance(value, dict) else {}
 
 
 def text_of(value: Any) -> str:

@@ -36,6 +36,9 @@ class Reply:
     waited_s: float = 0.0  # wall seconds before that request: its turn, earlier ones that failed, and the pauses
     finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
     served: str | None = None  # what answered, in the vendor's words; None: it told nothing but the name asked for
+    tokens_cached: int | None = None  # of tokens_in, those that the vendor had from before; None: not told
+    tokens_reasoning: int | None = None  # of tokens_out, those that it reasoned with; None: not told
+    endpoint: str | None = None  # whom a router had answer, in its words, as OpenRouter's provider; None: not told
 
     @property
     def share(self) -> float:

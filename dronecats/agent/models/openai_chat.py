@@ -7,7 +7,7 @@ import base64
 from typing import Any
 
 from dronecats.agent.models.endpoint import DEFAULT, RetryPolicy
-from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, text_of
+from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, table_of, text_of
 from dronecats.agent.models.limiter import Limiters
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.reply_schema import response_format
@@ -61,4 +61,12 @@ class ChatModel(HttpModel):
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
         tokens = count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
-        return ReadAnswer(text_of(text), *tokens, finish, (data.get("model"), data.get("system_fingerprint")))
+        return ReadAnswer(
+            text_of(text),
+            *tokens,
+            finish,
+            (data.get("model"), data.get("system_fingerprint")),
+            count(table_of(usage.get("prompt_tokens_details")).get("cached_tokens")),
+            count(table_of(usage.get("completion_tokens_details")).get("reasoning_tokens")),
+            data.get("provider"),  # OpenRouter's word for who answered
+        )

@@ -8,11 +8,11 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from dronecats.agent.action import ActionError, AxisOrder, Go, action_from
+from dronecats.agent.action import AxisOrder, Go, action_from
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.models.reply_schema import flat_action_schema
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.reply.strict import parse
+from dronecats.agent.reply.reading import ReplyParser, reading
 from foundation.errors import ModelError
 
 WIDTH, HEIGHT = 640, 360  # px, as the agent sends a 16:9 frame
@@ -93,12 +93,15 @@ def schema_question() -> Request:
     return Request(text, (marked_picture(),), False)
 
 
-def probe(model: Model, spec: ModelSpec) -> ProbeResult:
-    """Return what an open model does: three questions, and a fourth where a schema is sent. Raises ModelError."""
+def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> ProbeResult:
+    """Return what an open model does: three questions, and a fourth where a schema is sent. Raises ModelError.
+
+    `parser` is how its replies are read, as those of a flight are.
+    """
     other: AxisOrder = "yx" if spec.axis_order == "xy" else "xy"
-    own, crossed = (_point(model, order) for order in (spec.axis_order, other))
+    own, crossed = (_point(model, order, parser) for order in (spec.axis_order, other))
     lifted = _ask(model, "reasoning lifted", pointing_question(spec.axis_order, lifted=True))
-    asked = [own, crossed, replace(lifted, said=order_of(lifted.reply.text))]
+    asked = [own, crossed, replace(lifted, said=order_of(lifted.reply.text, parser))]
     enforced = None
     if spec.schema:
         asked.append(_ask(model, "something else than the schema allows", schema_question()))
@@ -107,12 +110,10 @@ def probe(model: Model, spec: ModelSpec) -> ProbeResult:
     return ProbeResult(spec, tuple(asked), pointing_of(*said), enforced)
 
 
-def order_of(reply: str) -> AxisOrder | None:
+def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
     """Return in which order a reply points at the mark; None where it does not."""
-    try:
-        action = parse(reply)
-    except ActionError:
-        return None
+    (read,) = reading(reply, 1, parser=parser)
+    action = read.action
     if not isinstance(action, Go):
         return None
     if _near((action.x, action.y), MARK):
@@ -152,9 +153,9 @@ def _flat(value: object) -> bool:
     return value.keys() == own.keys() and value["action"] in own["action"]["enum"]
 
 
-def _point(model: Model, order: AxisOrder) -> Asked:
+def _point(model: Model, order: AxisOrder, parser: ReplyParser) -> Asked:
     asked = _ask(model, f"{_FORMS[order]} declared", pointing_question(order))
-    return replace(asked, said=order_of(asked.reply.text))
+    return replace(asked, said=order_of(asked.reply.text, parser))
 
 
 def _ask(model: Model, what: str, request: Request) -> Asked:

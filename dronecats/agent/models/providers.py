@@ -2,13 +2,14 @@
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from dronecats.agent.models.spec import PAPERS_TEMPERATURE, ModelSpec
 from foundation.errors import UsageError
 
 Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
+NO_EFFORT = "none"
 LOOPBACK = "http://127."  # where an address begins that wants no key
 _EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
 _TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
@@ -35,6 +36,8 @@ class Provider:
     wire: Wire = "openai"
     top_p: float | None = None  # None: none is sent
     top_k: int | None = None
+    effort: tuple[str, ...] = ("reasoning_effort",)  # keys of the request that lead to the effort of its reasoning
+    effort_in_capitals: bool = False
 
 
 PROVIDERS = {
@@ -55,6 +58,7 @@ PROVIDERS = {
             thinking={"reasoning": {"enabled": True}},
             quick={"reasoning": {"enabled": False}},
             root_choice=False,  # like OpenAI's, which are among its models
+            effort=("reasoning", "effort"),
         ),
         Provider(
             "gemini",
@@ -63,6 +67,8 @@ PROVIDERS = {
             wire="gemini",  # whose models know a thinkingBudget up to 2.5, and a thinkingLevel from 3 on
             top_p=0.95,
             top_k=40,
+            effort=("thinkingConfig", "thinkingLevel"),  # of Gemini 3 and later
+            effort_in_capitals=True,
         ),
         Provider(
             "anthropic",
@@ -70,6 +76,7 @@ PROVIDERS = {
             "ANTHROPIC_API_KEY",
             temperature=None,  # which is refused from Claude Opus 4.7 on, as is a budget of thinking
             wire="anthropic",
+            effort=("output_config", "effort"),
         ),
         Provider("vllm", "http://127.0.0.1:8000/v1", "VLLM_API_KEY", *_TEMPLATE),
         Provider("sglang", "http://127.0.0.1:30000/v1", "SGLANG_API_KEY", *_TEMPLATE),
@@ -89,6 +96,22 @@ def provider_of(name: str) -> Provider:
     near = difflib.get_close_matches(name, PROVIDERS, n=1)
     hint = f"did you mean '{near[0]}/…'?" if near else f"known providers: {', '.join(PROVIDERS)}"
     raise UsageError(f"there is no model provider '{name}'; {hint}")
+
+
+def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
+    """Return a model that reasons with this effort on every step but the one after a `think`.
+
+    `effort` is the vendor's own word, as low or none. A chat template's switch is on for all words but none.
+    """
+    provider = provider_of(spec.provider)
+    lifted, quick = (
+        of_provider if own is None else own
+        for own, of_provider in ((spec.thinking, provider.thinking), (spec.quick, provider.quick))
+    )
+    value: Any = effort.upper() if provider.effort_in_capitals else effort
+    for key in reversed(provider.effort):
+        value = {key: value}
+    return replace(spec, quick={**(quick if effort == NO_EFFORT else lifted), **value})
 
 
 def spec_of(model: str, base_url: str | None = None, option: str = "--model") -> ModelSpec:

@@ -10,6 +10,7 @@ from foundation.errors import ModelError
 _BROKEN_OFF = {  # by the reason of a flight's end
     "budget": "it was ended by its budget",
     "error": "it broke down",
+    "rejected": "its model endpoint rejected every question",
     "interrupted": "it was interrupted",
     "takeover": "somebody took over",
 }
@@ -27,6 +28,9 @@ class RecordedStep:
     tokens_out: int | None = None
     finish: str | None = None
     served: str | None = None  # what answered, in the vendor's words
+    tokens_cached: int | None = None
+    tokens_reasoning: int | None = None
+    endpoint: str | None = None  # whom a router had answer
     role: Literal["pilot", "commander"] = "pilot"  # whose it is; the steps of a commander are its exchanges
 
 
@@ -55,7 +59,15 @@ class ReplayModel:
         said = self._steps.get((request.step, request.drone))
         if said is not None:
             return Reply(
-                said.reply, said.latency_s, said.tokens_in, said.tokens_out, finish=said.finish, served=said.served
+                said.reply,
+                said.latency_s,
+                said.tokens_in,
+                said.tokens_out,
+                finish=said.finish,
+                served=said.served,
+                tokens_cached=said.tokens_cached,
+                tokens_reasoning=said.tokens_reasoning,
+                endpoint=said.endpoint,
             )
         if not self._recording.to_the_cap or request.drone in self._late:
             asked = f"question {request.step} to the commander"

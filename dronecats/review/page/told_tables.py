@@ -66,7 +66,7 @@ def page_table(table: ReportTable, places: Mapping[str, int]) -> PageTable:
         notes=table.notes,
         command=table.command,
         columns=tuple(
-            PageColumn(title=each.title, group=each.group, unit=each.unit, better=each.better, align=each.align,
+            PageColumn(title=each.title, group=each.group, unit=each.head_unit, better=each.better, align=each.align,
                        cell=each.cell)
             for each in columns
         ),

@@ -12,6 +12,7 @@ from dronecats.review.tables.failures import failures
 from dronecats.review.tables.grounding import grounding
 from dronecats.review.tables.outcomes import approaching, declarations, main, per_map
 from dronecats.review.tables.own import own
+from dronecats.review.tables.replies import replies
 from dronecats.review.tables.served import served
 from dronecats.review.tables.setup import setup
 from dronecats.review.tables.thinking import thinking
@@ -19,7 +20,7 @@ from dronecats.review.tables.variance import variance
 
 TABLES = (
     main, per_map, approaching, failures, commanding, drones, variance, comparison, declarations, thinking, grounding,
-    served, costs, setup,
+    replies, served, costs, setup,
 )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """What flights took: questions, tokens and money, by the prices that their runs declare."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from dronecats.results.collection import ScoredEpisode
@@ -15,10 +15,13 @@ COLUMNS = (
     FLIGHTS,
     TableColumn(name="questions", title="Questions", group="A flight"),
     TableColumn(name="tokens_in", title="Tokens in", group="A flight"),
+    TableColumn(name="tokens_cached", title="cached", group="A flight"),
     TableColumn(name="tokens_out", title="Tokens out", group="A flight"),
+    TableColumn(name="tokens_reasoning", title="reasoning", group="A flight"),
     TableColumn(name="usd_per_flight", title="$", group="A flight", unit="$", decimals=4),
     TableColumn(name="usd", title="$", group="All", unit="$", decimals=2),
     TableColumn(name="usd_per_success", title="$ a success", group="All", unit="$", decimals=4, better="less"),
+    TableColumn(name="endpoints", title="Answered by", align="left"),
 )
 
 
@@ -34,18 +37,19 @@ def costs(lineup: Lineup) -> ReportTable | None:
         solved = sum(each.success for each in flown)
         asked = sum(each.usage.questions + each.usage.commander_questions for each in flown)
         tokens = [
-            TableCell(value=sum((got or 0) + (more or 0) for got, more in counts) / len(told), of=len(told))
-            for counts in (
-                [(e.usage.tokens_in, e.usage.commander_in) for e in told],
-                [(e.usage.tokens_out, e.usage.commander_out) for e in told],
-            )
+            _mean([(e.usage.tokens_in or 0) + (e.usage.commander_in or 0) for e in told]),
+            _mean([e.usage.cached for e in told if e.usage.cached is not None]),
+            _mean([(e.usage.tokens_out or 0) + (e.usage.commander_out or 0) for e in told]),
+            _mean([e.usage.reasoning for e in told if e.usage.reasoning is not None]),
         ]
+        endpoints = ", ".join(sorted({name for e in told for name in e.usage.endpoints}))
         money = [NONE] * 3 if usd is None else [
             TableCell(value=usd / len(flown), of=len(flown)),
             TableCell(value=usd),
             TableCell(value=usd / solved, of=solved) if solved else NONE,
         ]  # fmt: skip
-        return [count(len(flown)), TableCell(value=asked / len(flown), of=len(flown)), *tokens, *money]
+        questions = TableCell(value=asked / len(flown), of=len(flown))
+        return [count(len(flown)), questions, *tokens, *money, TableCell(value=endpoints or None)]
 
     blocks = lineup.blocks(COLUMNS, row)
     if not blocks:
@@ -54,14 +58,21 @@ def costs(lineup: Lineup) -> ReportTable | None:
         name="costs",
         title="Costs",
         caption=(
-            "Questions and tokens a flight, means, of flights that are nobody's score too; a commander's are in them."
-            " $ by the prices that the runs declare; questions that had to be asked again are in the ledger of the run"
-            " alone."
+            "Questions and tokens a flight, means, of flights that are nobody's score too; a commander's are in them,"
+            " but for its cached and reasoning tokens. Cached: of the tokens in, those that the vendor had from before;"
+            " reasoning: of the tokens out; both only where the vendor tells them. $ by the prices that the runs"
+            " declare, cached tokens at the full price; questions that had to be asked again, and the one before"
+            " take-off, are in the ledger of the run alone. Answered by: whom a router had answer, as OpenRouter names"
+            " it."
         ),
         columns=COLUMNS,
         blocks=blocks,
         command=lineup.command,
     )
+
+
+def _mean(counts: Sequence[int]) -> TableCell:
+    return TableCell(value=sum(counts) / len(counts), of=len(counts)) if counts else NONE
 
 
 def dollars(flown: Iterable[ScoredEpisode]) -> float | None:

@@ -1,7 +1,12 @@
 """Who flew how: what a reader must know to fly a line of the tables again."""
 
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from dronecats.agent.models.providers import PROVIDERS
 from dronecats.results.entrants import Entrant
-from dronecats.results.identity import DIGEST, identity
+from dronecats.results.identity import DIGEST, NOT_TOLD, identity
 from dronecats.review.entries import NAME, count
 from dronecats.review.lineup import Lineup
 from dronecats.review.report_table import ReportTable, TableCell, TableColumn
@@ -21,6 +26,7 @@ COLUMNS = (
     TableColumn(name="flights_of_an_episode", title="Flights"),
     *(TableColumn(name=name, title=title, align="left") for name, title in SETTINGS.items()),
     TableColumn(name="sampling", title="Sampling", align="left"),
+    TableColumn(name="reasoning", title="Reasoning", align="left"),
     *(TableColumn(name=name, title=title, align="left") for name, (title, _) in WORDS.items()),
 )
 
@@ -33,13 +39,18 @@ def setup(lineup: Lineup) -> ReportTable:
 
     def row(entrant: Entrant) -> list[TableCell]:
         kinds = [identity(run) for run in entrant.runs]
-        told = [sorted({value for kind in kinds for value in kind.get(what, ())}) for _, what in WORDS.values()]
+        as_asked = {NOT_TOLD, str((entrant.runs[0].flight.get("model") or {}).get("name"))}
+        told = [
+            sorted({v for kind in kinds for v in kind.get(what, ())} - (as_asked if name == "served" else set()))
+            for name, (_, what) in WORDS.items()
+        ]
         named = [_names(entrant, column) + values for column, values in zip(WORDS, told, strict=True)]
         return [
             count(len(entrant.runs)),
             count(max(map(len, entrant.by_episode.values()), default=0)),
             *(_words(getattr(entrant.setting, name)) for name in SETTINGS),
             _words(_sampling(entrant)),
+            _words(_reasoning(entrant)),
             *(_words(DIGEST.sub(r"\1", ", ".join(values))) for values in named),
             *([_words(entrant.setting.disturbed)] if any_disturbed else []),
         ]
@@ -47,7 +58,11 @@ def setup(lineup: Lineup) -> ReportTable:
     return ReportTable(
         name="setup",
         title="How it was flown",
-        caption="Flights: of one episode, at most. Digests by their first eight letters; run.json has them whole.",
+        caption=(
+            "Flights: of one episode, at most. Reasoning: what a question was sent to switch it, and after the bar what"
+            " the question after a think was sent. As served: only where it differs from the name that was asked for."
+            " Digests by their first eight letters; run.json has them whole."
+        ),
         columns=columns,
         blocks=lineup.blocks(columns, row),
         notes=lineup.notes(),
@@ -68,6 +83,28 @@ def _sampling(entrant: Entrant) -> str:
     model = entrant.runs[0].flight.get("model") or {}
     told = {key: model.get(key) for key in ("temperature", "top_p", "top_k", "max_tokens")}
     return ", ".join(f"{key} {value}" for key, value in told.items() if value is not None)
+
+
+def _reasoning(entrant: Entrant) -> str:
+    """Return what switches a model's reasoning, before and after a `think`; empty: no model, or one not known."""
+    model = entrant.runs[0].flight.get("model") or {}
+    provider = PROVIDERS.get(str(model.get("provider")))
+    if provider is None:
+        return ""
+    sent = [
+        provider_fields if (own := model.get(name)) is None else own
+        for name, provider_fields in (("quick", provider.quick), ("thinking", provider.thinking))
+    ]
+    return " | ".join(", ".join(_leaves(fields)) or "nothing" for fields in sent)
+
+
+def _leaves(fields: Any, name: str = "") -> Iterator[str]:
+    """Yield the fields of a request in words, as reasoning.enabled false."""
+    if isinstance(fields, Mapping):
+        for key, inner in fields.items():
+            yield from _leaves(inner, f"{name}.{key}" if name else str(key))
+    else:
+        yield f"{name} {fields if isinstance(fields, str) else json.dumps(fields)}"
 
 
 def _words(text: str) -> TableCell:

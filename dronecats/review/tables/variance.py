@@ -28,6 +28,11 @@ def variance(lineup: Lineup) -> ReportTable | None:
                 scatter = [_spread(flights, [cell]) for cell in cells] + [_spread(flights, ONE_DRONE)]
                 rows += _rows(entrant.label, scatter)
                 left = len(entrant.by_episode) - len(flights)
+                if any(each and len(each.totals) == 2 for each in scatter):
+                    notes.append(
+                        f"Of {entrant.label} there are two flights: a standard deviation from two says hardly more than"
+                        " that they differed, see its interval."
+                    )
                 notes += (
                     [f"Of {entrant.label}, episodes left out that were not scored in every flight: {left}."]
                     if left
@@ -41,7 +46,7 @@ def variance(lineup: Lineup) -> ReportTable | None:
         name="variance",
         title="From flight to flight",
         caption=(
-            "Successes of each flight over the same episodes. s.d.: standard deviation over the flights, in brackets"
+            "Successes of each flight over the same episodes. s.d. of N: standard deviation over N flights, in brackets"
             " its 95 % interval by chi-square, which of few flights is wide. Binomial: sqrt(n p (1 − p)), what n coins"
             " of one share would scatter. By episode: what flights that know nothing of one another would, each episode"
             " with a share of its own, as it was estimated."
@@ -78,7 +83,7 @@ def _rows(label: str, scatter: Sequence[Spread | None]) -> list[TableRow]:
     for k in range(count):
         lines.append((str(k + 1), [_cell(None if s is None else s.totals[k], s) for s in scatter]))
     lines.append(("mean", [_cell(None if s is None else s.mean, s) for s in scatter]))
-    lines.append(("s.d.", [_deviation(s) for s in scatter]))
+    lines.append((f"s.d. of {count}", [_deviation(s) for s in scatter]))
     lines.append(("binomial", [_cell(None if s is None else s.binomial, s) for s in scatter]))
     lines.append(("by episode", [_cell(None if s is None else s.by_episode, s) for s in scatter]))
     return [

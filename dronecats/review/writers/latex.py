@@ -101,7 +101,7 @@ def _heads(columns: Sequence[TableColumn]) -> Iterator[str]:
 
 def _head(column: TableColumn) -> str:
     arrow = {"more": r" $\uparrow$", "less": r" $\downarrow$", None: ""}[column.better]
-    unit = f" ({column.unit})" if column.unit not in ("", "%", "$") else ""
+    unit = f" ({column.head_unit})" if column.head_unit not in ("", "%", "$") else ""
     return escaped(f"{column.title}{unit}") + arrow
 
 

@@ -44,7 +44,7 @@ def _cell(cell: TableCell, column: TableColumn) -> str:
 
 
 def _head(column: TableColumn) -> str:
-    unit = f" ({column.unit})" if column.unit not in ("", "%", "$") else ""
+    unit = f" ({column.head_unit})" if column.head_unit not in ("", "%", "$") else ""
     return escaped(f"{column.group} {column.title}{unit}".strip())
 
 

@@ -20,8 +20,16 @@ class Sent:
 class Recording:
     """As a context: `url` while it is open, `sent` afterwards too."""
 
-    def __init__(self, answer: bytes | Callable[[Sent], tuple[int, bytes]] = b"{}", status: int = 200) -> None:
-        """Answer everything the same, or each request with the status and the body that a function returns for it."""
+    def __init__(
+        self,
+        answer: bytes | Callable[[Sent], tuple[int, bytes]] = b"{}",
+        status: int = 200,
+        listed: bytes | None = None,
+    ) -> None:
+        """Answer everything the same, or each request with the status and the body that a function returns for it.
+
+        `listed`: what is answered where models are listed; None: 501.
+        """
         self.sent: list[Sent] = []
         sent = self.sent
 
@@ -36,6 +44,12 @@ class Recording:
                 self.send_header("Content-Length", str(len(said[1])))
                 self.end_headers()
                 self.wfile.write(said[1])
+
+            def do_GET(self):
+                self.send_response(501 if listed is None else 200)
+                self.send_header("Content-Length", str(len(listed or b"")))
+                self.end_headers()
+                self.wfile.write(listed or b"")
 
             def log_message(self, format, *args):
                 pass

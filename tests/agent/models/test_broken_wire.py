@@ -11,7 +11,7 @@ from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
-from foundation.errors import ModelError
+from foundation.errors import ModelError, ModelRejectedError
 from tests.agent.models.faulty_wire import AGAIN, HTML, Wire, answer, completion, say, trickle
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)
@@ -61,6 +61,36 @@ def test_what_will_not_pass_is_said_at_once(serve, fault, said):
     with pytest.raises(ModelError, match=said):
         ask(wire)
     assert wire.served == 1
+
+
+REJECTED = {
+    "key": answer(401, b"who are you"),
+    "a key within a 200": answer(200, {"error": {"code": 401, "message": "no"}}),
+    "credit": answer(402, b"pay first"),
+    "country": answer(403, b"not from there"),
+    "model": answer(404, b"no such model"),
+    "OpenAI's quota": answer(429, {"error": {"code": "insufficient_quota", "type": "insufficient_quota"}}),
+    "Anthropic's credit": answer(400, {"error": {"message": "Your credit balance is too low to access"}}),
+    "Gemini's day": answer(429, {"error": {"details": [{"quotaId": "GenerateRequestsPerDayPerProjectPerModel"}]}}),
+    "OpenRouter's day": answer(429, {"error": {"message": "Rate limit exceeded: free-models-per-day"}}),
+}
+
+
+@pytest.mark.parametrize("fault", REJECTED.values(), ids=REJECTED)
+def test_what_every_question_would_meet_is_a_rejection_at_once(serve, fault):
+    wire = serve(say(fault))
+    with pytest.raises(ModelRejectedError, match="/v1/chat/completions"):
+        ask(wire)
+    assert wire.served == 1
+
+
+@pytest.mark.parametrize(
+    "fault", [answer(400, b"too long"), answer(429, b"slow down", "Retry-After: 0"), answer(500, b"")]
+)
+def test_what_another_question_may_not_meet_is_none(serve, fault):
+    with pytest.raises(ModelError) as refused:
+        ask(serve(say(fault)))
+    assert not isinstance(refused.value, ModelRejectedError)
 
 
 def test_a_drip_is_over_with_the_time_and_asked_no_more(serve):

@@ -80,5 +80,5 @@ def test_what_cannot_be_held_is_refused_before_anything_flies():
          "--cost-limit", "local/c"),
     ):  # fmt: skip
         spec = FlightSpec(episode="residential-approaching-01", simulated=Simulated(), accounts=accounts, **fields)
-        message = refusal(look_up, spec, ask_model=False)
+        message = refusal(look_up, spec)
         assert [word for word in words if word not in message] == [], message

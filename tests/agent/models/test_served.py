@@ -48,3 +48,36 @@ def test_the_name_and_the_version_are_the_vendors(
         assert KEY not in told
     else:
         assert told == served
+
+
+USED: dict[str, Any] = {"prompt_tokens": 900, "completion_tokens": 70}
+DETAILS: dict[str, Any] = {
+    "prompt_tokens_details": {"cached_tokens": 512},
+    "completion_tokens_details": {"reasoning_tokens": 64},
+}
+
+
+@pytest.mark.parametrize(
+    ("provider", "said", "tokens", "endpoint"),
+    [
+        ("openrouter", {**CHAT, "usage": USED | DETAILS, "provider": "Novita"}, (900, 70, 512, 64), "Novita"),
+        ("openai", {**CHAT, "usage": USED}, (900, 70, None, None), None),
+        ("openai", {**CHAT, "usage": USED | {"prompt_tokens_details": 7}, "provider": 7}, (900, 70, None, None), None),
+        ("anthropic", {**MESSAGE, "usage": {"input_tokens": 100, "cache_read_input_tokens": 800, "output_tokens": 7}},
+         (900, 7, 800, None), None),
+        ("gemini", {**CONTENT, "usageMetadata": {"promptTokenCount": 900, "cachedContentTokenCount": 512,
+                                                 "candidatesTokenCount": 6, "thoughtsTokenCount": 64}},
+         (900, 70, 512, 64), None),
+    ],
+)  # fmt: skip
+def test_cached_and_reasoning_tokens_and_the_endpoint_of_a_router_are_kept(
+    provider: str, said: dict[str, Any], tokens: tuple[int | None, ...], endpoint: str | None
+) -> None:
+    with Recording(json.dumps(said).encode()) as server:
+        model = open_model(ModelSpec(provider=provider, name="m", base_url=server.url + "/v1"))
+        try:
+            reply = model.ask(Request("text", (), thinking=False))
+        finally:
+            model.close()
+    assert (reply.tokens_in, reply.tokens_out, reply.tokens_cached, reply.tokens_reasoning) == tokens
+    assert reply.endpoint == endpoint

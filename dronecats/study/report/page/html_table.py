@@ -42,7 +42,7 @@ def _heads(columns: Sequence[TableColumn]) -> Iterator[str]:
         yield f"<tr>{''.join(cells)}</tr>"
     cells = []
     for column in columns:
-        unit = f" ({column.unit})" if column.unit not in ("", "%", "$") else ""
+        unit = f" ({column.head_unit})" if column.head_unit not in ("", "%", "$") else ""
         side = ' class="number"' if column.align == "right" else ""
         cells.append(f'<th scope="col"{side}>{html.escape(column.title + unit)}</th>')
     yield f"<tr>{''.join(cells)}</tr>"

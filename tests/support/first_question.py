@@ -1,0 +1,17 @@
+"""The small question that a model is asked before take-off, answered apart from those of the flight."""
+
+from collections.abc import Callable
+
+from dronecats.run.first_question import TEXT
+
+Pilot = Callable[[str, list[bytes]], str]
+
+
+def is_first_question(text: str) -> bool:
+    """Return whether a question's text, or the JSON of a whole request, is the one before take-off."""
+    return TEXT in text or TEXT.replace('"', '\\"') in text
+
+
+def after_first_question(pilot: Pilot) -> Pilot:
+    """Return a pilot that answers the question before take-off at once, and every other as `pilot` does."""
+    return lambda prompt, images: '{"action": "think"}' if is_first_question(prompt) else pilot(prompt, images)
