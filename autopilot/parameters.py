@@ -6,12 +6,12 @@ reference, except MC_* and MPC_* gains, which come from the core that was design
 
 import json
 import math
-import os
 import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from foundation.errors import UsageError
+from foundation.whole_file import write_text
 
 DEFAULTS: dict[str, int | float] = {
     # identity
@@ -165,10 +165,8 @@ class ParameterTable:
 
     def _save(self, file: Path) -> None:
         changed = {name: value for name, value in self._values.items() if value != self._defaults[name]}
-        temporary = file.with_name(file.name + ".new")
         try:
-            temporary.write_text(json.dumps(changed, indent=1) + "\n")
-            os.replace(temporary, file)  # atomic: a kill in between leaves the old file whole
+            write_text(file, json.dumps(changed, indent=1) + "\n")
             self.unsaved = None
         except OSError as error:  # a full disk is no reason to stop flying
             self.unsaved = error.strerror or "the disk refused"

@@ -5,7 +5,6 @@ the number of the mission's item that comes next.
 """
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 from autopilot.plan.checks import ACCEPTED, plan_refusal, refusal
 from autopilot.plan.items import FENCE, KINDS, MISSION, RALLY, PlanItem
 from foundation.errors import UsageError
+from foundation.whole_file import write_text
 
 CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # items
 NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}
@@ -84,10 +84,8 @@ class Plans:
         if self._file is None:
             return
         content = {name: [_entry(item) for item in self.items[kind]] for kind, name in NAMES.items()}
-        temporary = self._file.with_name(self._file.name + ".new")
         try:
-            temporary.write_text(json.dumps({**content, "current": self.current}, indent=1) + "\n")
-            os.replace(temporary, self._file)  # atomic: a kill in between leaves the old file whole
+            write_text(self._file, json.dumps({**content, "current": self.current}, indent=1) + "\n")
             self.unsaved = None
         except OSError as error:  # a full disk is no reason to stop flying
             self.unsaved = error.strerror or "the disk refused"

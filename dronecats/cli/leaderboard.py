@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from foundation.errors import UsageError
+from foundation.whole_file import write_text
 
 if TYPE_CHECKING:
     from dronecats.results.archive.verification import Verification
@@ -28,10 +29,8 @@ def run(args: argparse.Namespace) -> int:
     if args.out is None:
         print(told, end="")
         return 0
-    part = args.out.with_name(args.out.name + ".part")
     try:
-        part.write_text(told, encoding="utf-8")
-        part.replace(args.out)
+        write_text(args.out, told)
     except OSError as error:
         raise UsageError(f"{args.out} cannot be written: {error.strerror}") from None
     return 0

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 if TYPE_CHECKING:
     from dronecats.results.database import Selected
@@ -73,11 +74,9 @@ def _csv(answer: "Selected", file: str) -> None:
         csv.writer(sys.stdout, lineterminator="\n").writerows(told)
         return
     path = Path(file)
-    part = path.with_name(path.name + ".part")
     try:
-        with part.open("w", encoding="utf-8", newline="") as out:
+        with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
             csv.writer(out, lineterminator="\n").writerows(told)
-        part.replace(path)
     except OSError as error:
         raise UsageError(f"{file} cannot be written: {error.strerror}") from None
 

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -31,18 +32,14 @@ def run(args: argparse.Namespace) -> int:
 
     if not args.out.name.endswith(".tar.xz"):
         raise UsageError(f"--out wants the name of a file that ends with .tar.xz, got {args.out.name}")
-    part = args.out.with_name(args.out.name + ".part")
-    try:
+    with whole_file(args.out) as draft:
         submit(
-            flown_runs(args.runs), part, name=args.name, note=args.note, partial=args.partial,
+            flown_runs(args.runs), draft, name=args.name, note=args.note, partial=args.partial,
             with_frames=args.with_frames, secrets=secrets_of(os.environ),
         )  # fmt: skip
-        told = verify(part, reread)
+        told = verify(draft, reread)
         if not told.verified:
             raise UsageError(f"the archive would not be verified: {told.differences[0]}; `dronecats judge` says more")
-        part.replace(args.out)
-    finally:
-        part.unlink(missing_ok=True)
     if args.json:
         print(as_json(told))
     else:

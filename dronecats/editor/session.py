@@ -8,6 +8,7 @@ from dronecats.editor.draft import Draft, Drafting
 from episodes import catalogue
 from episodes.record import EpisodeRecord, parse
 from foundation.errors import UsageError
+from foundation.whole_file import write_text
 
 MOST_UNDONE = 200
 
@@ -93,9 +94,7 @@ class Session:
             raise UsageError(f"'{path}' exists already: give the episode another id, or replace the file.")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            part = path.with_suffix(".part")
-            part.write_text(text, encoding="utf-8")
-            part.replace(path)
+            write_text(path, text)
         except OSError as error:
             raise UsageError(f"'{path}' cannot be written: {error.strerror}.") from None
         return path

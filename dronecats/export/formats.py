@@ -9,6 +9,7 @@ from dronecats.export.flight import ExportedFlight, exported_flight
 from dronecats.results import tabulation
 from dronecats.results.flown_run import FlownRun
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 FILE_OF_EPISODE = {
     "mcap": (".mcap", "mcap"),
@@ -62,14 +63,12 @@ def _files(kind: str, runs: Sequence[FlownRun], out: Path, overwrite: bool) -> E
         if (flight := _flight(run, folder, done)) is None:
             continue
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
         try:
-            count = write(flight, part)
+            with whole_file(path) as draft:
+                count = write(flight, draft)
         except UsageError as said:
-            part.unlink(missing_ok=True)
             done.left_out.append(str(said))
             continue
-        part.replace(path)
         done.files[path] = count
         drones.add(len(flight.drones))
     if beside and drones:

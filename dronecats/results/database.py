@@ -1,5 +1,6 @@
 """Runs in a database of this process, which SQL may read and nothing else. Needs the extra `query`."""
 
+import contextlib
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ from dronecats.results.columns import array
 from dronecats.results.flown_run import FlownRun
 from dronecats.results.tables import TABLES
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 # What a query cannot do: read or write files, load code, see this process's variables, change these settings
 LOCKED = (
@@ -50,18 +52,12 @@ def query(sql: str, runs: Sequence[FlownRun], parquet: Path | None = None) -> Se
     Only the tables that the text names are read, and exist. Raises UsageError with what is wrong in the SQL.
     """
     loaded = load(runs, named(sql))
-    part = parquet and parquet.with_name(parquet.name + ".part")
-    try:
-        if part is not None:  # the only file that there is for it
-            loaded.connection.execute(f"SET allowed_paths = [{literal(str(part))}]")
+    with contextlib.closing(loaded.connection), whole_file(parquet) if parquet else contextlib.nullcontext() as draft:
+        if draft is not None:  # the only file that there is for it
+            loaded.connection.execute(f"SET allowed_paths = [{literal(str(draft))}]")
         for setting in LOCKED:
             loaded.connection.execute(f"SET {setting}")
-        answer = _answer(loaded, sql, part)
-    finally:
-        loaded.connection.close()
-    if parquet is not None and part is not None:
-        part.replace(parquet)
-    return answer
+        return _answer(loaded, sql, draft)
 
 
 def named(sql: str) -> list[str]:

@@ -10,6 +10,7 @@ from dronecats.results.database import literal, load, sentence
 from dronecats.results.flown_run import FlownRun
 from dronecats.results.tables import TABLES
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 TableFormat = Literal["csv", "parquet"]
 AS: dict[TableFormat, str] = {"csv": "FORMAT csv, HEADER true", "parquet": "FORMAT parquet, COMPRESSION zstd"}
@@ -43,9 +44,8 @@ def write_tables(
 
 def _write(connection: duckdb.DuckDBPyConnection, kind: TableFormat, table: str, out: Path, called: ColumnNames) -> int:
     path = table_file(kind, table, out)
-    part = path.with_name(path.name + ".part")
     columns = ", ".join(f'"{c.name}" AS "{called(table, c.name)}"' for c in TABLES[table].columns)
-    connection.execute(f"COPY (SELECT {columns} FROM {table}) TO {literal(str(part))} ({AS[kind]})")
-    part.replace(path)
+    with whole_file(path) as draft:
+        connection.execute(f"COPY (SELECT {columns} FROM {table}) TO {literal(str(draft))} ({AS[kind]})")
     counted = connection.execute(f"SELECT count(*) FROM {table}").fetchone()
     return int(counted[0]) if counted else 0

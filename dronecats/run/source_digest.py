@@ -9,9 +9,7 @@ import ast
 import contextlib
 import hashlib
 import json
-import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 
 from foundation.errors import UsageError
 from foundation.user_cache import user_cache
+from foundation.whole_file import write_text
 
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
@@ -96,10 +95,7 @@ def _keep(read: dict[str, int]) -> None:
     with contextlib.suppress(UsageError, OSError):
         path = _cache()
         path.parent.mkdir(parents=True, exist_ok=True)
-        number, draft = tempfile.mkstemp(dir=path.parent)  # several processes may write at the same time
-        with os.fdopen(number, "w") as file:
-            json.dump({name: f"{said:x}" for name, said in read.items()}, file)
-        os.replace(draft, path)
+        write_text(path, json.dumps({name: f"{said:x}" for name, said in read.items()}))
 
 
 def _cache() -> Path:

@@ -10,6 +10,8 @@ from typing import Any, BinaryIO, TextIO
 
 from msgspec import UNSET
 
+from foundation.whole_file import write_text
+
 _TIME = struct.Struct(">Q")
 PLAIN = frozenset((float, int, str, bool, type(None)))
 
@@ -71,9 +73,7 @@ class TelemetryLog:
 
 def write_lines(path: Path, rows: Iterable[Any]) -> None:
     """Write a whole file of JSON lines beside its place and move it there. Raises OSError."""
-    part = path.with_name(path.name + ".part")
-    part.write_text("".join(_line(row) for row in rows), encoding="utf-8")
-    part.replace(path)
+    write_text(path, "".join(_line(row) for row in rows))
 
 
 def _line(row: Any) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from episodes.scene import Scene
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 FOLDER = "DRONECATS_MAPS"  # environment variable: where the maps are
 _NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")
@@ -72,9 +73,8 @@ def add(
     scene = gltf.load(path, spawn, name)
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        part = kept.with_suffix(".part")
-        gltf.save(scene, part)
-        part.replace(kept)
+        with whole_file(kept) as draft:
+            gltf.save(scene, draft)
     except OSError as error:
         raise UsageError(f"the map cannot be kept in '{kept.parent}': {error.strerror}.") from None
     return scene

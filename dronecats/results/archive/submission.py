@@ -30,6 +30,7 @@ from dronecats.rundir import layout
 from dronecats.rundir.results import SCORED
 from episodes import catalogue, suites
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 RUNS_MAX = 99
 
@@ -96,9 +97,8 @@ def submit(
             scrubbed=tuple(contents.scrubbed),
             dronecats=__version__,
         )
-        part = out.with_name(out.name + ".part")
-        write(part, [(MANIFEST, manifest.encoded), *contents.files.items()])
-        part.replace(out)
+        with whole_file(out) as draft:
+            write(draft, [(MANIFEST, manifest.encoded), *contents.files.items()])
     except OSError as error:
         raise UsageError(f"{error.filename or out} cannot be read or written: {error.strerror}") from None
     return manifest

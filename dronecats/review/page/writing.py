@@ -13,6 +13,7 @@ from dronecats.review.page.index import keys, page_episode, page_index, page_met
 from dronecats.review.page.pictures import FOLDER, PictureAddress, beside, every_for, kept, nowhere, rendered, within
 from dronecats.review.report_table import ReportTable
 from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 PAGE = "index.html"
 DATA = "data"  # folder of the flights, a script each: a page on a disk may load scripts, and nothing else
@@ -72,10 +73,8 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         pictures="" if every == 1 else f"Of each {every} steps one picture is kept, and all of declarations.",
     )
     whole = out / PAGE
-    part = whole.with_name(f"{PAGE}.part")
-    with part.open("w", encoding="utf-8", newline="\n") as file:
+    with whole_file(whole) as draft, draft.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(page(html.escape(TITLE), script_json(index), blocks))
-    part.replace(whole)
     return whole
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from dronecats.metrics.registry import METRICS
 from dronecats.results.columns import array
 from dronecats.study.analysis.studied import Studied
+from foundation.whole_file import whole_file
 
 CSV, PARQUET = "flights.csv", "flights.parquet"
 
@@ -72,12 +73,11 @@ def write_parquet(studied: Studied, path: Path) -> None:
         arrays = {column.name: array(column.values, column.type) for column in told}
         connection.register("rows", arrays)
         connection.execute("INSERT INTO flights SELECT * FROM rows")
-        part = path.with_name(f"{path.name}.part")
         try:
-            connection.execute(f"COPY flights TO {literal(str(part))} (FORMAT parquet, COMPRESSION zstd)")
+            with whole_file(path) as draft:
+                connection.execute(f"COPY flights TO {literal(str(draft))} (FORMAT parquet, COMPRESSION zstd)")
         except duckdb.IOException as fault:
             raise OSError(None, str(fault)) from None
-        part.replace(path)
     finally:
         connection.close()
 

@@ -17,6 +17,7 @@ from dronecats.study.report.findings import Findings, findings
 from dronecats.study.report.page import writing as page
 from dronecats.study.report.sections import StudySection
 from foundation.errors import InfrastructureError
+from foundation.whole_file import write_text
 
 PAGE, MARKDOWN = "index.html", "report.md"
 TABLES, FIGURES, DATA = "tables", "figures", "data"
@@ -59,7 +60,7 @@ def write(studied: Studied, command: str, out: Path) -> StudyReport:
         opening, short = sections.opening(found), sections.short(found)
         title = _title(studied)
         (out / MARKDOWN).write_text(_markdown(title, opening, short, told, found, out), encoding="utf-8")
-        page.write(out / PAGE, page.page(title, opening, short, told, command))
+        write_text(out / PAGE, page.page(title, opening, short, told, command))
     except OSError as full:
         raise InfrastructureError(f"the report cannot be written into {out}: {full.strerror or full}") from None
     return StudyReport(out / PAGE, out / MARKDOWN, tuple(opening), tuple(short), every, parquet)

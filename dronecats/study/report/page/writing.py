@@ -4,7 +4,6 @@ import html
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
-from pathlib import Path
 
 from dronecats.review.report_table import ReportTable
 from dronecats.study.report.figures.all import StudyFigure
@@ -74,10 +73,3 @@ def _figure(figure: StudyFigure, command: str) -> str:
 
 def _read(name: str) -> str:
     return files(__package__ or "").joinpath("web", name).read_text(encoding="utf-8")
-
-
-def write(path: Path, text: str) -> None:
-    """Write the page whole or not at all. Raises OSError."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(text, encoding="utf-8", newline="\n")
-    part.replace(path)
