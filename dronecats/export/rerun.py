@@ -16,6 +16,7 @@ from dronecats.export.conventions import OPTICAL_IN_FLU, enu, flu, lon_lat_alt, 
 from dronecats.export.flight import ExportedDrone, ExportedFlight
 from dronecats.export.naming import JUDGE, drone_name
 from dronecats.export.tracks import FlownTrack
+from dronecats.rundir.rows import drone_label
 from foundation.errors import UsageError
 from foundation.protocol import POINT_SPAN
 
@@ -132,7 +133,7 @@ def _words(recording: rr.RecordingStream, flight: ExportedFlight) -> int:
         said = step.decision
         reply = said.reply if isinstance(said.reply, str) else str(said.action)
         _at(recording, said.t_decided)
-        words = f"drone {said.drone}, step {said.step}: {reply}"
+        words = f"{drone_label(said.drone)}, step {said.step}: {reply}"
         recording.log("log", rr.TextLog(words, level="WARN" if said.error else "INFO"))
     for one in flight.declarations:
         _at(recording, one.t)

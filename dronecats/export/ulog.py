@@ -18,6 +18,7 @@ from dronecats.export.flight import ExportedFlight
 from dronecats.export.naming import JUDGE
 from dronecats.export.tracks import FlownTrack
 from dronecats.metrics.flown_step import FlownStep
+from dronecats.rundir.rows import drone_label
 from foundation.frames import quat_yaw
 from foundation.protocol import FINISHED, GO, ROTATE, THINK
 
@@ -109,7 +110,7 @@ def _decision(flight: ExportedFlight, step: FlownStep) -> Iterator[Stamped]:
         said.t_decided,
         said.drone,
         "",
-        (WARNING if said.error else INFO, f"drone {said.drone}, step {said.step}: {reply}"),
+        (WARNING if said.error else INFO, f"{drone_label(said.drone)}, step {said.step}: {reply}"),
     )
 
 

@@ -10,7 +10,7 @@ from msgspec import UNSET
 from dronecats.judge.measured import SAME_S, consistent, declarations
 from dronecats.rundir.layout import COMMANDER, DECISIONS, EPISODE
 from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import Decision, Exchange, FrameTruth, Pose
+from dronecats.rundir.rows import Decision, Exchange, FrameTruth, Pose, drone_label
 from foundation.protocol import CAP_S, RADIUS_M
 
 # s before its cap at which a flight may have ended by it: the logger's clock is the newest truth that it has heard, and
@@ -53,7 +53,7 @@ def gaps(logs: Logs) -> str | None:
     taken = Counter((d.step, d.drone) for d in logs.decisions)
     twice = next((key for key, count in sorted(taken.items()) if count > 1), None)
     if twice:
-        return f"{DECISIONS} holds step {twice[0]} of drone {twice[1]} more than once"
+        return f"{DECISIONS} holds step {twice[0]} of {drone_label(twice[1])} more than once"
     steps = sorted({-1} | {step for step, _ in taken})
     missing = next((a + 1 for a, b in pairwise(steps) if b > a + 1), None)
     return None if missing is None else f"{DECISIONS} lacks step {missing}"
@@ -70,7 +70,7 @@ def of_logs(logs: Logs) -> list[str]:
         off = [row for row in rows if not consistent(row)]
         if off:
             told.append(
-                f"the {kind} of drone {off[0].drone} at {off[0].t:g} s is not as far from the target as its"
+                f"the {kind} of {drone_label(off[0].drone)} at {off[0].t:g} s is not as far from the target as its"
                 f" positions are{_more(off)}"
             )
     return told

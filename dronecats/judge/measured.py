@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from dronecats.judge.verdict import Measured
 from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import Decision, FrameTruth, Pose
+from dronecats.rundir.rows import Decision, FrameTruth, Pose, drone_label
 from foundation.protocol import CAP_S, RADIUS_M
 
 SAME_S = 1e-3  # s: pictures are announced in whole milliseconds
@@ -36,7 +36,7 @@ def measured(decision: Decision, logs: Logs) -> Measured:
     """Return a decision with the truth at its own frame, or with the reason why that is not known."""
     step, drone, t = decision.step, decision.drone, decision.t_decided
     frame = logs.frames.get((drone, decision.frame_id))
-    what = f"step {step} of drone {drone} was decided on frame {decision.frame_id}"
+    what = f"step {step} of {drone_label(drone)} was decided on frame {decision.frame_id}"
     if frame is None or (frame.distance_m is None and frame.visible is None):
         return Measured(step, drone, t, None, None, f"{what}, of which the logger has no truth")
     if abs(frame.t - decision.t_frame) > SAME_S:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 SAME = 1.001e-3  # seconds, metres: numbers are rounded to a thousandth, whose last digit a rounding may turn
+EXPLANATIONS = ("error", "note")  # sentences, whose words may be others in another version
 CORE = ("outcome", "success", "ne_m", "delta_m", "steps", "declarations", "deciding")  # what every version stored
 
 
@@ -42,6 +43,9 @@ def _differing(name: str, a: Any, b: Any) -> Iterator[str]:
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         for k, (one, other) in enumerate(zip(a, b, strict=True)):
             yield from _differing(f"{name}[{k}]", one, other)
+    elif name in EXPLANATIONS:
+        if (a is None) != (b is None):
+            yield name
     elif _is_number(a) and _is_number(b):
         if not math.isclose(a, b, rel_tol=0.0, abs_tol=SAME):
             yield name

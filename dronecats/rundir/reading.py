@@ -30,6 +30,7 @@ from dronecats.rundir.rows import (
     Hit,
     Pose,
     Reset,
+    drone_label,
 )
 from foundation.errors import UsageError
 
@@ -212,7 +213,9 @@ def _frames(told: list[Framed], path: Path) -> dict[tuple[int, int], Framed]:
     for row in told:
         first = frames.setdefault((row.drone, row.frame_id), row)
         if first is not row and first != row:
-            raise UsageError(f"{path} is damaged: it tells two truths of frame {row.frame_id} of drone {row.drone}")
+            raise UsageError(
+                f"{path} is damaged: it tells two truths of frame {row.frame_id} of {drone_label(row.drone)}"
+            )
     return frames
 
 

@@ -118,7 +118,7 @@ class WorldCamera:
     def _taken(self, drone: int, known: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
         """Return a frame of a sample and the others' of its time, and say that it was taken."""
         if known is None:
-            raise CameraError(f"the camera has not heard where drone {drone} is")
+            raise CameraError(f"the camera has not heard where drone {drone + 1} is")
         sample, others = known
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         image = self._picture(sample, others, t_s, self._frames)

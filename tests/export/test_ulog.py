@@ -67,7 +67,7 @@ def test_decisions_have_their_numbers_and_texts(told):
         for index, said in enumerate(mine):
             depth_m = said.action.get("depth_m", math.nan)
             np.testing.assert_allclose(found["depth_m"][index], depth_m, rtol=1e-6)
-        texts = [m.message for m in log.logged_messages if m.message.startswith(f"drone {drone.number}, step ")]
+        texts = [m.message for m in log.logged_messages if m.message.startswith(f"drone {drone.number + 1}, step ")]
         assert len(texts) == len(mine)
 
 

@@ -44,7 +44,7 @@ def test_a_step_that_is_missing_or_there_twice():
     for decisions, place in (
         ([*GO, decision(2, 2, 12.0, "go")], "step 1"),
         ([decision(1, 1, 9.0, "go")], "step 0"),
-        ([*GO, *GO], "step 0 of drone 0"),
+        ([*GO, *GO], "step 0 of drone 1"),
     ):
         named, error = said(decisions, truth)
         assert named == "error", place

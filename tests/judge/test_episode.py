@@ -144,7 +144,7 @@ def test_a_success_after_what_was_not_measured_says_so(folder):
     path = folder([decision(0, 0, 5.0), decision(1, 1, 9.0)], [BEGIN, frame(1, 8.5, 4.0), END])
     verdict = judge_folder(path)
     assert (verdict["outcome"], verdict["ne_m"], verdict["deciding"]["step"]) == ("success", 4.0, 1)
-    assert "step 0 of drone 0" in verdict["note"]
+    assert "step 0 of drone 1" in verdict["note"]
     assert (verdict["success_at_first"], verdict["success_within_three"]) == (None, True)
 
 

@@ -63,6 +63,17 @@ def test_numbers_agree_to_the_digit_that_they_are_rounded_to(folder):
     assert judge_folder(folder)["stored_differs"] == ["success"]
 
 
+def test_why_a_flight_is_an_error_may_be_said_in_other_words(folder):
+    (folder / "truth.jsonl").write_text("")  # nobody measured anything
+    write_verdict(folder)
+    stored = json.loads((folder / "verdict.json").read_text())
+    assert stored["outcome"] == "error"
+    (folder / "verdict.json").write_text(json.dumps({**stored, "error": "in other words"}))
+    assert judge_folder(folder)["stored_agrees"] is True
+    (folder / "verdict.json").write_text(json.dumps({**stored, "error": None}))
+    assert judge_folder(folder)["stored_differs"] == ["error"]
+
+
 OLD = {"outcome": "success", "success": True, "ne_m": 4.0, "delta_m": 5.0, "steps": 2, "declarations": 1,
        "declarations_after_cap": 0, "deciding": {"step": 0, "drone": 0, "t": 5.0, "distance_m": 4.0}, "error": None,
        "diagnostics": {"dwell_s": 0, "longest_loss_s": 0.5}}  # fmt: skip

@@ -214,5 +214,5 @@ def test_a_flight_that_its_budget_ended_is_flown_again_to_where_it_ended(tmp_pat
     assert main(words) == 3
     again = last_object(capsys.readouterr().out)
     assert (again["outcome"], again["steps"]) == ("error", result["steps"])
-    assert re.search(rf"step {result['steps']}\b.*drone 0\b.*budget", again["error"])
+    assert re.search(rf"step {result['steps']}\b.*drone 1\b.*budget", again["error"])
     assert rows(tmp_path / "again" / EASY / "decisions.jsonl") == rows(folder / "decisions.jsonl")

@@ -154,7 +154,7 @@ def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, cap
     assert "--latency, --full" in told.out.splitlines()[0]
     result = last_object(told.out)
     assert result["outcome"] == "error"
-    assert re.search(r"step 2\b.*drone 0\b", result["error"])
+    assert re.search(r"step 2\b.*drone 1\b", result["error"])
 
 
 def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_path, capsys):

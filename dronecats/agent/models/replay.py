@@ -72,7 +72,7 @@ class ReplayModel:
         if not self._recording.to_the_cap or request.drone in self._late:
             asked = f"question {request.step} to the commander"
             if request.role == "pilot":
-                asked = f"step {request.step} of drone {request.drone}"
+                asked = f"step {request.step} of drone {request.drone + 1}"
             why = _BROKEN_OFF.get(self._recording.ended or "", "this flight asks what that one did not")
             raise ModelError(f"the recording of {self._recording.flight} has no reply for {asked}: {why}")
         self._late.add(request.drone)
