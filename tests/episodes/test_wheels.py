@@ -26,7 +26,7 @@ DRIVING = {
 TIMES_S = np.arange(0.0, CAP_S, 1.0)
 
 
-@pytest.fixture(scope="module", params=DRIVING.values(), ids=DRIVING.keys())
+@pytest.fixture(scope="module", params=list(DRIVING.values()), ids=list(DRIVING))
 def world(request):
     return World(catalogue.load(request.param))
 
