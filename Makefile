@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest
 # Where this is set, every process compiles every import anew: seconds for each of a flight's.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: fly install install-dev check unit test test-slow compatibility lock schemas metrics studies clean
+.PHONY: fly install install-dev check unit test test-slow compatibility lock schemas metrics studies pictures clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
@@ -66,6 +66,10 @@ metrics: install
 # Rewrites the table of docs/studies.md from the registry of factors. Run it when a factor changes.
 studies: install
 	$(BIN)/python -c "from pathlib import Path; from dronecats.study.page import write; write(Path('docs/studies.md'))"
+
+# Rewrites flight.png, replay.jpg and watching.jpg of docs/pictures. Run it when what they show changes.
+pictures: install-dev
+	$(BIN)/python -m tests.docs.made_pictures
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -16,6 +16,7 @@ AXLES_M = {
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip
 AXLES_OF_OTHERS_M = 1.0
+WALKERS = ("person", "pedestrian")  # who stay upright on a slope; all others of these stand on wheels
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,11 @@ class TargetMotion:
         a, b = self.waypoints_ned[k], self.waypoints_ned[k + 1]
         u = (s - self.reached_m[k]) / (self.reached_m[k + 1] - self.reached_m[k])
         return (a[0] + u * (b[0] - a[0]), a[1] + u * (b[1] - a[1]), a[2] + u * (b[2] - a[2]))
+
+
+def has_wheels(asset: str) -> bool:
+    """Return whether what moves stands on wheels."""
+    return asset in AXLES_M and asset not in WALKERS
 
 
 def motion(target: TargetRecord) -> TargetMotion:

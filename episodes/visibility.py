@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from episodes.scene import Instance, Mesh
 from foundation.camera import CameraModel, CameraPose
-from foundation.frames import Vec3, rotate_inverse
+from foundation.frames import Quat, Vec3, rotate, rotate_inverse
 from foundation.protocol import DETECTION_RANGE_M
 
 SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
@@ -62,9 +62,11 @@ def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), cross[which] / area[which, None]
 
 
-def turn(yaw: float) -> Array:
-    """Return the (3, 3) matrix from an asset's FRD axes to NED."""
-    c, s = math.cos(yaw), math.sin(yaw)
+def turn(turned: float | Quat) -> Array:
+    """Return the (3, 3) matrix from an asset's FRD axes to NED, of its yaw (rad) or its attitude."""
+    if isinstance(turned, tuple):
+        return np.array([rotate(turned, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
+    c, s = math.cos(turned), math.sin(turned)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -212,17 +214,22 @@ class TargetView:
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
 
     def sight(
-        self, position_ned: Vec3, yaw: float, pose: CameraPose, camera: CameraModel, past: Hides | None = None
+        self,
+        position_ned: Vec3,
+        turned: float | Quat,
+        pose: CameraPose,
+        camera: CameraModel,
+        past: Hides | None = None,
     ) -> Visibility:
         """Return what the camera sees of the target standing at a pose, past the solids or past what is given.
 
         Each sample that the target shows towards the camera counts with the solid angle of the surface it stands for.
         """
-        turned, eye = turn(yaw), np.array(pose.position_ned)
+        matrix, eye = turn(turned), np.array(pose.position_ned)
         origin = np.array(position_ned)
         if np.linalg.norm(origin - eye) > DETECTION_RANGE_M + self._radius or self._beside(position_ned, pose, camera):
             return Visibility(0.0, None)
-        local_eye = turned.T @ (eye - origin)
+        local_eye = matrix.T @ (eye - origin)
         way = self._points - local_eye
         square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
         weight = -np.einsum("ij,ij->i", way, self._normals) / square**1.5
@@ -235,7 +242,7 @@ class TargetView:
         total = float(weight[shown].sum())
         if total <= 0.0:
             return Visibility(0.0, None)
-        points = self._points[shown] @ turned.T + origin
+        points = self._points[shown] @ matrix.T + origin
         seen = self._in_frame(points, pose, camera)
         if seen.any():
             seen[seen] = ~(past or self._solids).hidden(pose.position_ned, points[seen])

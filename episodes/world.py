@@ -15,8 +15,9 @@ from episodes.framing import PictureBox, in_camera, picture_box
 from episodes.once import once
 from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Moved, Scene
-from episodes.target import TargetMotion, motion
+from episodes.target import TargetMotion, has_wheels, motion
 from episodes.visibility import Hides, Solids, TargetView, Together, Without, turn
+from episodes.wheels import Wheels
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
@@ -70,19 +71,36 @@ class World:
             standing = Without(standing, native)
         self.solids = Together(standing, Solids(others)) if others else standing
         self._view = TargetView(target.mesh, self.solids)
+        # of a target that drives, what keeps it on the ground
+        self.wheels = Wheels.of(target.mesh) if target.movable and has_wheels(record.target.asset) else None
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
         self._middle = tuple(float(v) for v in (high + low) / 2)
 
-    def target_pose(self, t_s: float) -> tuple[Vec3, float]:
-        """Return (position_ned of the target's origin in m, yaw in rad)."""
-        return self._motion.pose(t_s)
+    def target_pose(self, t_s: float) -> tuple[Vec3, float | Quat]:
+        """Return how the target stands: m NED of its origin, and its yaw (rad) or its attitude (FRD → NED)."""
+        place, yaw = self._motion.pose(t_s)
+        return (place, yaw) if self.wheels is None else self.wheels.on(self.scene.terrain, place, yaw)
+
+    def target_upright(self, t_s: float) -> tuple[Vec3, float]:
+        """Return where the target's origin (m NED) would be if it stood level around the same middle, and its yaw."""
+        place, yaw = self._motion.pose(t_s)
+        standing, turned = self.target_pose(t_s)
+        if not isinstance(turned, tuple):
+            return place, yaw
+        higher = self._centre(standing, turned)[2] - self._centre(place, yaw)[2]
+        return (place[0], place[1], place[2] + higher), yaw
 
     def target_centre(self, t_s: float) -> Vec3:
         """Return the centre (m, NED) of the target's box."""
-        place, yaw = self._motion.pose(t_s)
-        c, s = math.cos(yaw), math.sin(yaw)
+        return self._centre(*self.target_pose(t_s))
+
+    def _centre(self, place: Vec3, turned: float | Quat) -> Vec3:
         x, y, z = self._middle
+        if isinstance(turned, tuple):
+            arm = rotate(turned, (x, y, z))
+            return (place[0] + arm[0], place[1] + arm[1], place[2] + arm[2])
+        c, s = math.cos(turned), math.sin(turned)
         return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
     def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
@@ -90,7 +108,7 @@ class World:
 
         `drones` are those that are to be seen, by number: all but the one whose camera it is.
         """
-        moved: Moved = {self.target_id: self._motion.pose(t_s)} if self._motion.speed_mps > 0.0 else {}
+        moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}
 
     def past(self, others: Iterable[DronePose]) -> Hides:
@@ -107,14 +125,14 @@ class World:
         others: Iterable[DronePose] = (),
     ) -> Measurement:
         """Return the truth about a drone whose body origin and attitude (FRD → NED) are given, other drones around."""
-        place, yaw = self._motion.pose(t_s)
-        centre = self.target_centre(t_s)
-        local = turn(yaw).T @ (np.array(position_ned) - np.array(centre))
+        place, turned = self.target_pose(t_s)
+        centre = self._centre(place, turned)
+        local = turn(turned).T @ (np.array(position_ned) - np.array(centre))
         beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
         lever = rotate(attitude, camera.offset_frd)
         eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
         pose = CameraPose(eye, attitude)
-        sight = self._view.sight(place, yaw, pose, camera, self.past(others))
+        sight = self._view.sight(place, turned, pose, camera, self.past(others))
         toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
         return Measurement(
             target_ned=centre,
@@ -125,13 +143,16 @@ class World:
             bearing_deg=math.degrees(wrap_pi(toward - quat_yaw(attitude))),
             oracle_depth_m=sight.depth_m,
             target_frd=in_camera(centre, pose),
-            target_box=picture_box([in_camera(corner, pose) for corner in self._corners(centre, yaw)], camera),
+            target_box=picture_box([in_camera(corner, pose) for corner in self._corners(centre, turned)], camera),
         )
 
-    def _corners(self, centre: Vec3, yaw: float) -> list[Vec3]:
+    def _corners(self, centre: Vec3, turned: float | Quat) -> list[Vec3]:
         """Return the corners (m, NED) of the target's box, where its centre is and as it is turned."""
-        c, s = math.cos(yaw), math.sin(yaw)
         x, y, z = self._half
+        if isinstance(turned, tuple):
+            arms = [rotate(turned, (a * x, b * y, d * z)) for a, b, d in itertools.product((-1.0, 1.0), repeat=3)]
+            return [(centre[0] + n, centre[1] + e, centre[2] + down) for n, e, down in arms]
+        c, s = math.cos(turned), math.sin(turned)
         return [
             (centre[0] + a * x * c - b * y * s, centre[1] + a * x * s + b * y * c, centre[2] + d * z)
             for a, b, d in itertools.product((-1.0, 1.0), repeat=3)

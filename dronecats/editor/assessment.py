@@ -12,12 +12,14 @@ from episodes.fleet import Fleet, hovering
 from episodes.record import EpisodeRecord, TargetRecord, parse
 from episodes.render import Renderer
 from episodes.render.pose import camera_pose
-from episodes.scene import Moved, Scene
-from episodes.target import motion
+from episodes.scene import Scene
+from episodes.target import has_wheels, motion
+from episodes.wheels import Wheels
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from foundation.frames import quat_from_euler
+from foundation.frames import Quat, Vec3, quat_from_euler
+from foundation.terrain import FLAT
 
 PREVIEW = CameraModel(width=640, height=360)
 
@@ -51,6 +53,8 @@ class Previews:
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
         self._fleet: Fleet | None = None
+        self._ground = FLAT
+        self._wheels: Wheels | None = None  # of a target that would stand on them if it moved
 
     def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
         """Return the (360, 640, 3) sRGB picture of one drone at its start. Raises UsageError."""
@@ -58,10 +62,14 @@ class Previews:
         start = record.starts[drone]
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
         placed = [one for one in (record.target, *record.candidates) if one.native is None]
-        moved: Moved = {number: motion(one).pose(t_s) for number, one in zip(self._ids, placed, strict=True)}
+        moved: dict[int, tuple[Vec3, float | Quat] | None] = {
+            number: motion(one).pose(t_s) for number, one in zip(self._ids, placed, strict=True)
+        }
+        if record.target.path is not None and self._wheels is not None:
+            moved[self._ids[0]] = self._wheels.on(self._ground, *motion(record.target).pose(t_s))
         if self._fleet:
             others = {k: hovering(one) for k, one in enumerate(record.starts) if k != drone}
-            moved = {**moved, **self._fleet.moved(others)}
+            moved |= self._fleet.moved(others)
         return renderer.render(camera_pose(start.position_ned, attitude, PREVIEW), moved).rgb
 
     def _ready(self, record: EpisodeRecord) -> Renderer:
@@ -72,7 +80,8 @@ class Previews:
                 self._renderer.close()
             world = World(record)
             scene, self._ids = _movable(world)
-            self._fleet = world.fleet
+            self._fleet, self._ground = world.fleet, world.scene.terrain
+            self._wheels = Wheels.of(world.target.mesh) if has_wheels(record.target.asset) else None
             self._renderer, self._look = Renderer(scene, PREVIEW, self._threads, shadow_cells=2048), look
         return self._renderer
 

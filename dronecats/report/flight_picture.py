@@ -32,6 +32,7 @@ _DPI = 100
 # told apart on grass, asphalt and paper, and by most colour-blind readers (Okabe and Ito's palette, brightened)
 _DRONES = ("#ffb000", "#3fa7ff", "#ff5c8a", "#b48cff", "#00d0a0", "#ff7a1a")
 _ACCEPTED, _REJECTED, _TARGET = "#18c93a", "#ff2a2a", "#ff2fd6"
+FLIGHT_COLORS = (_DRONES[0], _TARGET, _ACCEPTED)  # of the marks of a flight that succeeds
 _MARGIN_M = 8.0
 
 

@@ -19,7 +19,7 @@ class Traffic:
     """Keeps the moving target where it is in the vehicles' physics."""
 
     def __init__(self, pose: Callable[[float], tuple[Vec3, float]]) -> None:
-        """`pose` gives (position_ned m, yaw rad) at seconds since the episode began."""
+        """`pose` gives (position_ned m, yaw rad), as if it stood level, at seconds since the episode began."""
         self._pose = pose
         self._t0_us: int | None = None
         self._next_us = 0

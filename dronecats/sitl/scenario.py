@@ -110,7 +110,7 @@ def built_of(
             )
             for index, pose in enumerate(poses[:count])
         ],
-        Traffic(world.target_pose) if solid.moving else None,
+        Traffic(world.target_upright) if solid.moving else None,
         disturbed,
     )
 

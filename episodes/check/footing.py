@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from episodes.check.finding import RuleFinding, at_least, at_most
-from episodes.check.limits import OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M
+from episodes.check.limits import OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M, WHEEL_OFF_M
 from episodes.check.solid import StandingObstacles, box_of
 from episodes.target import motion
+from episodes.visibility import turn
+from episodes.wheels import contact_patch
 from episodes.world import World
 from foundation.protocol import CAP_S
 
@@ -26,13 +28,14 @@ def rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     if record.target.native is not None:
         return
     if record.target.path is None:
-        (north, east, down), yaw = world.target_pose(0.0)
+        (north, east, down), yaw = world.target_upright(0.0)
         off = abs(down - world.ground_down(north, east))
         yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
         met = standing.met(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
         yield RuleFinding("what the target stands in", not met, met or "nothing", "nothing")
         return
     yield off_ground(world)
+    yield from wheels(world)
     yield swept(world, standing)
     yield long_enough(world)
     yield from pace(world)
@@ -60,6 +63,24 @@ def off_ground(world: World) -> RuleFinding:
         gone += leg
     says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
     return RuleFinding("the path off the ground", worst <= OFF_GROUND_M, says, f"≤ {OFF_GROUND_M:g} m")
+
+
+def wheels(world: World) -> Iterator[RuleFinding]:
+    """Yield whether every wheel of a target on wheels touches the ground on its whole way."""
+    if world.wheels is None:
+        return
+    low = contact_patch(world.target.mesh)
+    way = motion(world.record.target)
+    last = min(CAP_S, way.length_m / way.speed_mps)
+    worst, where = 0.0, way.waypoints_ned[0]
+    for t in np.linspace(0.0, last, min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS)):
+        place, turned = world.target_pose(float(t))
+        for n, e, d in low @ turn(turned).T + np.array(place):
+            off = abs(float(d) - world.ground_down(float(n), float(e)))
+            if off > worst:
+                worst, where = off, (float(n), float(e), float(d))
+    says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+    yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, says, f"≤ {WHEEL_OFF_M:g} m")
 
 
 def swept(world: World, standing: StandingObstacles) -> RuleFinding:

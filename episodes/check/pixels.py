@@ -31,12 +31,18 @@ NOTHING = Patch(0, 0.0, 0.0)
 
 
 def patch(
-    target: Instance, place: Vec3, yaw: float, solids: Hides, origin: Vec3, attitude: Quat, camera: CameraModel
+    target: Instance,
+    place: Vec3,
+    turned: float | Quat,
+    solids: Hides,
+    origin: Vec3,
+    attitude: Quat,
+    camera: CameraModel,
 ) -> Patch:
-    """Return where a target standing at `place` with `yaw` is in the picture of a drone at `origin` (m, NED)."""
+    """Return where a target standing at `place` turned so is in the picture of a drone at `origin` (m, NED)."""
     axes = np.array([rotate(attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
     eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
-    to_world = turn(yaw)
+    to_world = turn(turned)
     across, down = _reach(target, np.array(place), to_world, eye, axes, camera)
     if len(across) == 0 or len(down) == 0:
         return NOTHING

@@ -55,9 +55,9 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
     """Return where the target is in the first picture of the first drone, level, the others of its fleet around it."""
-    place, yaw = world.target_pose(0.0)
+    place, turned = world.target_pose(0.0)
     past = world.past(world.fleet.others(0).values())
-    return patch(world.target, place, yaw, past, origin, level(yaw_deg), CAMERA)
+    return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)
 
 
 def way(world: World) -> RuleFinding:

@@ -26,7 +26,7 @@ class Flight:
         self._tap, self._parser = self.simulation.bus.tap(), Parser()
         self.said: list[Any] = []
         commander = self.commander = self.vehicle.autopilot.commander
-        place, yaw = self.world.target_pose(0.0)
+        place, yaw = self.world.target_upright(0.0)
         state, down = self.vehicle.plant.state, self.vehicle.plant.params["contact_position"][:, 2].max()
         north, east = place[0] - beside * math.sin(yaw), place[1] + beside * math.cos(yaw)
         state["position"] = (north, east, self.world.ground_down(north, east) - down)

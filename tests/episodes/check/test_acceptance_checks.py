@@ -120,6 +120,16 @@ def test_a_path_that_passes_the_start_is_refused() -> None:
     assert "the path's distance from the start" in red(start_at(MOVING, (n + 2.0, e, d - 1.8)))
 
 
+def test_a_path_over_a_kerb_at_a_slant_lifts_a_wheel() -> None:
+    """The path itself lies on the ground; it is the four wheels that cannot all touch."""
+    world = World(MOVING)
+    drive = world.target_pose(0.0)[0]
+    slant = [(drive[0] + k * 0.1, drive[1] + k * 0.1) for k in range(-150, 151)]
+    rule = "how far a wheel is from the ground"
+    assert rule in red(on_path(MOVING, *((n, e, world.ground_down(n, e)) for n, e in slant)))
+    assert rule in {f.rule for f in check(world)}
+
+
 def test_pixels_are_those_that_the_renderer_draws() -> None:
     world, camera = World(STANDING), CameraModel(640, 360)
     renderer = Renderer(world.scene, camera)

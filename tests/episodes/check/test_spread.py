@@ -176,7 +176,7 @@ def test_shares_use_every_stratum_once(count: int, seed: int) -> None:
 def test_framing_agrees_with_the_pixels() -> None:
     """Wholly shown: nothing reaches an edge; hidden: not one pixel, and a little nearer there is one."""
     world = World(record("residential-searching-01"))
-    place, yaw = world.target_pose(0.0)
+    place, yaw = world.target_upright(0.0)
     here = world.record.starts[0].position_ned
     framed = framing.framing(framing.box_corners(world.target.mesh, place, yaw), here)
     goal = world.target_centre(0.0)

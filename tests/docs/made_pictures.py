@@ -1,0 +1,163 @@
+"""The pictures of the documentation that this program draws: `make pictures` flies, looks and writes them anew."""
+
+import socket
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageColor
+
+from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.playback.page import RUN_COLORS, ReplayPage, shade
+from dronecats.playback.recorded import PlayableFlight, playable_flight
+from dronecats.playback.views import AgainView
+from dronecats.report.flight_picture import FLIGHT_COLORS
+from dronecats.rundir import layout
+from dronecats.scenery.page import LoopbackServer
+from dronecats.watch.moment import Moment
+from dronecats.watch.page import LiveFlight
+from dronecats.watch.scene import CHOSEN
+from tests.docs.pages import ROOT
+from tests.support.browser import SOFTWARE, chromium
+from tests.support.ports import free_port
+
+FOLDER = ROOT / "docs" / "pictures"
+FLIGHT = "residential-approaching-01"
+REPLAY, REPLAY_S = "campus-approaching-04", 80.0
+LIVE, LIVE_S = "residential-approaching-03", 12.0
+PALETTE = 256
+PATIENCE_S = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class MadePicture:
+    """One of them, and what must be true of the committed file."""
+
+    name: str
+    size: tuple[int, int]  # px, width and height
+    colors: tuple[tuple[int, int, int], ...]  # sRGB, of the marks that its caption speaks of
+
+
+FLIGHT_PICTURE = MadePicture("flight.png", (1000, 1000), tuple(map(ImageColor.getrgb, FLIGHT_COLORS)))
+REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(shade(color) for color in RUN_COLORS[:2]), CHOSEN))
+
+LIVE_PICTURE = MadePicture("watching.jpg", (1400, 757), (CHOSEN,))
+MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE)
+
+
+class Standing:
+    """A flight that is at one moment for ever, followed as one in the air is."""
+
+    def __init__(self, flight: PlayableFlight, t_s: float) -> None:
+        self._moment = flight.moment(t_s)
+
+    def turn(self) -> Moment:
+        return self._moment
+
+
+def flown(folder: Path, episode: str, pilot: str) -> Path:
+    """Fly an episode in lockstep with pictures and return its folder."""
+    from dronecats.run.fly import fly
+
+    fly(FlightSpec(pilot=pilot, episode=episode, simulated=Simulated(speed=None)), folder / pilot, print)
+    return folder / pilot / episode
+
+
+def flight_picture(folder: Path) -> NDArray[np.uint8]:
+    """Return the flight picture of a run folder, (H, W, 3) RGB, as large as the committed one."""
+    drawn: Any = cv2.imread(str(folder / layout.PICTURE))
+    return np.asarray(cv2.resize(drawn, FLIGHT_PICTURE.size, interpolation=cv2.INTER_AREA)[..., ::-1], np.uint8)
+
+
+def few_colors(picture: NDArray[np.uint8], marks: tuple[tuple[int, int, int], ...]) -> Any:
+    """Return a picture of 256 colours, the marks' own among them: a palette of the frequent ones turns marks grey."""
+    image = Image.fromarray(picture)
+    frequent = image.quantize(PALETTE - len(marks), method=Image.Quantize.MEDIANCUT).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*frequent[: 3 * (PALETTE - len(marks))], *(part for mark in marks for part in mark)])
+    return image.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+@contextmanager
+def shown(url: str, size: tuple[int, int]) -> Iterator[Any]:
+    """Yield a browser of this size on a page."""
+    with tempfile.TemporaryDirectory() as profile, chromium(Path(profile), *SOFTWARE) as driver:
+        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": False}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        driver.get(url)
+        yield driver
+
+
+def standing(driver: Any) -> NDArray[np.uint8]:
+    """Return what a browser shows, (H, W, 3) BGR, as soon as it has been the same six times in a row."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    seen: list[bytes] = []
+
+    def is_still(_: Any) -> bool:
+        # the note that no graphics card is there is the machine's, and not the page's
+        driver.execute_script(
+            "document.querySelectorAll('.mantine-Notification-root').forEach((each) => each.remove())"
+        )
+        seen.append(driver.get_screenshot_as_png())
+        return len(seen) >= 6 and len(set(seen[-6:])) == 1
+
+    WebDriverWait(driver, PATIENCE_S, poll_frequency=1.0).until(is_still)
+    return np.asarray(cv2.imdecode(np.frombuffer(seen[-1], np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+def replay_picture(folders: list[Path]) -> NDArray[np.uint8]:
+    """Return the replay page of two flights over one another, (H, W, 3) BGR."""
+    page = ReplayPage([playable_flight(each) for each in folders], free_port(socket.SOCK_STREAM), at_s=REPLAY_S)
+    try:
+        with shown(page.url, REPLAY_PICTURE.size) as driver:
+            while page.state.view is not AgainView.CHASE:
+                page.next_view()
+            page.idle(PATIENCE_S)
+            return standing(driver)
+    finally:
+        page.close()
+
+
+def live_picture(folder: Path) -> NDArray[np.uint8]:
+    """Return the live page as it is in the middle of a flight, (H, W, 3) BGR."""
+    flight = playable_flight(folder)
+    server = LoopbackServer("DroneCATS · vision", free_port(socket.SOCK_STREAM))
+    try:
+        server.gui.set_panel_label("DroneCATS · vision")
+        server.gui.main_panel.dock_right()
+        trails = {0: flight.way(0, LIVE_S, 0.1)}
+        live = LiveFlight(server, Standing(flight, LIVE_S), flight.world, 1, flight.camera, trails)
+        live.turn()
+        with shown(server.url, LIVE_PICTURE.size) as driver:
+            standing(driver)
+            live.turn()  # the browser that has come meanwhile is brought to the drone
+            return standing(driver)
+    finally:
+        server.stop()
+
+
+def save_jpeg(picture: NDArray[np.uint8], path: Path) -> None:
+    """Write a picture, (H, W, 3) BGR, without blurring its colours."""
+    Image.fromarray(picture[..., ::-1]).save(path, quality=88, subsampling=0, optimize=True)
+
+
+def write(folder: Path) -> None:
+    """Write them into a folder."""
+    with tempfile.TemporaryDirectory() as runs:
+        picture = flight_picture(flown(Path(runs) / "flight", FLIGHT, "vision"))
+        few_colors(picture, FLIGHT_PICTURE.colors).save(folder / FLIGHT_PICTURE.name, optimize=True)
+        replayed = replay_picture([flown(Path(runs) / "replay", REPLAY, pilot) for pilot in ("vision", "oracle")])
+        save_jpeg(replayed, folder / REPLAY_PICTURE.name)
+        save_jpeg(live_picture(flown(Path(runs) / "live", LIVE, "vision")), folder / LIVE_PICTURE.name)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

@@ -1,0 +1,81 @@
+"""A target that drives stands on the ground with every wheel, in the pictures and for the judge alike."""
+
+import math
+
+import numpy as np
+import pytest
+
+from episodes import catalogue
+from episodes.check import pixels
+from episodes.render.pose import camera_pose
+from episodes.render.renderer import Renderer
+from episodes.target import motion
+from episodes.visibility import turn
+from episodes.world import World
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler, quat_to_euler
+from foundation.protocol import CAP_S
+
+DRIVING = {
+    "van": "residential-tracking-01",
+    "pickup": "residential-tracking-07",
+    "bus": "residential-search-and-track-01",
+    "cyclist": "residential-search-and-track-08",
+    "service_cart": "campus-search-and-track-02",
+}
+TIMES_S = np.arange(0.0, CAP_S, 1.0)
+
+
+@pytest.fixture(scope="module", params=list(DRIVING.values()), ids=list(DRIVING))
+def world(request):
+    return World(catalogue.load(request.param))
+
+
+def test_every_wheel_touches_the_ground_wherever_the_target_is_drawn(world):
+    points = world.target.mesh.vertices.astype(float)
+    low = points[points[:, 2] > points[:, 2].max() - 0.01]
+    for t_s in TIMES_S:
+        place, turned = world.moved(float(t_s))[world.target_id]
+        for n, e, d in low @ turn(turned).T + np.array(place):
+            assert abs(d - world.ground_down(n, e)) <= 0.03, t_s
+
+
+def test_its_middle_is_on_its_path_as_if_it_stood_level(world):
+    """What the judge measures from stays where it was, but for the height on a crest or in a dip."""
+    low, high = world.target.mesh.vertices.min(axis=0), world.target.mesh.vertices.max(axis=0)
+    for t_s in TIMES_S:
+        place, yaw = motion(world.record.target).pose(float(t_s))
+        level = turn(yaw) @ ((low + high) / 2) + np.array(place)
+        upright, heading = world.target_upright(float(t_s))  # for what meets its box
+        middle = turn(heading) @ ((low + high) / 2) + np.array(upright)
+        assert math.dist(middle, world.target_centre(float(t_s))) < 1e-3
+        off = np.array(world.target_centre(float(t_s))) - level
+        assert math.hypot(off[0], off[1]) < 1e-3
+        assert abs(off[2]) < 0.1
+
+
+def test_who_rides_on_two_wheels_does_not_roll_and_who_walks_stands_upright():
+    rider, walker = (World(catalogue.load(name)) for name in (DRIVING["cyclist"], "campus-tracking-01"))
+    tilts = [quat_to_euler(_attitude(rider, float(t)))[:2] for t in TIMES_S]
+    assert max(abs(roll) for roll, _ in tilts) < 1e-9
+    assert max(abs(pitch) for _, pitch in tilts) > math.radians(2)
+    assert all(walker.target_pose(float(t)) == motion(walker.record.target).pose(float(t)) for t in TIMES_S)
+
+
+def test_on_a_slope_the_pixels_that_the_judge_counts_are_those_that_are_drawn():
+    world, camera = World(catalogue.load(DRIVING["van"])), CameraModel(640, 360)
+    steepest = max(TIMES_S, key=lambda t: abs(quat_to_euler(_attitude(world, float(t)))[1]))
+    place, turned = world.target_pose(float(steepest))
+    assert abs(quat_to_euler(_attitude(world, float(steepest)))[1]) > math.radians(4)
+    north, east, down = world.target_centre(float(steepest))
+    eye, level = (north - 7.0, east, down - 0.5), quat_from_euler(0.0, 0.0, 0.0)
+    counted = pixels.patch(world.target, place, turned, world.solids, eye, level, camera)
+    ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera), world.moved(float(steepest))).ids
+    drawn = int((ids == world.target_id).sum())
+    assert drawn > 3000
+    assert counted.pixels == pytest.approx(drawn, rel=0.01)
+
+
+def _attitude(world, t_s):
+    turned = world.target_pose(t_s)[1]
+    return turned if isinstance(turned, tuple) else quat_from_euler(0.0, 0.0, turned)
