@@ -45,7 +45,13 @@ class MadePicture:
     colors: tuple[tuple[int, int, int], ...]  # sRGB, of the marks that its caption speaks of
 
 
-FLIGHT_PICTURE = MadePicture("flight.png", (1000, 1000), tuple(map(ImageColor.getrgb, FLIGHT_COLORS)))
+def rgb_of(color: str) -> tuple[int, int, int]:
+    """Return a colour that is written as #rrggbb."""
+    red, green, blue = ImageColor.getrgb(color)[:3]
+    return red, green, blue
+
+
+FLIGHT_PICTURE = MadePicture("flight.png", (1000, 1000), tuple(map(rgb_of, FLIGHT_COLORS)))
 REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(shade(color) for color in RUN_COLORS[:2]), CHOSEN))
 
 LIVE_PICTURE = MadePicture("watching.jpg", (1400, 757), (CHOSEN,))
