@@ -1,0 +1,29 @@
+"""A file is the old one or the new one, and no draft is left behind."""
+
+import pytest
+
+from foundation.whole_file import whole_file, write_text
+
+
+def test_what_breaks_off_leaves_the_old_file_and_no_draft(tmp_path):
+    path = tmp_path / "table.csv"
+    write_text(path, "old\n")
+    with pytest.raises(KeyboardInterrupt), whole_file(path) as draft:
+        draft.write_text("half of the n")
+        assert path.read_text() == "old\n"
+        raise KeyboardInterrupt
+    assert [each.name for each in tmp_path.iterdir()] == ["table.csv"]
+    assert path.read_text() == "old\n"
+
+
+def test_the_new_file_takes_the_place_of_the_old_one(tmp_path):
+    path = tmp_path / "table.csv"
+    write_text(path, "old\n")
+    with whole_file(path) as draft:
+        draft.write_text("new\n")
+    assert [each.read_text() for each in tmp_path.iterdir()] == ["new\n"]
+
+
+def test_a_folder_that_is_not_there_is_an_os_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        write_text(tmp_path / "nowhere" / "table.csv", "new\n")
