@@ -5,13 +5,17 @@ import pytest
 from foundation.whole_file import whole_file, write_text
 
 
+def break_off(path):
+    with whole_file(path) as draft:
+        draft.write_text("half of the n")
+        raise KeyboardInterrupt
+
+
 def test_what_breaks_off_leaves_the_old_file_and_no_draft(tmp_path):
     path = tmp_path / "table.csv"
     write_text(path, "old\n")
-    with pytest.raises(KeyboardInterrupt), whole_file(path) as draft:
-        draft.write_text("half of the n")
-        assert path.read_text() == "old\n"
-        raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
+        break_off(path)
     assert [each.name for each in tmp_path.iterdir()] == ["table.csv"]
     assert path.read_text() == "old\n"
 
