@@ -161,7 +161,7 @@ def _cells_of(
 
 
 def _triangles(one: Instance) -> Array:
-    placed: Array = one.mesh.vertices.astype(np.float64) @ turn(one.yaw).T + np.array(one.position_ned)
+    placed: Array = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
     return placed[one.mesh.triangles]
 
 

@@ -51,6 +51,12 @@ class Instance:
     yaw: float = 0.0  # rad
     movable: bool = False  # may be given another pose when rendering
     solid: bool = True  # counts for occlusion and collision
+    attitude: Quat | None = None  # FRD → NED, of what leans; None: it stands level
+
+    @property
+    def turned(self) -> float | Quat:
+        """How it stands: its yaw (rad), or its attitude where it leans."""
+        return self.yaw if self.attitude is None else self.attitude
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -84,7 +84,7 @@ class Solids:
         self._instances = [i for i in instances if i.solid and not i.movable]
         world, self._boxes = [], np.empty((len(self._instances), 2, 3))
         for k, one in enumerate(self._instances):
-            placed = one.mesh.vertices @ turn(one.yaw).T + np.array(one.position_ned)
+            placed = one.mesh.vertices @ turn(one.turned).T + np.array(one.position_ned)
             world.append(placed[one.mesh.triangles])
             self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
         self._owner = np.repeat(np.arange(len(world)), [len(triangles) for triangles in world])
@@ -114,7 +114,7 @@ class Solids:
             if to_box[k] >= best:
                 break
             one = self._instances[k]
-            local = turn(one.yaw).T @ (p - np.array(one.position_ned))
+            local = turn(one.turned).T @ (p - np.array(one.position_ned))
             best = min(best, distance_to_mesh(one.mesh, local))
         return best
 

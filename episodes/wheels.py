@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.scene import Mesh
+from episodes.target import has_wheels
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate
 from foundation.terrain import HeightField
 
@@ -66,6 +67,11 @@ class Wheels:
             place = (north - arm[0], east - arm[1], down)
         return place, turned
 
+    @classmethod
+    def if_any(cls, asset: str, mesh: Mesh) -> "Wheels | None":
+        """Return the wheels of an asset, None for one that stands on feet or on its base."""
+        return cls.of(mesh) if has_wheels(asset) else None
+
     def _plane(self, ground: HeightField, place: Vec3, yaw: float) -> tuple[float, float, float]:
         """Return the plane under the wheels: its slopes ahead and aside, and its NED z (m) at a place."""
         c, s = math.cos(yaw), math.sin(yaw)
@@ -79,3 +85,8 @@ class Wheels:
         ahead, aside = (front - rear) / long, (right - left) / wide if wide else 0.0
         middle = (sum(self.ahead_m) / 2, sum(self.aside_m) / 2)
         return ahead, aside, (rear + front) / 2 - ahead * middle[0] - aside * middle[1]
+
+
+def on_ground(wheels: Wheels | None, ground: HeightField, pose: tuple[Vec3, float]) -> tuple[Vec3, float | Quat]:
+    """Return the pose of a thing, with its wheels on the ground if it has any; `pose` is the one if it stood level."""
+    return pose if wheels is None else wheels.on(ground, *pose)

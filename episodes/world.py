@@ -15,12 +15,13 @@ from episodes.framing import PictureBox, in_camera, picture_box
 from episodes.once import once
 from episodes.record import EpisodeRecord, TargetRecord
 from episodes.scene import Instance, Moved, Scene
-from episodes.target import TargetMotion, has_wheels, motion
+from episodes.target import TargetMotion, motion
 from episodes.visibility import Hides, Solids, TargetView, Together, Without, turn
-from episodes.wheels import Wheels
+from episodes.wheels import Wheels, on_ground
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
+from foundation.terrain import HeightField
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)
@@ -56,10 +57,14 @@ class World:
         native = _native(built, record)
         if native:  # to the last digit where the map has it; a record's are rounded
             self._motion = TargetMotion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
-        target = native or _placed(next_id, "target", record.target, movable=self._motion.speed_mps > 0.0)
-        others = tuple(_placed(next_id + k, f"candidate-{k}", one) for k, one in enumerate(record.candidates, 1))
+        moves, ground = self._motion.speed_mps > 0.0, built.terrain
+        target = native or _placed(next_id, "target", record.target, ground, movable=moves)
+        others = tuple(
+            _placed(next_id + k, f"candidate-{k}", one, ground) for k, one in enumerate(record.candidates, 1)
+        )
         self.target = target
         self.target_id: int = target.id
+        self.target_and_lookalikes = (target, *others)
         added = others if native else (target, *others)
         self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
@@ -71,16 +76,17 @@ class World:
             standing = Without(standing, native)
         self.solids = Together(standing, Solids(others)) if others else standing
         self._view = TargetView(target.mesh, self.solids)
-        # of a target that drives, what keeps it on the ground
-        self.wheels = Wheels.of(target.mesh) if target.movable and has_wheels(record.target.asset) else None
+        # what keeps a target that drives on the ground
+        self._wheels = Wheels.if_any(record.target.asset, target.mesh) if moves else None
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
         self._middle = tuple(float(v) for v in (high + low) / 2)
 
     def target_pose(self, t_s: float) -> tuple[Vec3, float | Quat]:
         """Return how the target stands: m NED of its origin, and its yaw (rad) or its attitude (FRD → NED)."""
-        place, yaw = self._motion.pose(t_s)
-        return (place, yaw) if self.wheels is None else self.wheels.on(self.scene.terrain, place, yaw)
+        if not self.target.movable:
+            return self.target.position_ned, self.target.turned
+        return on_ground(self._wheels, self.scene.terrain, self._motion.pose(t_s))
 
     def target_upright(self, t_s: float) -> tuple[Vec3, float]:
         """Return where the target's origin (m NED) would be if it stood level around the same middle, and its yaw."""
@@ -180,14 +186,15 @@ def _solids(name: str, seed: int) -> Solids:
     return Solids(maps.build(name, seed).instances)
 
 
-def _placed(number: int, name: str, one: TargetRecord, *, movable: bool = False) -> Instance:
-    """Return a thing that a record adds to its map, where it is at the beginning."""
+def _placed(number: int, name: str, one: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
+    """Return a thing that a record adds to its map, where it is at the beginning, on its wheels if it has any."""
     if one.paint is None:
         raise UsageError(f"field '{name}.paint' is missing: only a target that the map brings has none.")
-    place, yaw = motion(one).pose(0.0)
-    return Instance(
-        number, name, one.asset, assets.build(one.asset, one.paint, one.inscription), place, yaw, movable=movable
-    )
+    mesh = assets.build(one.asset, one.paint, one.inscription)
+    level = motion(one).pose(0.0)
+    place, turned = on_ground(Wheels.if_any(one.asset, mesh), ground, level)
+    attitude = turned if isinstance(turned, tuple) else None
+    return Instance(number, name, one.asset, mesh, place, level[1], movable=movable, attitude=attitude)
 
 
 def _native(built: Scene, record: EpisodeRecord) -> Instance | None:

@@ -12,9 +12,9 @@ from episodes.fleet import Fleet, hovering
 from episodes.record import EpisodeRecord, TargetRecord, parse
 from episodes.render import Renderer
 from episodes.render.pose import camera_pose
-from episodes.scene import Scene
-from episodes.target import has_wheels, motion
-from episodes.wheels import Wheels
+from episodes.scene import Instance, Scene
+from episodes.target import motion
+from episodes.wheels import Wheels, on_ground
 from episodes.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
@@ -54,7 +54,7 @@ class Previews:
         self._ids: tuple[int, ...] = ()
         self._fleet: Fleet | None = None
         self._ground = FLAT
-        self._wheels: Wheels | None = None  # of a target that would stand on them if it moved
+        self._wheels: tuple[Wheels | None, ...] = ()  # of each of these
 
     def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
         """Return the (360, 640, 3) sRGB picture of one drone at its start. Raises UsageError."""
@@ -63,10 +63,9 @@ class Previews:
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
         placed = [one for one in (record.target, *record.candidates) if one.native is None]
         moved: dict[int, tuple[Vec3, float | Quat] | None] = {
-            number: motion(one).pose(t_s) for number, one in zip(self._ids, placed, strict=True)
+            number: on_ground(wheels, self._ground, motion(one).pose(t_s))
+            for number, wheels, one in zip(self._ids, self._wheels, placed, strict=True)
         }
-        if record.target.path is not None and self._wheels is not None:
-            moved[self._ids[0]] = self._wheels.on(self._ground, *motion(record.target).pose(t_s))
         if self._fleet:
             others = {k: hovering(one) for k, one in enumerate(record.starts) if k != drone}
             moved |= self._fleet.moved(others)
@@ -79,9 +78,10 @@ class Previews:
             if self._renderer is not None:
                 self._renderer.close()
             world = World(record)
-            scene, self._ids = _movable(world)
+            scene, free = _movable(world)
+            self._ids = tuple(one.id for one in free)
+            self._wheels = tuple(Wheels.if_any(one.kind, one.mesh) for one in free)
             self._fleet, self._ground = world.fleet, world.scene.terrain
-            self._wheels = Wheels.of(world.target.mesh) if has_wheels(record.target.asset) else None
             self._renderer, self._look = Renderer(scene, PREVIEW, self._threads, shadow_cells=2048), look
         return self._renderer
 
@@ -96,10 +96,10 @@ def _look(one: TargetRecord) -> tuple[str, str | None, str | None, str | None]:
     return (one.asset, one.paint, one.inscription, one.native)
 
 
-def _movable(world: World) -> tuple[Scene, tuple[int, ...]]:
-    """Return what cameras see, free to move what the record placed, and the ids of its things, target first."""
+def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
+    """Return what cameras see, free to move what the record placed, and these things, target first."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(one, movable=True) for one in world.scene.instances[len(plan) :])
     still = tuple(replace(one, movable=False) for one in plan)
-    return replace(world.scene, instances=(*still, *free, *world.fleet.instances)), tuple(one.id for one in free)
+    return replace(world.scene, instances=(*still, *free, *world.fleet.instances)), free

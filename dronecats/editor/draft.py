@@ -28,6 +28,7 @@ from episodes.record import (
 from episodes.scene import Instance, Mesh, Scene
 from episodes.target import motion
 from episodes.visibility import turn
+from episodes.wheels import Wheels, on_ground
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
@@ -307,9 +308,10 @@ class Drafting:
 
     def centre(self, record: EpisodeRecord) -> Vec3:
         """Return the centre (m, NED) of the target's box at the beginning."""
-        place, yaw = motion(record.target).pose(0.0)
-        mesh = self.mesh(record.target)
-        middle = turn(yaw) @ ((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0)
+        mesh, ground = self.mesh(record.target), self.scene.terrain
+        wheels = Wheels.if_any(record.target.asset, mesh) if record.target.native is None else None
+        place, turned = on_ground(wheels, ground, motion(record.target).pose(0.0))
+        middle = turn(turned) @ ((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0)
         return (place[0] + float(middle[0]), place[1] + float(middle[1]), place[2] + float(middle[2]))
 
     def mesh(self, target: TargetRecord) -> Mesh:

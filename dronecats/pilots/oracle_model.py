@@ -106,7 +106,7 @@ class OracleModel:
 
 def in_a_row(world: World, start: StartPose) -> list[Instance]:
     """Return the target and its look-alikes from left to right, as a start faces them; the target alone without any."""
-    things = [one for one in world.scene.instances if one is world.target or one.name.startswith("candidate-")]
+    things = world.target_and_lookalikes
     yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
 
     def off(one: Instance) -> float:

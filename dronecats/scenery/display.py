@@ -114,7 +114,7 @@ class Picker:
         """Take the map, without any target in it."""
         solid = [one for one in scene.instances if len(one.mesh.triangles)]
         corners = [
-            (one.mesh.vertices @ turn(one.yaw).T + np.array(one.position_ned))[one.mesh.triangles] for one in solid
+            (one.mesh.vertices @ turn(one.turned).T + np.array(one.position_ned))[one.mesh.triangles] for one in solid
         ]
         self._instances = solid
         self._owner = np.repeat(np.arange(len(solid)), [len(c) for c in corners])
@@ -135,7 +135,7 @@ class Picker:
 def _standing(one: Instance, row: int) -> Mesh:
     """Return the triangles of one material of an instance where they stand on the map."""
     part = compact(replace(one.mesh, triangles=one.mesh.triangles[one.mesh.material == row]))
-    matrix = turn(one.yaw).T
+    matrix = turn(one.turned).T
     return replace(
         part,
         vertices=(part.vertices @ matrix + np.array(one.position_ned)).astype(np.float32),

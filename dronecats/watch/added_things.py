@@ -27,7 +27,7 @@ class AddedThings:
                     f"{self._node}/{one.id}",
                     display.thing_glb(one.mesh),
                     position=display.place_of(one.position_ned),
-                    wxyz=display.turned_to(one.yaw),
+                    wxyz=display.turned_to(one.turned),
                     cast_shadow=False,
                     receive_shadow=False,
                 )

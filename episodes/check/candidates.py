@@ -27,6 +27,7 @@ from episodes.check.sight import CAMERA, level
 from episodes.check.solid import StandingObstacles, box_of
 from episodes.record import TargetRecord
 from episodes.scene import Instance
+from episodes.target import motion
 from episodes.visibility import Hides, Solids, Together, turn
 from episodes.world import World, solids
 from foundation.frames import Vec3, rotate, rotate_inverse
@@ -47,22 +48,22 @@ def rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     texts = [one.inscription or "none" for one in everyone]
     alone = len(set(texts)) == len(texts) and "none" not in texts
     yield RuleFinding("the inscriptions", alone, ", ".join(texts), "one for each, no two the same")
-    things = [i for i in world.scene.instances if i is world.target or i.name.startswith("candidate-")]
+    things = world.target_and_lookalikes
     yield from spread(world, [centre(one) for one in things])
-    for one in things:
-        if one is not world.target:
-            off = abs(one.position_ned[2] - world.ground_down(*one.position_ned[:2]))
-            met = standing.met(box_of(one, one.position_ned, one.yaw, 0.0, LIFT_M), one.name)
-            says = f"{off:.3f} m off the ground, in {met or 'nothing'}"
-            fine = off <= OFF_GROUND_M and not met
-            yield RuleFinding(f"{one.name}'s footing", fine, says, f"≤ {OFF_GROUND_M:g} m, in nothing")
+    for one, told in zip(things[1:], record.candidates, strict=True):
+        place, yaw = motion(told).pose(0.0)
+        off = abs(place[2] - world.ground_down(*place[:2]))
+        met = standing.met(box_of(one, place, yaw, 0.0, LIFT_M), one.name)
+        says = f"{off:.3f} m off the ground, in {met or 'nothing'}"
+        fine = off <= OFF_GROUND_M and not met
+        yield RuleFinding(f"{one.name}'s footing", fine, says, f"≤ {OFF_GROUND_M:g} m, in nothing")
     yield from legibility(world, things, everyone)
 
 
 def centre(one: Instance) -> Vec3:
     """Return the middle (m, NED) of an instance's box."""
     low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-    n, e, d = np.array(one.position_ned) + turn(one.yaw) @ ((low + high) / 2)
+    n, e, d = np.array(one.position_ned) + turn(one.turned) @ ((low + high) / 2)
     return (float(n), float(e), float(d))
 
 
@@ -79,7 +80,7 @@ def spread(world: World, centres: list[Vec3]) -> Iterator[RuleFinding]:
     yield between("the grid's distance from its farthest candidate", max(ways), GRID_TO_CANDIDATES_M, "m")
 
 
-def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecord, ...]) -> Iterator[RuleFinding]:
+def legibility(world: World, things: tuple[Instance, ...], everyone: tuple[TargetRecord, ...]) -> Iterator[RuleFinding]:
     """Yield whether every candidate is spotted from every start, and no inscription can be read from any."""
     texts = {"target": everyone[0].inscription or ""}
     texts |= {f"candidate-{k}": one.inscription or "" for k, one in enumerate(everyone[1:], 1)}
@@ -94,7 +95,7 @@ def legibility(world: World, things: list[Instance], everyone: tuple[TargetRecor
         for drone, start in enumerate(world.record.starts):
             past = world.fleet.among(others, world.fleet.others(drone).values())
             attitude = level(start.yaw_deg)
-            spot = patch(one, one.position_ned, one.yaw, past, start.position_ned, attitude, CAMERA)
+            spot = patch(one, one.position_ned, one.turned, past, start.position_ned, attitude, CAMERA)
             fewest = min(fewest, spot.pixels)
             # letters that only a drone hides may be read as soon as it has gone
             highest = max(highest, letters_px(one, texts[one.name], others, start.position_ned, start.yaw_deg))
@@ -111,8 +112,8 @@ def letters_px(one: Instance, text: str, past: Hides, origin: Vec3, yaw_deg: flo
     tri = _written(one, text)
     attitude = level(yaw_deg)
     eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))
-    points = tri.mean(axis=1) @ turn(one.yaw).T + np.array(one.position_ned)
-    normals = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]) @ turn(one.yaw).T
+    points = tri.mean(axis=1) @ turn(one.turned).T + np.array(one.position_ned)
+    normals = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]) @ turn(one.turned).T
     way = points - eye
     toward = -np.einsum("ij,ij->i", way, normals)
     toward /= np.maximum(np.linalg.norm(way, axis=1) * np.linalg.norm(normals, axis=1), 1e-12)

@@ -5,11 +5,12 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from episodes.check.finding import RuleFinding, at_least, at_most
 from episodes.check.limits import OF_OTHER_MAPS, OFF_GROUND_M, RULES, START_TO_PATH_M, WHEEL_OFF_M
 from episodes.check.solid import StandingObstacles, box_of
-from episodes.target import motion
+from episodes.target import TargetMotion, has_wheels, motion
 from episodes.visibility import turn
 from episodes.wheels import contact_patch
 from episodes.world import World
@@ -27,15 +28,15 @@ def rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
     record = world.record
     if record.target.native is not None:
         return
+    yield from wheels(world)
     if record.target.path is None:
-        (north, east, down), yaw = world.target_upright(0.0)
+        (north, east, down), yaw = motion(record.target).pose(0.0)  # which is level: `wheels` is of how it leans
         off = abs(down - world.ground_down(north, east))
         yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
         met = standing.met(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
         yield RuleFinding("what the target stands in", not met, met or "nothing", "nothing")
         return
     yield off_ground(world)
-    yield from wheels(world)
     yield swept(world, standing)
     yield long_enough(world)
     yield from pace(world)
@@ -66,35 +67,42 @@ def off_ground(world: World) -> RuleFinding:
 
 
 def wheels(world: World) -> Iterator[RuleFinding]:
-    """Yield whether every wheel of a target on wheels touches the ground on its whole way."""
-    if world.wheels is None:
-        return
-    low = contact_patch(world.target.mesh)
+    """Yield whether every wheel of what the record adds touches the ground, of a target that moves on its whole way."""
     way = motion(world.record.target)
-    last = min(CAP_S, way.length_m / way.speed_mps)
-    worst, where = 0.0, way.waypoints_ned[0]
-    for t in np.linspace(0.0, last, min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS)):
-        place, turned = world.target_pose(float(t))
-        for n, e, d in low @ turn(turned).T + np.array(place):
-            off = abs(float(d) - world.ground_down(float(n), float(e)))
-            if off > worst:
-                worst, where = off, (float(n), float(e), float(d))
-    says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-    yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, says, f"≤ {WHEEL_OFF_M:g} m")
+    worst, where = -1.0, (0.0, 0.0, 0.0)
+    for one in world.target_and_lookalikes:
+        if not has_wheels(one.kind):
+            continue
+        poses = [(one.position_ned, one.turned)]
+        if one.movable:
+            poses = [world.target_pose(float(t)) for t in _sweep(way)]
+        low = contact_patch(one.mesh)
+        for place, turned in poses:
+            for n, e, d in low @ turn(turned).T + np.array(place):
+                off = abs(float(d) - world.ground_down(float(n), float(e)))
+                if off > worst:
+                    worst, where = off, (float(n), float(e), float(d))
+    if worst >= 0.0:
+        says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+        yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, says, f"≤ {WHEEL_OFF_M:g} m")
 
 
 def swept(world: World, standing: StandingObstacles) -> RuleFinding:
     """Return whether the target's box, moved along its path, meets nothing that stands."""
     way = motion(world.record.target)
-    last = min(CAP_S, way.length_m / way.speed_mps)
-    steps = min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS)
-    for t in np.linspace(0.0, last, steps):
+    for t in _sweep(way):
         place, yaw = way.pose(float(t))
         met = standing.met(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
         if met:
             says = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
             return RuleFinding("what the target meets on its path", False, says, "nothing")
     return RuleFinding("what the target meets on its path", True, "nothing", "nothing")
+
+
+def _sweep(way: TargetMotion) -> NDArray[np.float64]:
+    """Return the times (s) at which a target that moves is looked at on its way."""
+    last = min(CAP_S, way.length_m / way.speed_mps)
+    return np.linspace(0.0, last, min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS))
 
 
 def long_enough(world: World) -> RuleFinding:

@@ -105,14 +105,14 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
 def past_each_other(world: World) -> int:
     """Return the fewest pixels that a drone of a fleet has of a candidate, the other drones standing in the way."""
     record, standing = world.record, solids(world.record.map, world.record.map_seed)
-    things = [i for i in world.scene.instances if i is world.target or i.name.startswith("candidate-")]
+    things = world.target_and_lookalikes
     drones = [_drone(k, start) for k, start in enumerate(record.starts)]
     fewest = math.inf
     for one in things:
         for drone, start in zip(drones, record.starts, strict=True):
             others = [i for i in things if i is not one] + [i for i in drones if i is not drone]
             past = Together(standing, Solids(others))
-            spot = patch(one, one.position_ned, one.yaw, past, start.position_ned, level(start.yaw_deg), CAMERA)
+            spot = patch(one, one.position_ned, one.turned, past, start.position_ned, level(start.yaw_deg), CAMERA)
             fewest = min(fewest, spot.pixels)
     return int(fewest)
 

@@ -14,7 +14,7 @@ REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera 
 LEVEL_M = 0.10  # of ground under a start, across REACH_M: from a kerb a vehicle tips over before it lifts
 BODY_M = 0.45  # half the diagonal of a vehicle with its propellers
 OFF_GROUND_M = 0.02
-WHEEL_OFF_M = 0.03  # a wheel of a target that moves, over or under the ground
+WHEEL_OFF_M = 0.03  # a wheel of a target or look-alike, over or under the ground
 START_TO_PATH_M = 6.0  # a drone that waits at its start must not be passed within the radius of success
 
 # Commanding

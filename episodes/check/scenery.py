@@ -27,7 +27,7 @@ SLIGHT = ("bench", "bin", "person")  # kinds that may be looked for, but by whic
 def footprint(one: Instance) -> Footprint:
     """Return where an instance stands."""
     low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-    north, east, _ = np.array(one.position_ned) + turn(one.yaw) @ ((low + high) / 2)
+    north, east, _ = np.array(one.position_ned) + turn(one.turned) @ ((low + high) / 2)
     half = (high - low) / 2
     return Footprint(float(north), float(east), (float(half[0]), float(half[1])), one.yaw)
 
@@ -73,7 +73,7 @@ class Scenery:
 
     def __init__(self, instances: tuple[Instance, ...]) -> None:
         things = [i for i in instances if i.solid]
-        placed = [(i.mesh.vertices @ turn(i.yaw).T + np.array(i.position_ned))[i.mesh.triangles] for i in things]
+        placed = [(i.mesh.vertices @ turn(i.turned).T + np.array(i.position_ned))[i.mesh.triangles] for i in things]
         self._names = [i.name for i in things]
         self._owner = np.repeat(np.arange(len(things)), [len(t) for t in placed])
         corners = np.ascontiguousarray(np.concatenate(placed).reshape(-1, 3), dtype=np.float32)

@@ -39,8 +39,8 @@ class StandingObstacles:
         for k, one in enumerate(self._things):
             # the box of a turned box: half extents are turned with the absolute values of the matrix
             low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-            middle = turn(one.yaw) @ ((low + high) / 2) + np.array(one.position_ned)
-            reach = np.abs(turn(one.yaw)) @ ((high - low) / 2)
+            middle = turn(one.turned) @ ((low + high) / 2) + np.array(one.position_ned)
+            reach = np.abs(turn(one.turned)) @ ((high - low) / 2)
             self._bounds[k] = middle - reach, middle + reach
         self._placed: dict[int, Array] = {}
 
@@ -51,7 +51,7 @@ class StandingObstacles:
         best, name = within_m, ""
         for k in np.flatnonzero(np.linalg.norm(outside, axis=1) < within_m):
             one = self._things[k]
-            gap = distance_to_mesh(one.mesh, turn(one.yaw).T @ (p - np.array(one.position_ned)))
+            gap = distance_to_mesh(one.mesh, turn(one.turned).T @ (p - np.array(one.position_ned)))
             if gap < best:
                 best, name = gap, one.name
         return best, name
@@ -69,7 +69,7 @@ class StandingObstacles:
     def _triangles(self, k: int) -> Array:
         if k not in self._placed:
             one = self._things[k]
-            corners = one.mesh.vertices.astype(np.float64) @ turn(one.yaw).T + np.array(one.position_ned)
+            corners = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
             self._placed[k] = corners[one.mesh.triangles]
         return self._placed[k]
 

@@ -157,7 +157,7 @@ def _part(mesh: Mesh, keep: Any) -> Mesh:
 
 
 def _corners(one: Instance) -> Any:
-    placed = one.mesh.vertices.astype(np.float64) @ turn(one.yaw).T + np.array(one.position_ned)
+    placed = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
     return placed[one.mesh.triangles]
 
 
@@ -182,7 +182,7 @@ def extent(scene: Scene) -> tuple[Vec3, Vec3]:
     boxes = []
     for one in scene.instances:
         used = one.mesh.vertices[np.unique(one.mesh.triangles)].astype(np.float64)
-        placed = used @ turn(one.yaw).T + np.array(one.position_ned)
+        placed = used @ turn(one.turned).T + np.array(one.position_ned)
         boxes.append((placed.min(axis=0), placed.max(axis=0)))
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)

@@ -75,7 +75,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
             laid_meshes[id(mesh)] = _lay_mesh(mesh)
         of_mesh = laid_meshes[id(mesh)]
         part = MovablePart(instance, rows, chunk_rows, of_mesh.position, of_mesh.normal, of_mesh.face)
-        place(triangles, part, instance.position_ned, instance.yaw)
+        place(triangles, part, instance.position_ned, instance.turned)
         triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat
         triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
         triangles.instance[rows] = instance.id

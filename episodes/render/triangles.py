@@ -96,7 +96,7 @@ def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
         raise UsageError(f"instance {unknown[0]} cannot be moved: the scene's movable instances are {sorted(known)}.")
     there = []
     for part in layout.movable:
-        at = moved.get(part.instance.id, (part.instance.position_ned, part.instance.yaw))
+        at = moved.get(part.instance.id, (part.instance.position_ned, part.instance.turned))
         if at is None:
             layout.triangles.chunk_radius[part.chunks] = -np.inf  # in nobody's view
         else:

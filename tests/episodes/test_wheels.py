@@ -40,6 +40,28 @@ def test_every_wheel_touches_the_ground_wherever_the_target_is_drawn(world):
             assert abs(d - world.ground_down(n, e)) <= 0.03, t_s
 
 
+STANDING = ("residential-commanding-05", "residential-searching-04", "v1-residential-commanding-09")
+
+
+@pytest.mark.parametrize("name", STANDING)
+def test_what_stands_touches_the_ground_with_every_wheel_in_its_picture_too(name):
+    world, camera = World(catalogue.load(name)), CameraModel(640, 360)
+    leaning = [one for one in world.target_and_lookalikes if one.attitude is not None]
+    assert leaning
+    for one in leaning:
+        points = one.mesh.vertices.astype(float)
+        low = points[points[:, 2] > points[:, 2].max() - 0.01]
+        for n, e, d in low @ turn(one.turned).T + np.array(one.position_ned):
+            assert abs(d - world.ground_down(n, e)) <= 0.03
+    (north, east, down), level = world.target_centre(0.0), quat_from_euler(0.0, 0.0, 0.0)
+    eye = (north - 7.0, east, down - 0.5)
+    place, turned = world.target_pose(0.0)
+    counted = pixels.patch(world.target, place, turned, world.solids, eye, level, camera)
+    ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera)).ids
+    assert counted.pixels == pytest.approx(int((ids == world.target_id).sum()), rel=0.01)
+    assert counted.pixels > 1000
+
+
 def test_its_middle_is_on_its_path_as_if_it_stood_level(world):
     """What the judge measures from stays where it was, but for the height on a crest or in a dip."""
     low, high = world.target.mesh.vertices.min(axis=0), world.target.mesh.vertices.max(axis=0)
