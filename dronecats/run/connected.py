@@ -10,7 +10,7 @@ from dronecats.pilots import roster
 from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import StartOffset
 from dronecats.run.episode import Flown, fly
-from dronecats.run.first_question import FirstQuestions
+from dronecats.run.first_question import asked_folder
 from dronecats.run.instruments import UNWATCHED, Instruments
 from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
@@ -61,9 +61,7 @@ def fly_connected(
             "url": shown(vehicle.camera or ""),
         },
     )
-    questions = FirstQuestions([spec], out, say)
-    with folders.create(out, spec.pilot_name, EPISODE, found, questions.ask) as folder:
-        questions.book(folder.parent)
+    with asked_folder(spec, out, EPISODE, found, say) as folder:
         folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
 
         def fly_it() -> Flown:

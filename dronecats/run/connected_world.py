@@ -12,7 +12,7 @@ from dronecats.report.intent import draw as draw_intent
 from dronecats.run.ascent import start_of
 from dronecats.run.connected import open_link, told_by
 from dronecats.run.episode import Flown, fly
-from dronecats.run.first_question import FirstQuestions
+from dronecats.run.first_question import asked_folder
 from dronecats.run.onboard_log import fetch_onboard_log
 from dronecats.run.oracle import opened_in
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
@@ -53,9 +53,7 @@ def fly_world(spec: FlightSpec, vehicle: Connected, truth: str, out: Path | None
         source.close()
     link = open_link(vehicle, spec.envelope)
     found = settings(flight, CAMERA)
-    questions = FirstQuestions([spec], out, say)
-    with folders.create(out, spec.pilot_name, record.id, found, questions.ask) as folder:
-        questions.book(folder.parent)
+    with asked_folder(spec, out, record.id, found, say) as folder:
         drawn = folder / (layout.EPISODE if judged else layout.WORLD)
         drawn.write_text(record.to_json(), encoding="utf-8")
         if not judged:

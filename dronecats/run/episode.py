@@ -14,7 +14,7 @@ from dronecats.agent.pictures import PicturePath
 from dronecats.flight.spec import Authority
 from dronecats.judge.episode import succeeded
 from dronecats.run.ascent import StartOffset, ascend, unchecked
-from dronecats.run.landing import finish, tell, unexpected
+from dronecats.run.landing import finish, tell, tending, unexpected
 from dronecats.run.safety_log import SafetyLog
 from dronecats.rundir import layout
 from dronecats.rundir.reading import read
@@ -83,7 +83,7 @@ def fly(
     safety = SafetyLog(folder / layout.SAFETY, stage.links, say)
     try:
         for link in stage.links:
-            link.on_wait = _tending(stage, link)
+            link.on_wait = tending(stage.links, link, stage.check)
         for drone, link in enumerate(stage.links):
             link.on_silence = partial(_warn_of_silence, say, f"{drone_label(drone)}: " if len(stage.links) > 1 else "")
         if authority.dry or not authority.arm:
@@ -122,18 +122,6 @@ def fly(
     log.close()
     ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
     return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
-
-
-def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
-    """Return what is to be done while one link waits: look after the stage, and keep up with the other drones."""
-    others = [link for link in stage.links if link is not waiting]
-
-    def tend() -> None:
-        stage.check()
-        for link in others:
-            link.keep_up()
-
-    return tend
 
 
 def _warn_of_silence(say: Callable[[str], None], whose: str, seconds: float) -> None:

@@ -1,8 +1,10 @@
 """One small question to each model before anything takes off: a wrong key or address is found on the ground."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from dronecats.agent.models.budget import spent_on
 from dronecats.agent.models.cache import ReplyCache
@@ -15,7 +17,10 @@ from dronecats.agent.models.probe import marked_picture
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.spec import Accounts, FlightSpec
 from dronecats.run.accounts import book, is_spent
+from dronecats.rundir import folder as folders
 from foundation.errors import ModelRejectedError, UsageError
+
+Say = Callable[[str], None]
 
 TEXT = 'The picture does not matter. Answer with this JSON object and nothing else: {"action": "think"}'
 
@@ -32,7 +37,7 @@ class _Answered:
 class FirstQuestions:
     """The first questions of some flights, one for each model. They are no decisions, and their cost is booked."""
 
-    def __init__(self, flights: Iterable[FlightSpec], run: Path | None, say: Callable[[str], None]) -> None:
+    def __init__(self, flights: Iterable[FlightSpec], run: Path | None, say: Say) -> None:
         """`run` is the folder with the ledger; None: a new one, with nothing spent."""
         self._flights, self._run, self._say = list(flights), run, say
         self._answered: list[_Answered] = []
@@ -68,6 +73,18 @@ class FirstQuestions:
         why = ending_reason(reply.finish, reply.tokens_out)
         self._say(f"{spec.title}: answered in {reply.latency_s:.2f} s{f', {why}' if why else ''}")
         return _Answered(spec.title, spent_on(spec, request, reply), flight.accounts)
+
+
+@contextmanager
+def asked_folder(spec: FlightSpec, out: Path | None, episode: str, found: dict[str, Any], say: Say) -> Iterator[Path]:
+    """Give the folder of a flight, made once its models have answered their first question.
+
+    Arguments and errors as `folders.create` has them; raises ModelError too.
+    """
+    questions = FirstQuestions([spec], out, say)
+    with folders.create(out, spec.pilot_name, episode, found, questions.ask) as folder:
+        questions.book(folder.parent)
+        yield folder
 
 
 def _is_cached(accounts: Accounts) -> bool:

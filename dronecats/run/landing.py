@@ -83,7 +83,8 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
     """
     told = []
     for whose, link in zip(_whose(stage.links), stage.links, strict=True):
-        link.on_wait = _tending(stage, link)
+        # a dead logger or model must not keep the vehicle in the air, nor a drone that has gone keep another there
+        link.on_wait = tending(stage.links, link, stage.check_vehicles, (DronecatsError, OSError))
         try:
             if link.taken_by is not None or link.mute:
                 link.stop_stream()
@@ -100,18 +101,19 @@ def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] =
     return told
 
 
-def _tending(stage: Stage, waiting: Link) -> Callable[[], None]:
-    """Return what is to be done while one link waits: look after the vehicles alone, and keep up with the other drones.
+def tending(
+    links: Sequence[Link], waiting: Link, check: Callable[[], None], ignored: tuple[type[Exception], ...] = ()
+) -> Callable[[], None]:
+    """Return what is done while one link waits: call `check`, and send the other drones their setpoints.
 
-    A dead logger or model must not keep the vehicle in the air, nor a drone that has gone keep another there. One whose
-    turn comes later falls out of offboard when its setpoints stop meanwhile.
+    A drone falls out of offboard when its setpoints stop. `ignored`: errors of the others that must not end the wait.
     """
-    others = [link for link in stage.links if link is not waiting]
+    others = [link for link in links if link is not waiting]
 
     def tend() -> None:
-        stage.check_vehicles()
+        check()
         for link in others:
-            with contextlib.suppress(DronecatsError, OSError):
+            with contextlib.suppress(*ignored):
                 link.keep_up()
 
     return tend

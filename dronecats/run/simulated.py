@@ -13,7 +13,7 @@ from dronecats.flight.spec import FlightSpec, Simulated
 from dronecats.run.accounts import check_budget
 from dronecats.run.ascent import start_of
 from dronecats.run.episode import Flown, fly
-from dronecats.run.first_question import FirstQuestions
+from dronecats.run.first_question import asked_folder
 from dronecats.run.outcome import Say, fly_and_judge, served_rate_hz
 from dronecats.run.settings import settings
 from dronecats.run.step_lines import StepLines
@@ -31,9 +31,7 @@ def fly_simulated(spec: FlightSpec, out: Path | None, say: Say) -> dict[str, Any
     flight = look_up(spec)
     record = _record(flight)
     found = settings(flight, flight.camera)
-    questions = FirstQuestions([spec], out, say)
-    with folders.create(out, spec.pilot_name, record.id, found, questions.ask) as folder:
-        questions.book(folder.parent)
+    with asked_folder(spec, out, record.id, found, say) as folder:
         disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
         say(f'episode {record.id}: "{record.instruction}", pilot {spec.pilot_name}{disclaimer}')
 

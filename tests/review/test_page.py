@@ -6,7 +6,7 @@ import pytest
 
 from tests.review.paged_runs import picture_is, point_of, ring_is_at
 from tests.support.json_lines import rows
-from tests.support.narrow_pages import PHONE, right_edge_is_darker, row_heads_out_of_sight, sized, wider_than_shown
+from tests.support.narrow_pages import PHONE, assert_rows_can_be_read_while_scrolling, sized
 
 
 def test_it_opens_without_a_network_and_asks_for_nothing(reader, page):
@@ -40,12 +40,7 @@ def test_what_would_be_fetched_is_refused(reader, page):
 def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader, page):
     sized(reader.driver, PHONE)
     reader.open(page)
-    wide = wider_than_shown(reader.driver)
-    assert wide
-    for number in wide:
-        assert row_heads_out_of_sight(reader.driver, number) == []
-    assert right_edge_is_darker(reader.driver, wide[0], at_end=False)
-    assert not right_edge_is_darker(reader.driver, wide[0], at_end=True)
+    assert_rows_can_be_read_while_scrolling(reader.driver)
 
 
 def test_from_the_table_down_to_a_step_by_clicks(reader, page, runs):

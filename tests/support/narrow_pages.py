@@ -47,3 +47,13 @@ def right_edge_is_darker(driver: Any, number: int, *, at_end: bool) -> bool:
     shown: Any = cv2.imdecode(np.frombuffer(box.screenshot_as_png, np.uint8), cv2.IMREAD_GRAYSCALE)
     edge, inner = shown[:, -4:-2], shown[:, -60:-40]
     return float(np.median(edge)) < float(np.median(inner)) - 5
+
+
+def assert_rows_can_be_read_while_scrolling(driver: Any) -> None:
+    """Of each table that is wider than the window, the first column stays in sight, and a shadow shows that it goes on."""
+    wide = wider_than_shown(driver)
+    assert wide
+    for number in wide:
+        assert row_heads_out_of_sight(driver, number) == []
+    assert right_edge_is_darker(driver, wide[0], at_end=False)
+    assert not right_edge_is_darker(driver, wide[0], at_end=True)

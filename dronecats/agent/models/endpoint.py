@@ -76,7 +76,7 @@ class Exchanged:
     status: int  # of HTTP; of an error in a 200 its own
     body: bytes  # decompressed
     wish_s: float | None  # s to wait that the answer asks for
-    told: str = "answered {}"  # what is said of the status
+    outcome: str = "answered {}"  # in words, {} for the status
 
     @property
     def rejects(self) -> bool:
@@ -248,8 +248,8 @@ class Endpoint:
         fault = fault_in(body) if status == 200 else None
         if fault is None:
             return Exchanged(status, body, wish_s)
-        told = "broke off within its answer" if fault.cut else "answered 200 with an error {}"
-        return Exchanged(fault.status, body, wish_s, told)
+        outcome = "broke off within its answer" if fault.cut else "answered 200 with an error {}"
+        return Exchanged(fault.status, body, wish_s, outcome)
 
     def _body(self, response: httpx.Response, until: float) -> bytes:
         """Return the body, decompressed. Raises ModelError for one that trickles past the time, or is too long."""
@@ -270,21 +270,21 @@ class Endpoint:
         return bytes(body)
 
     def _refusal(self, came: Exchanged) -> str:
-        told = came.told.format(came.status)
+        outcome = came.outcome.format(came.status)
         if 300 <= came.status < 400:
-            return f"{told}, a redirect: none is followed, so that no key goes there; give the final address"
-        return f"{told}: {self.brief(came.body)}"
+            return f"{outcome}, a redirect: none is followed, so that no key goes there; give the final address"
+        return f"{outcome}: {self.brief(came.body)}"
 
     def _rejection(self, came: Exchanged, path: str, method: str = "POST") -> str:
-        """Return what is said of an answer that every question would get: the path that was asked, and what to do."""
+        """Return the sentence about a rejection: the address that was asked, the answer, and what to do."""
         base, mark, query = self.shown.partition("?")
         asked = f"{method} {base.rstrip('/')}/{path}{mark}{query}"
-        said = f"{came.told.format(came.status)} to {asked}: {self.brief(came.body)}"
+        sentence = f"{came.outcome.format(came.status)} to {asked}: {self.brief(came.body)}"
         if came.status == NOT_FOUND and not _VERSION.search(self._base.path):
-            return f"{said}; its address lacks /v1: try --base-url {base.rstrip('/')}/v1{mark}{query}"
+            return f"{sentence}; its address lacks /v1: try --base-url {base.rstrip('/')}/v1{mark}{query}"
         if came.status in (UNAUTHORIZED, FORBIDDEN) and self._key_hint:
-            return f"{said}; {self._key_hint}"
-        return said
+            return f"{sentence}; {self._key_hint}"
+        return sentence
 
     def _reason(self, error: Exception) -> str:
         return self.brief(str(error)) if str(error) else type(error).__name__

@@ -143,11 +143,11 @@ class HttpModel(ABC):
         try:
             data = json.loads(body)
             names = [entry["id"] for entry in data["data"]] if "data" in data else [m["name"] for m in data["models"]]
-            told = [self._endpoint.hide(text_of(name)).removeprefix("models/") for name in names]
+            shown = [self._endpoint.hide(text_of(name)).removeprefix("models/") for name in names]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             what = f"answered no list of models but: {self._endpoint.brief(body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {what}") from None
-        return [name for name in told if name.isprintable()]
+        return [name for name in shown if name.isprintable()]
 
     def _near(self, status: int) -> str:
         """Return which models of the endpoint have a name like this one's, where it may be unknown there."""

@@ -10,8 +10,7 @@ from tests.study.studies import APPROACHING, TRACKING, falling, write_study
 from tests.support.narrow_pages import (
     DESK,
     PHONE,
-    right_edge_is_darker,
-    row_heads_out_of_sight,
+    assert_rows_can_be_read_while_scrolling,
     sized,
     wider_than_shown,
 )
@@ -38,12 +37,7 @@ def test_it_is_one_file_that_asks_for_nothing(reader, report, tmp_path):
 def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader, report):
     sized(reader.driver, PHONE)
     opened(reader, report / "index.html")
-    wide = wider_than_shown(reader.driver)
-    assert wide
-    for number in wide:
-        assert row_heads_out_of_sight(reader.driver, number) == []
-    assert right_edge_is_darker(reader.driver, wide[0], at_end=False)
-    assert not right_edge_is_darker(reader.driver, wide[0], at_end=True)
+    assert_rows_can_be_read_while_scrolling(reader.driver)
 
 
 def test_on_a_desk_every_level_of_the_success_table_is_seen_at_once(reader, tmp_path, monkeypatch):
