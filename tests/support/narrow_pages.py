@@ -50,7 +50,7 @@ def right_edge_is_darker(driver: Any, number: int, *, at_end: bool) -> bool:
 
 
 def assert_rows_can_be_read_while_scrolling(driver: Any) -> None:
-    """Of each table that is wider than the window, the first column stays in sight, and a shadow shows that it goes on."""
+    """Of a table that is wider than the window, the first column stays in sight, and a shadow shows that it goes on."""
     wide = wider_than_shown(driver)
     assert wide
     for number in wide:
