@@ -55,13 +55,13 @@ lock: install
 	$(LOCK) --extra sim --extra vision -o requirements/fly.lock
 	$(LOCK) --extra dev --constraints requirements/fly.lock -o requirements/dev.lock
 
-# Rewrites dronecats/rundir/schemas from the rows. Run it when a row changes.
+# Rewrites foundation/run_folder/schemas from the rows. Run it when a row changes.
 schemas: install
-	$(BIN)/python -c "from dronecats.rundir.schema import write; write()"
+	$(BIN)/python -c "from foundation.run_folder.schema import write; write()"
 
 # Rewrites the tables of docs/metrics.md from the registry. Run it when a metric changes.
 metrics: install
-	$(BIN)/python -c "from pathlib import Path; from dronecats.metrics.page import write; write(Path('docs/metrics.md'))"
+	$(BIN)/python -c "from pathlib import Path; from dronecats.judge.metrics.page import write; write(Path('docs/metrics.md'))"
 
 # Rewrites the table of docs/studies.md from the registry of factors. Run it when a factor changes.
 studies: install

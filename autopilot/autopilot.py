@@ -4,9 +4,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from autopilot.calibration import SensorCalibration
-from autopilot.commander import Commander
-from autopilot.estimated_state import EstimatedState
+from autopilot.commander.calibration import SensorCalibration
+from autopilot.commander.commander import Commander
+from autopilot.commander.modes.setpoint import SetpointWriter
+from autopilot.commander.plan.plans import Plans
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.estimator.vibration import Vibration
 from autopilot.logging.directory import LogDirectory, make_folder
 from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink import dispatch, mission
@@ -14,17 +17,14 @@ from autopilot.mavlink.node import Inject, Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import TelemetrySource
 from autopilot.mavlink.uploads import Uploads
-from autopilot.modes.setpoint import SetpointWriter
 from autopilot.parameters import ParameterTable
-from autopilot.plan.plans import Plans
-from autopilot.vibration import Vibration
 from foundation.airframe import Airframe
 
 COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and the inner loop have rates of their own
 
 
 class Core(Protocol):
-    """What the commander needs of the inner loop (`autopilot.flight_core.FlightCore`)."""
+    """What the commander needs of the inner loop (`autopilot.control.flight_core.FlightCore`)."""
 
     estimate: Any  # ESTIMATE record, read
     state: Any  # its field `landed` is written: 1 while the vehicle stands

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.flight_core import FlightCore, update
+from autopilot.control.flight_core import FlightCore, update
 from autopilot.records import SETPOINT
 from foundation.errors import UsageError
 from foundation.sensors import ACTUATORS, SENSORS

@@ -38,14 +38,14 @@ from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
-from dronecats.campaign.batch import Batch
-from dronecats.campaign.one_run import fly_run
-from dronecats.flight.file import as_kept
-from dronecats.flight.spec import FlightSpec, Simulated
-from episodes import catalogue, suites
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.world import World
+from dronecats.bench.batch import Batch
+from dronecats.bench.one_run import fly_run
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_kept
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.records import catalogue, suites
+from episodes.world.world import World
 from foundation.camera import CameraModel, Frame
 from foundation.frames import quat_from_euler
 from foundation.setpoints import Setpoint, Sight

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.processes.bus_listener import Listener
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import SimulatorConfig
-from dronecats.stages import parts
+from dronecats.flight.processes.bus_listener import Listener
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.stages import parts
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.frames import quat_yaw, wrap_pi
 from foundation.mavlink import Parser, dialect

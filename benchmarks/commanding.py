@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from dronecats.cli.exit_status import exit_status
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import roster
-from dronecats.run.fly import fly
-from dronecats.rundir.layout import DECISIONS
-from dronecats.rundir.reading import exchanges, rows
-from dronecats.rundir.rows import Decision
-from episodes import suites
+from episodes.records import suites
+from foundation.run_folder.layout import DECISIONS
+from foundation.run_folder.reading import exchanges, rows
+from foundation.run_folder.rows import Decision
 
 Mode = Literal["flat", "solo", "hierarchical"]
 

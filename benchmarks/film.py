@@ -18,11 +18,11 @@ from typing import Any
 import cv2
 
 from benchmarks.machine import Machine
-from dronecats.film.film import make
-from dronecats.film.flown import told
-from dronecats.film.plan import plan
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.run.fly import fly
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.view.film.film import make
+from dronecats.view.film.flown import told
+from dronecats.view.film.plan import plan
 
 EPISODE = "campus-tracking-01"
 SIZE, FPS = (1280, 720), 30

@@ -26,12 +26,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
 from benchmarks import flight_peers
 from benchmarks.machine import Machine
-from dronecats.sitl.lockstep import Lockstep
-from dronecats.sitl.pace import RateKeeper
-from dronecats.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
+from dronecats.flight.sitl.lockstep import Lockstep
+from dronecats.flight.sitl.pace import RateKeeper
+from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from hil.link.link import Link
 from vehicles import airframe

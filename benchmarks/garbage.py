@@ -26,9 +26,9 @@ from typing import Any
 import psutil
 
 from benchmarks.machine import Machine
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import SimulatorConfig
-from dronecats.stages import parts
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.stages import parts
 from foundation.mavlink import Packer, Parser, dialect
 
 EPISODE = "blocks-commanding-01"  # the map that is built at once

@@ -20,12 +20,12 @@ from typing import Any
 
 from benchmarks.machine import Machine
 from dronecats.judge.episode import write_verdict
-from dronecats.metrics.judging import Judging, judged_episodes
-from dronecats.rundir import layout
-from dronecats.rundir.rows import Begin, Decision, End, FrameTruth, Pose
-from dronecats.rundir.writing import write_lines
+from dronecats.judge.metrics.judging import Judging, judged_episodes
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S, POSE_PERIOD_S
+from foundation.run_folder import layout
+from foundation.run_folder.rows import Begin, Decision, End, FrameTruth, Pose
+from foundation.run_folder.writing import write_lines
 
 EVERY_S = 2.6  # between two decisions
 FLEET_EVERY, FLEET = 5, 4  # one of so many episodes is a fleet's; its drones

@@ -23,11 +23,11 @@ import numpy as np
 from benchmarks.machine import Machine
 from dronecats.agent.prompt import Prompt
 from dronecats.cli.exit_status import exit_status
-from dronecats.results.collection import collect
-from dronecats.review.page import write_page
-from dronecats.rundir import layout
+from dronecats.report.page import write_page
+from dronecats.report.results.collection import collect
 from foundation import extras
 from foundation.picture import encode
+from foundation.run_folder import layout
 
 PILOTS, STEPS, PERIOD_S = 9, 60, 2.6
 MAPS = ("residential", "campus")

@@ -21,17 +21,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.logger.estimator_resets import ResetWatch
-from dronecats.run.ascent import StartOffset, ascend
-from dronecats.sitl.flight_conditions import FlightConditions
-from dronecats.sitl.one_vehicle import one_vehicle
-from dronecats.sitl.scenario import load_world, world_of
-from dronecats.sitl.simulation import BootPose
-from dronecats.sitl.vehicle import TICK_US, Vehicle
-from episodes import catalogue
-from episodes.obstacles import obstacles
-from episodes.record import StartPose
-from episodes.world import World
+from dronecats.flight.logger.estimator_resets import ResetWatch
+from dronecats.flight.run.ascent import StartOffset, ascend
+from dronecats.flight.sitl.flight_conditions import FlightConditions
+from dronecats.flight.sitl.one_vehicle import one_vehicle
+from dronecats.flight.sitl.scenario import load_world, world_of
+from dronecats.flight.sitl.simulation import BootPose
+from dronecats.flight.sitl.vehicle import TICK_US, Vehicle
+from episodes.records import catalogue
+from episodes.records.record import StartPose
+from episodes.world.obstacles import obstacles
+from episodes.world.world import World
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, quat_yaw, wrap_pi
 from foundation.mavlink import dialect
 from foundation.obstacles import Obstacles

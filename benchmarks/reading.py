@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from dronecats.cli.exit_status import exit_status
 from dronecats.pilots import inscription, reading, vision
 from dronecats.pilots.inscription import SURE, ReadText
-from episodes import assets
-from episodes.pictures import probe
-from episodes.pictures.studio import alone
-from episodes.render.renderer import Renderer
+from episodes.authoring.pictures import probe
+from episodes.authoring.pictures.studio import alone
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps import assets
 from foundation import picture
 from foundation.camera import CameraPose
 from foundation.frames import quat_from_euler

@@ -27,8 +27,8 @@ from benchmarks import render_peers
 from benchmarks.machine import Machine
 from benchmarks.render_export import export
 from episodes import maps
-from episodes.render import Renderer
-from episodes.scene import Scene
+from episodes.camera.renderer import Renderer
+from episodes.maps.scene import Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import quat_from_euler
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from episodes.render import Renderer
-from episodes.render.pose import eye_of
-from episodes.scene import Material, Mesh, Scene
+from episodes.camera.renderer import Renderer
+from episodes.camera.renderer.pose import eye_of
+from episodes.maps.scene import Material, Mesh, Scene
 from foundation.camera import CameraModel, CameraPose
 
 LEAST_AREA_M2 = 1e-7  # smaller pieces are refused by MuJoCo as degenerate

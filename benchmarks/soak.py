@@ -33,10 +33,10 @@ from typing import Any
 import psutil
 
 from benchmarks.machine import Machine
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import CameraConfig, SimulatorConfig
-from dronecats.stages import parts
-from episodes.catalogue import OPEN_GROUND
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
+from dronecats.flight.stages import parts
+from episodes.records.catalogue import OPEN_GROUND
 from foundation.errors import DronecatsError, LinkError
 from foundation.frames import Vec3, ned_to_geodetic
 from foundation.mavlink import dialect
@@ -255,7 +255,7 @@ def _thirds(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 def _name(process: psutil.Process) -> str:
     """Return what a process of a flight is: the last word of its module."""
     words = process.cmdline()
-    return words[-1].rsplit(".", 1)[-1] if "dronecats.processes.child" in words else "client"
+    return words[-1].rsplit(".", 1)[-1] if "dronecats.flight.processes.child" in words else "client"
 
 
 @contextlib.contextmanager

@@ -26,34 +26,34 @@ from typing import Any
 
 from benchmarks.bench import flown
 from benchmarks.machine import Machine
-from dronecats.campaign import worker
+from dronecats.bench import worker
 from dronecats.cli.exit_status import exit_status
-from dronecats.flight.file import as_json
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_json
 from dronecats.pilots import reading
-from episodes import suites
-from episodes.once import expect_more
+from episodes.records import suites
+from foundation.once import expect_more
 
 ROOT = Path(__file__).parent.parent
 LOOK_S = 0.002  # s of processor time
 PROFILED = 12  # episodes of the suite, evenly over it
 PARTS = {  # folder or file → what is done there; the first that fits
-    "dronecats/sitl/fused.py": "plant, estimator and inner loops (compiled)",
+    "dronecats/flight/sitl/fused.py": "plant, estimator and inner loops (compiled)",
     "foundation/wire.py": "MAVLink packed and parsed",
     "foundation/mavlink.py": "MAVLink packed and parsed",
     "foundation/truth.py": "truth bus",
-    "dronecats/sitl": "simulation around the kernel",
+    "dronecats/flight/sitl": "simulation around the kernel",
     "vehicles": "simulation around the kernel",
     "autopilot": "commander and telemetry",
     "hil": "link",
     "episodes": "world and visibility",
-    "dronecats/logger": "logs",
-    "dronecats/rundir": "logs",
+    "dronecats/flight/logger": "logs",
+    "foundation/run_folder": "logs",
     "dronecats/agent": "agent and pilot",
     "dronecats/pilots": "agent and pilot",
     "dronecats/judge": "verdict",
 }
-PHASES = {  # function of dronecats/run → what is flown then
+PHASES = {  # function of dronecats/flight/run → what is flown then
     "ascend": "ascent to the start pose",
     "finish": "landing",
     "fly_and_judge": "making ready, verdict",
@@ -80,7 +80,7 @@ class Sampler:
             part = part or (part_of(place) if place else None)
             if place.startswith("dronecats/agent/loop.py"):
                 phase = phase or "episode"
-            elif place.startswith("dronecats/run/"):
+            elif place.startswith("dronecats/flight/run/"):
                 phase = phase or PHASES.get(frame.f_code.co_name)
             frame = frame.f_back
         self.parts[part or "else"] += 1

@@ -26,15 +26,15 @@ import numpy as np
 
 from benchmarks.machine import Machine
 from dronecats.cli.exit_status import exit_status
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.run.fly import fly
-from dronecats.rundir import layout
-from dronecats.rundir.writing import TelemetryLog
-from dronecats.scenery import display
-from dronecats.watch.heard import HeardFlight
-from dronecats.watch.tails import FrameTail
-from dronecats.watch.world import flown_world
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.view.live.heard import HeardFlight
+from dronecats.view.live.tails import FrameTail
+from dronecats.view.live.world import flown_world
+from dronecats.view.scene import display
 from foundation import extras
+from foundation.run_folder import layout
+from foundation.run_folder.writing import TelemetryLog
 
 EPISODE = "residential-approaching-03"
 NODE = "/world/flight/drone-0"

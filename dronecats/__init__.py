@@ -1,3 +1,3 @@
 """DroneCATS: a multimodal model as the pilot of a drone, and the benchmark that measures it."""
 
-__version__ = "0.1.0"
+from foundation.version import __version__ as __version__

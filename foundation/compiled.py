@@ -35,10 +35,11 @@ SOURCES = (
     "vehicles/*.py",
     "autopilot/*.py",
     "autopilot/control/*.py",
-    "episodes/render/*.py",
-    "episodes/scene.py",
+    "autopilot/estimator/*.py",
+    "episodes/camera/renderer/*.py",
+    "episodes/maps/scene.py",
     "foundation/*.py",
-    "dronecats/sitl/fused.py",
+    "dronecats/flight/sitl/fused.py",
     "dronecats/study/loop/feedback.py",
 )
 KEPT_S = 30 * 86_400  # s, a cache of sources that nobody has run for so long is removed

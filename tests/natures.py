@@ -26,35 +26,35 @@ PATHS = {
     "tests/autopilot/logging": "flight",
     "tests/autopilot/test_accuracy.py": "flight",
     "tests/benchmarks": "process",
-    "tests/bridges": "process",
-    "tests/campaign": "process",
+    "tests/bench/bridges": "process",
+    "tests/bench": "process",
     "tests/cli": "process",
-    "tests/editor": "process",
+    "tests/view/editor": "process",
     "tests/episodes": "flight",
     "tests/episodes/maps/test_same_map.py": "process",
     "tests/episodes/test_processes.py": "process",
     "tests/episodes/test_target_motion.py": "process",
     "tests/examples": "process",
-    "tests/export": "flight",
-    "tests/film": "process",
-    "tests/flight/test_spec.py": "flight",
+    "tests/report/export": "flight",
+    "tests/view/film": "process",
+    "tests/flight/picture": "flight",
+    "tests/flight/spec/test_spec.py": "flight",
     "tests/hil": "process",
-    "tests/metrics/test_judging.py": "process",
+    "tests/judge/metrics/test_judging.py": "process",
     "tests/pilots": "flight",
     "tests/pilots/test_recorded.py": "process",
     "tests/pilots/test_server.py": "process",
-    "tests/playback": "process",
-    "tests/processes": "process",
-    "tests/report": "flight",
-    "tests/review": "process",
-    "tests/run": "process",
-    "tests/rundir/test_flown_folder.py": "flight",
-    "tests/sitl": "process",
+    "tests/view/replay": "process",
+    "tests/flight/processes": "process",
+    "tests/report": "process",
+    "tests/flight/run": "process",
+    "tests/foundation/run_folder/test_flown_folder.py": "flight",
+    "tests/flight/sitl": "process",
     "tests/study/loop": "process",
     "tests/study/report": "process",
     "tests/study/test_load.py": "process",
     "tests/system": "process",
-    "tests/watch": "process",
+    "tests/view/live": "process",
 }
 # A test that uses one of these fixtures has at least their nature.
 FIXTURES = {"browser": "browser", "driver": "browser"}
@@ -70,12 +70,12 @@ EVENTS = {
     "socket.sendto": "process",
 }
 ENGINES = {
-    "episodes.render.renderer": ("Renderer", "flight"),
-    "dronecats.sitl.fused": ("Fused", "flight"),
+    "episodes.camera.renderer.renderer": ("Renderer", "flight"),
+    "dronecats.flight.sitl.fused": ("Fused", "flight"),
 }
 
 
-COMPILER = "dronecats.sitl.compile_ahead"
+COMPILER = "dronecats.flight.sitl.compile_ahead"
 
 
 class NatureError(AssertionError):

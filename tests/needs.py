@@ -56,7 +56,7 @@ NEEDS = {
     "rtsp": Need("no RTSP server", f"apt install {RTSP_PACKAGES}", _gstreamer),
     "torch": Need("no PyTorch", 'pip install "dronecats[train]"', lambda: importlib.util.find_spec("torch")),
     "user": Need("root may write anywhere", "run the tests as an ordinary user", lambda: os.geteuid() != 0),
-    "lerobot": _variable("DRONECATS_LEROBOT_PYTHON", "PYTHON_WITH_LEROBOT", "tests/export/test_lerobot.py"),
+    "lerobot": _variable("DRONECATS_LEROBOT_PYTHON", "PYTHON_WITH_LEROBOT", "tests/report/export/test_lerobot.py"),
     "litellm": _variable("DRONECATS_LITELLM", "LITELLM_COMMAND", "tests/system/test_other_server.py"),
     "px4": _variable("DRONECATS_PX4", "PX4_COMMAND", "tests/system/test_real_px4.py"),
     "openai-schema": _variable(

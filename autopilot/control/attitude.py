@@ -5,7 +5,7 @@ After Brescianini, Hehn, D'Andrea 2013, "Nonlinear quadrocopter attitude control
 
 import math
 
-from autopilot.kernels import quat_conjugate, quat_multiply, rotate, rotate_inverse
+from autopilot.compiled_frames import quat_conjugate, quat_multiply, rotate, rotate_inverse
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from autopilot.control.mixer import Allocation
 from autopilot.control.records import CONTROL_PARAMS
-from autopilot.design import Gains
-from autopilot.mixer import Allocation
+from autopilot.design.loop_shaping import Gains
 from foundation.errors import UsageError
 
 

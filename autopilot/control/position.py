@@ -2,8 +2,8 @@
 
 import math
 
+from autopilot.compiled_frames import quat_yaw, wrap_pi
 from autopilot.control.smoothing import braking_speed, expect, slew_horizontal, slew_vertical
-from autopilot.kernels import quat_yaw, wrap_pi
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 

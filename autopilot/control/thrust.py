@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.kernels import quat_from_euler
+from autopilot.compiled_frames import quat_from_euler
 from foundation.compiled import Record, njit
 from foundation.frames import GRAVITY, Quat, Vec3
 

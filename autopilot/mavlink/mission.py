@@ -7,14 +7,14 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 
 import math
 
+from autopilot.commander.plan import checks
+from autopilot.commander.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
+from autopilot.commander.plan.plans import CAPACITY
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.telemetry_source import Message
 from autopilot.mavlink.uploads import CANCELLED, Key, Upload
-from autopilot.plan import checks
-from autopilot.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
-from autopilot.plan.plans import CAPACITY
 from foundation.mavlink import dialect
 
 ACCEPTED, UNSUPPORTED = int(dialect.MAV_MISSION_ACCEPTED), int(dialect.MAV_MISSION_UNSUPPORTED)

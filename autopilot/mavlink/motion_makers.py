@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.estimated_state import EstimatedState
+from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, heading_cdeg, int16, int32, whole
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate_inverse

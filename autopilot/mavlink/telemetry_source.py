@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from autopilot.calibration import SensorCalibration
-from autopilot.commander import Commander
-from autopilot.estimated_state import EstimatedState
+from autopilot.commander.calibration import SensorCalibration
+from autopilot.commander.commander import Commander
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.estimator.vibration import Vibration
 from autopilot.parameters import ParameterTable
-from autopilot.vibration import Vibration
 from foundation.airframe import Airframe
 from foundation.mavlink import dialect
 

@@ -5,8 +5,8 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 
 from dataclasses import dataclass, field
 
+from autopilot.commander.plan.items import PlanItem
 from autopilot.mavlink.port import Port
-from autopilot.plan.items import PlanItem
 from foundation.mavlink import dialect
 
 RETRY_US = 250_000

@@ -24,7 +24,7 @@ from benchmarks.shapes.examples import Examples
 from benchmarks.shapes.fit import fit
 from dronecats.pilots import shapes, standing
 from dronecats.pilots.paint import Picture
-from episodes.render.renderer import Renderer
+from episodes.camera.renderer.renderer import Renderer
 
 LEARNT, UNSEEN = 200, 900  # the first seed of the campuses to learn from, and of those to check with
 CAMPUSES, PICTURES, ROUNDS = 32, 28, 60

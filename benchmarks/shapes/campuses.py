@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes import assets
-from episodes.assets import buildings, campus_monuments, fixtures, people, plants
-from episodes.maps import campus, campus_ground, campus_plan
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps import assets, campus, campus_ground, campus_plan
+from episodes.maps.assets import buildings, campus_monuments, fixtures, people, plants
 from episodes.maps.daylight import sun_at
-from episodes.render.renderer import Renderer
-from episodes.scene import Instance, Mesh, Scene
+from episodes.maps.scene import Instance, Mesh, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler
 

@@ -24,7 +24,7 @@ from benchmarks.sightings import examples, neighbourhoods, outlines
 from benchmarks.sightings.fit import fit
 from benchmarks.sightings.neighbourhoods import NOUNS, Target
 from dronecats.pilots import likeness, referent, sighting, vision
-from episodes.render.renderer import Renderer
+from episodes.camera.renderer.renderer import Renderer
 from foundation.protocol import RADIUS_M
 
 LEARNT, UNSEEN = 320, 300  # the first seed of the neighbourhoods to learn from, and of those to check with

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes import assets, maps
-from episodes.maps import residential
-from episodes.render.renderer import Renderer
-from episodes.scene import Instance, Moved, Scene
+from episodes import maps
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps import assets, residential
+from episodes.maps.scene import Instance, Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler, rotate
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.sightings.neighbourhoods import NOUNS
-from episodes import assets
+from episodes.maps import assets
 
 PAINT = "red"  # any: an asset's shape does not depend on it
 LEVELS = 6  # heights between which points are taken

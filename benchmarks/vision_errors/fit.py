@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from dronecats.metrics.flown_episode import FlownEpisode, flown_episode
-from dronecats.metrics.flown_step import FlownStep
+from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
+from dronecats.judge.metrics.flown_step import FlownStep
 from dronecats.pilots import noisy, search
 from dronecats.pilots.vision_errors import BANDS_M, Attention, EyeErrors, Telling, VisionErrors, band
-from dronecats.rundir import reading
 from foundation.camera import CameraModel
 from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
+from foundation.run_folder import reading
 
 Taken = Literal["target", "else", "claim", "nothing"]
 ASIDE_DEG = 5.0  # off the target's centre within which a point is on it, whatever its box

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
-from dronecats.rundir.rows import Cause
+from foundation.run_folder.rows import Cause
 
 _FIELD = re.compile("{(drones|instruction|causes|roster)}")
 FLEET = "{n} multirotors, Drone 1 to Drone {n}"

@@ -21,9 +21,9 @@ from dronecats.agent.models.model import Model, Request
 from dronecats.agent.orders import FleetOrders, OrdersError, parse_orders
 from dronecats.agent.prompt import labels
 from dronecats.agent.roster import Post, roster
-from dronecats.rundir.rows import Cause, Exchange, Order
 from foundation.camera import Frame
 from foundation.errors import ModelError
+from foundation.run_folder.rows import Cause, Exchange, Order
 
 
 @dataclass(frozen=True, slots=True)

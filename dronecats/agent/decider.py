@@ -20,11 +20,11 @@ from dronecats.agent.latency import Latency, Question
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.agent.reply.reading import ReplyParser, reading
-from dronecats.rundir.layout import frame_name
 from foundation.camera import Frame
 from foundation.errors import CameraError, ModelError
 from foundation.picture import encode
 from foundation.protocol import HISTORY_LENGTH
+from foundation.run_folder.layout import frame_name
 from foundation.turn import COMPUTING
 
 T = TypeVar("T")

@@ -14,9 +14,9 @@ from dronecats.agent.drone import Drone
 from dronecats.agent.loop import side_by_side
 from dronecats.agent.roster import Post
 from dronecats.agent.subordinate import Subordinate
-from dronecats.rundir.rows import Exchange
-from dronecats.rundir.writing import LineLog
 from foundation.protocol import CAP_S
+from foundation.run_folder.rows import Exchange
+from foundation.run_folder.writing import LineLog
 
 
 class Hierarchy:

@@ -12,15 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from dronecats.agent.latency_draws import (
-    LONGEST_S,
-    bimodal_s,
-    gamma_s,
-    jitter_s,
-    lognormal_s,
-    stall_s,
-    traced_s,
-)
+from dronecats.agent.latency_draws import LONGEST_S, bimodal_s, gamma_s, jitter_s, lognormal_s, stall_s, traced_s
 from dronecats.agent.models.model import Reply
 from foundation.errors import UsageError
 

@@ -1,4 +1,4 @@
-"""What the agents that ship are called: `dronecats.run.agents` makes them."""
+"""What the agents that ship are called: `dronecats.flight.run.agents` makes them."""
 
 PAPER = "paper"  # as the paper has it; what flies unless another is named
 STEADY = "steady"  # the one that bears a slow model: docs/steady.md

@@ -11,8 +11,8 @@ from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
 
 if TYPE_CHECKING:
-    from dronecats.metrics.audit import Audit
-    from dronecats.metrics.deliberation import Followed
+    from dronecats.judge.metrics.audit import Audit
+    from dronecats.judge.metrics.deliberation import Followed
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -29,9 +29,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print the audit of all episodes together."""
-    from dronecats.metrics.audit import audit, audited_episode
-    from dronecats.metrics.judging import Judging, of_each
-    from dronecats.results.flown_run import flown_runs
+    from dronecats.judge.metrics.audit import audit, audited_episode
+    from dronecats.judge.metrics.judging import Judging, of_each
+    from dronecats.report.results.flown_run import flown_runs
 
     Judging(delta_m=args.delta, cap_s=args.cap).check()
     folders = [folder for each in flown_runs(args.runs) for folder in each.episodes]
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(told: "Audit") -> None:
-    from dronecats.metrics.audit import RULES
+    from dronecats.judge.metrics.audit import RULES
 
     successes = counted(told.successes, "success", "successes")
     print(f"{counted(told.episodes, 'episode')}, {told.scored} scored, {successes}")

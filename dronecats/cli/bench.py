@@ -49,8 +49,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when everything was flown, 3 when something broke or the budget is spent."""
-    from dronecats.campaign.bench import Bench
-    from dronecats.campaign.summary import table
+    from dronecats.bench.benchmark_folder import Bench
+    from dronecats.bench.summary import table
     from dronecats.cli import bench_export, bench_spec
 
     if args.episodes[:1] == [bench_export.ACTION]:

@@ -13,8 +13,8 @@ def run(args: argparse.Namespace) -> int:
 
     The runs are what stands behind the action among the verb's episodes. Raises UsageError.
     """
-    from dronecats.results.flown_run import flown_runs
-    from dronecats.results.table_files import write_tables
+    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.results.table_files import write_tables
     from foundation.errors import UsageError
 
     runs = [Path(each) for each in args.episodes[1:]]

@@ -12,8 +12,8 @@ from dronecats.cli.disturbance_options import disturbances_of
 from dronecats.cli.model_options import OPTIONS, model_of
 
 if TYPE_CHECKING:
-    from dronecats.campaign.matrix import BenchEntry, ChosenSuite
-    from dronecats.flight.spec import FlightSpec
+    from dronecats.bench.matrix import BenchEntry, ChosenSuite
+    from dronecats.flight.spec.flight_spec import FlightSpec
 
 # what a file may say, and of which kind it is there; each is the option of that name
 LISTS = ("suite", "episodes", "model", "pilot", "agent", "command", "latency", "rate")
@@ -109,7 +109,7 @@ def checked(path: Path, told: dict[str, Any], known: Sequence[str], others: Sequ
 
 
 def _checked(path: Path, name: str, value: Any) -> Any:
-    from dronecats.flight.latency_trace import from_folder
+    from dronecats.flight.spec.latency_trace import from_folder
     from foundation.errors import UsageError
 
     def wants(what: str) -> UsageError:
@@ -138,14 +138,14 @@ def _checked(path: Path, name: str, value: Any) -> Any:
 
 def suite(args: argparse.Namespace) -> "ChosenSuite":
     """Return the episodes that are asked for. Raises UsageError."""
-    from dronecats.campaign.matrix import suite_of
+    from dronecats.bench.matrix import suite_of
 
     return suite_of(args.episodes or (), args.suite or ())
 
 
 def runs(args: argparse.Namespace, chosen: "ChosenSuite", out: Path) -> "list[BenchEntry]":
     """Return every run of the benchmark in a folder. Raises UsageError."""
-    from dronecats.campaign.matrix import entries
+    from dronecats.bench.matrix import entries
 
     return entries(
         pilots(args, out), chosen, commands=args.command or ("flat",), latencies=_latencies(args), flights=args.flights
@@ -166,7 +166,7 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
 
 def _latencies(args: argparse.Namespace) -> list[str]:
     """Return the latency policies; one for every rate that is pinned."""
-    from dronecats.flight.spec import LATENCY
+    from dronecats.flight.spec.flight_spec import LATENCY
     from foundation.errors import UsageError
 
     if args.rate and args.latency:
@@ -182,10 +182,10 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
     from dronecats.agent.names import PAPER
     from dronecats.cli.fly_spec import commanded_by, template_of
     from dronecats.cli.speed import speed
-    from dronecats.flight.spec import Accounts, FlightSpec, Simulated
+    from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
     from dronecats.pilots import roster
-    from dronecats.rundir.layout import LEDGER
     from foundation.errors import UsageError
+    from foundation.run_folder.layout import LEDGER
 
     asked: list[tuple[str, dict[str, Any]]] = []
     for word in args.model or ():

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(result: dict[str, Any]) -> None:
-    from dronecats.rundir.rows import drone_label
+    from foundation.run_folder.rows import drone_label
 
     a, b = result["sources"]
     replies = f"{result['same_replies']} of {result['steps']} replies are the same"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dronecats.flight.disturbances import Disturbances
+    from dronecats.flight.spec.disturbances import Disturbances
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def disturbances_of(
 ) -> "Disturbances":
     """Return what is asked for, over what `base` has (None: nothing). Raises UsageError for what cannot be."""
     from dronecats.cli.link_option import link_faults
-    from dronecats.flight.disturbances import UNDISTURBED
+    from dronecats.flight.spec.disturbances import UNDISTURBED
     from foundation.errors import UsageError
 
     base = base or UNDISTURBED

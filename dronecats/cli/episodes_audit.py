@@ -11,10 +11,10 @@ from dronecats.cli.output import Drawing
 from foundation.printable import printable
 
 if TYPE_CHECKING:
-    from dronecats.campaign.campaign import Came
-    from dronecats.flight.spec import FlightSpec
-    from dronecats.rundir.results import Result
-    from episodes.blind import BlindFlight
+    from dronecats.bench.campaign import Came
+    from dronecats.flight.spec.flight_spec import FlightSpec
+    from episodes.records.blind import BlindFlight
+    from foundation.run_folder.results import Result
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -32,9 +32,9 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     parser.add_argument("--rendered", action="store_true", help="draw the frames for pilots that do not look, too")
     parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default: one per core)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is gone on with")
-    parser.add_argument("--write-par", action="store_true", help="keep the oracle's steps in episodes/par.json")
+    parser.add_argument("--write-par", action="store_true", help="keep the oracle's steps in episodes/records/par.json")
     parser.add_argument(
-        "--write-blind", action="store_true", help="keep a blind pilot's flights in episodes/blind.json"
+        "--write-blind", action="store_true", help="keep a blind pilot's flights in episodes/records/blind.json"
     )
     parser.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
     parser.set_defaults(run=run)
@@ -42,17 +42,17 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
-    from dronecats.campaign.audit import flights, floor, groups, pars, row, text
-    from dronecats.campaign.batch import Batch
-    from dronecats.campaign.local import cores
-    from dronecats.campaign.matrix import suite_of
-    from dronecats.campaign.one_run import fly_run
-    from dronecats.flight.flight import look_up
-    from dronecats.run.settings import settings
-    from dronecats.rundir.folder import fresh_run
-    from dronecats.rundir.reading import stored_result
-    from episodes import blind
+    from dronecats.bench.audit import flights, floor, groups, pars, row, text
+    from dronecats.bench.batch import Batch
+    from dronecats.bench.local import cores
+    from dronecats.bench.matrix import suite_of
+    from dronecats.bench.one_run import fly_run
+    from dronecats.flight.run.settings import settings
+    from dronecats.flight.spec.flight import look_up
+    from episodes.records import blind
     from foundation.errors import UsageError
+    from foundation.run_folder.folder import fresh_run
+    from foundation.run_folder.reading import stored_result
 
     signals.as_interrupts()
     if args.jobs is not None and not 1 <= args.jobs <= 64:
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _flight(args: argparse.Namespace) -> "FlightSpec":
     """Return each flight of the run, but for its episode."""
-    from dronecats.flight.spec import FlightSpec, Simulated
+    from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster
 
     return FlightSpec(
@@ -136,8 +136,8 @@ def _reason(result: "Result") -> str:
 
 def _keep(steps: dict[str, int]) -> None:
     """Put the steps of shipped episodes into the table of pars; those that were not flown keep theirs."""
-    from dronecats.rundir.folder import write_json
-    from episodes import catalogue, par
+    from episodes.records import catalogue, par
+    from foundation.run_folder.folder import write_json
 
     known = catalogue.known()
     table = {**par.load(), **steps}
@@ -146,7 +146,7 @@ def _keep(steps: dict[str, int]) -> None:
 
 def _keep_blind(pilot: str, flown: "dict[str, BlindFlight]") -> None:
     """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
-    from dronecats.rundir.folder import write_json
-    from episodes import blind, catalogue
+    from episodes.records import blind, catalogue
+    from foundation.run_folder.folder import write_json
 
     write_json(blind.FILE, blind.merged(blind.load(), pilot, flown, catalogue.known()))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from dronecats.cli.output import Drawing
 
 if TYPE_CHECKING:
-    from episodes.check.finding import RuleFinding
-    from episodes.check.many import Report
+    from episodes.authoring.check.finding import RuleFinding
+    from episodes.authoring.check.many import Report
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -29,8 +29,8 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Check the records and return 1 when any is rejected."""
-    from episodes import catalogue, suites
-    from episodes.check.many import check_all
+    from episodes.authoring.check.many import check_all
+    from episodes.records import catalogue, suites
     from foundation.errors import UsageError
 
     if args.jobs < 0:
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _about_suite(reports: "list[Report]") -> "list[RuleFinding]":
-    from episodes.check import spread
+    from episodes.authoring.check import spread
 
     return list(spread.rules([report.layout for report in reports if report.layout is not None]))
 

@@ -14,7 +14,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Print the episodes."""
-    from episodes import catalogue, par, suites
+    from episodes.records import catalogue, par, suites
 
     pars = par.load()
     records = [catalogue.load(episode) for episode in suites.ids(args.suite)]

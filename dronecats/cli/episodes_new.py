@@ -25,7 +25,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the records and print their files."""
-    from episodes.propose import official, proposals
+    from episodes.authoring.propose import official, proposals
     from foundation.errors import UsageError
 
     if args.official:

@@ -13,7 +13,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the sheet."""
-    from episodes.pictures.optics_sheet import write
+    from episodes.authoring.pictures.optics_sheet import write
 
     write(args.file)
     print(args.file)

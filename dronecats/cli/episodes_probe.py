@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")
-    from episodes.pictures.probe import summary, write_probe
+    from episodes.authoring.pictures.probe import summary, write_probe
 
     probes = write_probe(args.out, args.seed)
     if args.json:

@@ -14,7 +14,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the sheet."""
-    from episodes.pictures.contact_sheet import contact_sheet
+    from episodes.authoring.pictures.contact_sheet import contact_sheet
     from foundation.errors import UsageError
 
     if args.out.suffix.lower() not in (".jpg", ".jpeg"):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from episodes.record import EpisodeRecord
+    from episodes.records.record import EpisodeRecord
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -20,12 +20,12 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Print the episode and, if asked for, write its first frame."""
-    from episodes import catalogue, par, suites
+    from episodes.records import catalogue, par, suites
 
     record = catalogue.load(args.episode)
     member, steps = (suites.of(record.id), par.load().get(record.id)) if catalogue.ships(record) else ((), None)
     if args.picture is not None:
-        from episodes.pictures.first_frame import write_first_frame
+        from episodes.authoring.pictures.first_frame import write_first_frame
 
         write_first_frame(record, args.picture)
     if args.json:

@@ -23,8 +23,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Write the files; status 0, episodes that are left out named on standard error."""
-    from dronecats.export.formats import export
-    from dronecats.results.flown_run import flown_runs
+    from dronecats.report.export.formats import export
+    from dronecats.report.results.flown_run import flown_runs
 
     out = args.out or Path(f"{args.runs[0].resolve().name}-{args.to}")
     done = export(args.to, flown_runs(args.runs), out, args.overwrite)

@@ -34,10 +34,10 @@ def run(args: argparse.Namespace) -> int:
     import json
     import time
 
-    from dronecats.film.encoders import said
-    from dronecats.film.film import make
-    from dronecats.film.flown import told
-    from dronecats.film.plan import plan
+    from dronecats.view.film.encoders import said
+    from dronecats.view.film.film import make
+    from dronecats.view.film.flown import told
+    from dronecats.view.film.plan import plan
     from foundation.errors import UsageError
 
     suffix = args.out.suffix.lower()

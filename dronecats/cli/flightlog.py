@@ -61,14 +61,14 @@ def _on_board(args: argparse.Namespace) -> int:
 
 def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl and judge the flight anew, unless its truth is known: then say how good the trace is."""
-    from dronecats.afterflight.surveyed_target import target_from
-    from dronecats.afterflight.trace import against_truth, derive
     from dronecats.judge.distances import sentence
     from dronecats.judge.episode import write_verdict
-    from dronecats.rundir.layout import EPISODE
-    from dronecats.rundir.reading import episode_folder, read
-    from dronecats.rundir.writing import as_json
+    from dronecats.report.afterflight.surveyed_target import target_from
+    from dronecats.report.afterflight.trace import against_truth, derive
     from foundation.errors import UsageError
+    from foundation.run_folder.layout import EPISODE
+    from foundation.run_folder.reading import episode_folder, read
+    from foundation.run_folder.writing import as_json
 
     if args.target_std is not None and not args.target:
         raise UsageError("--target-std goes with --target; add it or leave it out")
@@ -76,7 +76,7 @@ def _trace(args: argparse.Namespace) -> int:
     file = derive(folder, target_from(args.target, args.target_std) if args.target else None, args.ulog)
     result: dict[str, Any] = {"file": str(file)}
     if read(folder).true:
-        from dronecats.sitl.scenario import load_world, origin
+        from dronecats.flight.sitl.scenario import load_world, origin
 
         result |= against_truth(folder, origin(load_world(str(folder / EPISODE))))
         told = (

@@ -16,7 +16,7 @@ from dronecats.cli.view_options import add_view, view_of
 from foundation.wording import counted
 
 if TYPE_CHECKING:
-    from dronecats.flight.spec import FlightSpec
+    from dronecats.flight.spec.flight_spec import FlightSpec
 
 ARM = "ARM"  # what has to be typed
 
@@ -133,8 +133,8 @@ def run(args: argparse.Namespace) -> int:
         _say(f"Model {told(spec.model)}")
     if view is None:
         return _fly(args, spec, args.out)
-    from dronecats.rundir.folder import fresh_run
-    from dronecats.watch.opening import opened
+    from dronecats.view.live.opening import opened
+    from foundation.run_folder.folder import fresh_run
 
     out = args.out or fresh_run(spec.pilot_name)
     try:
@@ -147,11 +147,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:
-    from dronecats.run.fly import fly
+    from dronecats.flight.run.fly import fly
 
     if spec.connected and not spec.connected.truth:
-        from dronecats.afterflight.rejudge import rejudge
-        from dronecats.afterflight.surveyed_target import target_from
+        from dronecats.report.afterflight.rejudge import rejudge
+        from dronecats.report.afterflight.surveyed_target import target_from
 
         target = target_from(args.target, args.target_std) if args.target else None
         return _report(rejudge(fly(spec, out, _say), target, say=_say), args.json)
@@ -187,7 +187,7 @@ def _verdict(result: dict[str, Any]) -> str:
 def _incidents(run: Path) -> list[str]:
     """Return a line about what the drones flew into, and one about estimator resets; none for what did not happen."""
     from dronecats.judge.incidents import contacts, estimator_resets, hits_of, resets_of
-    from dronecats.metrics.flown_episode import flown_episode
+    from dronecats.judge.metrics.flown_episode import flown_episode
 
     flown = flown_episode(run)
     lines, hardest = [], dict[str, float]()

@@ -13,7 +13,7 @@ from dronecats.cli.sign_option import key_of
 from dronecats.cli.speed import speed
 
 if TYPE_CHECKING:
-    from dronecats.flight.spec import Accounts, FlightSpec
+    from dronecats.flight.spec.flight_spec import Accounts, FlightSpec
     from hil.link.envelope import Limits
 
 SIMULATED_ONLY = (
@@ -70,10 +70,10 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _simulated(args: argparse.Namespace) -> "FlightSpec":
-    from dronecats.flight.latency_trace import latency_fields
-    from dronecats.flight.spec import LATENCY, FlightSpec, Simulated
-    from episodes import catalogue
-    from episodes.optics.file import load as load_optics
+    from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated
+    from dronecats.flight.spec.latency_trace import latency_fields
+    from episodes.camera.optics.file import load as load_optics
+    from episodes.records import catalogue
     from foundation.errors import UsageError
 
     if args.px4 and args.autopilot != "px4":
@@ -106,10 +106,10 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
     """Return a recorded flight, but for what is said otherwise."""
-    from dronecats.flight.latency_trace import latency_fields
-    from dronecats.flight.recording import recorded
-    from dronecats.flight.spec import Simulated
-    from episodes.optics.file import load as load_optics
+    from dronecats.flight.spec.flight_spec import Simulated
+    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.recording import recorded
+    from episodes.camera.optics.file import load as load_optics
     from foundation.errors import UsageError
 
     path = args.model.removeprefix(REPLAY)
@@ -155,7 +155,7 @@ def said_of_replay(args: argparse.Namespace, flight: str) -> str:
 
 def _accounts(args: argparse.Namespace) -> "Accounts":
     from dronecats.agent.models.budget import cost_limit, token_limit
-    from dronecats.flight.spec import Accounts
+    from dronecats.flight.spec.flight_spec import Accounts
 
     return Accounts(
         cost_limit_usd=None if args.cost_limit is None else cost_limit(args.cost_limit),
@@ -181,8 +181,8 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
 
 
 def _connected(args: argparse.Namespace) -> "FlightSpec":
-    from dronecats.flight.latency_trace import latency_fields
-    from dronecats.flight.spec import Authority, Connected, FlightSpec
+    from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec
+    from dronecats.flight.spec.latency_trace import latency_fields
     from foundation.errors import UsageError
     from hil.cameras.calibration import load as load_calibration
     from hil.link.envelope import Limits
@@ -215,7 +215,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
 
 def _read(args: argparse.Namespace) -> "FlightSpec":
     """Return the flight of a file, with what cannot stand in one, or is another, from the command line."""
-    from dronecats.flight.file import hidden, read
+    from dronecats.flight.spec.spec_file import hidden, read
     from foundation.errors import UsageError
 
     stray = next((n for n, v in vars(args).items() if n not in BESIDE_SPEC and _given(v)), None)
@@ -274,7 +274,7 @@ def _of_episode(name: str) -> dict[str, Any]:
     """Return which of a spec's fields name an episode: its id when it ships, and else its record."""
     import json
 
-    from episodes import catalogue
+    from episodes.records import catalogue
 
     if name in catalogue.known():
         return {"episode": name}

@@ -11,8 +11,8 @@ from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
-    from dronecats.metrics.judging import JudgedEpisode
-    from dronecats.metrics.metric import MetricValue
+    from dronecats.judge.metrics.judging import JudgedEpisode
+    from dronecats.judge.metrics.metric import MetricValue
 
 DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
 
@@ -34,8 +34,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print the verdicts; status 0 whatever they are, and 4 when something stored does not agree with them."""
-    from dronecats.metrics.judging import Judging, judged_episodes
-    from dronecats.results.flown_run import flown_runs
+    from dronecats.judge.metrics.judging import Judging, judged_episodes
+    from dronecats.report.results.flown_run import flown_runs
 
     how = Judging(delta_m=args.delta, cap_s=args.cap, measured=args.json, own=tuple(args.metric))
     how.check()

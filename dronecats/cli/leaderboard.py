@@ -8,7 +8,7 @@ from foundation.errors import UsageError
 from foundation.whole_file import write_text
 
 if TYPE_CHECKING:
-    from dronecats.results.archive.verification import Verification
+    from dronecats.report.archive.verification import Verification
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -23,7 +23,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Write the page; status 0."""
-    from dronecats.results.leaderboard import page
+    from dronecats.report.results.leaderboard import page
 
     told = page(map(_entry, args.files))
     if args.out is None:
@@ -37,8 +37,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _entry(file: Path) -> "Verification":
-    from dronecats.metrics.judging import reread
-    from dronecats.results.archive.verification import verify
-    from dronecats.results.leaderboard import entry
+    from dronecats.judge.metrics.judging import reread
+    from dronecats.report.archive.verification import verify
+    from dronecats.report.results.leaderboard import entry
 
     return entry(file) if file.suffix == ".json" else verify(file, reread)

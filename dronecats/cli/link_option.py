@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dronecats.flight.disturbances import LinkFaults
+    from dronecats.flight.spec.disturbances import LinkFaults
 
 FIELDS = {  # as it is said: the field of an impairment
     "delay": "delay_s",
@@ -21,7 +21,7 @@ WAYS = {"to": ("to_vehicle",), "from": ("from_vehicle",), "": ("to_vehicle", "fr
 
 def link_faults(text: str) -> "LinkFaults":
     """Return what is done to the wire. Raises UsageError naming the word that cannot be."""
-    from dronecats.flight.disturbances import LinkFaults
+    from dronecats.flight.spec.disturbances import LinkFaults
     from foundation.errors import UsageError
     from hil.impairment.channel import Impairment
 

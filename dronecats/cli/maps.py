@@ -47,8 +47,8 @@ def spawn(text: str) -> tuple[float, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Do what was asked for."""
-    from episodes import gltf, maps
-    from episodes.maps import user
+    from episodes import maps
+    from episodes.maps import gltf, user
 
     if args.action == "list":
         rows = [{"name": name, "origin": "shipped"} for name in maps.shipped()]
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _facts(scene: Any) -> dict[str, Any]:
     """Return what is worth knowing about a map."""
-    from episodes.gltf.reader import extent
+    from episodes.maps.gltf.reader import extent
 
     low, high = extent(scene)
     pictures = {id(m.texture): m.texture for i in scene.instances for m in i.mesh.materials if m.texture is not None}

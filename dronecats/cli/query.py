@@ -14,7 +14,7 @@ from foundation.errors import UsageError
 from foundation.whole_file import whole_file
 
 if TYPE_CHECKING:
-    from dronecats.results.database import Selected
+    from dronecats.report.results.database import Selected
 
 NULL = "–"  # in the table for people
 
@@ -34,7 +34,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Print what the query says; status 0, damaged episodes named on standard error."""
     if args.tables:
-        from dronecats.results.tables import markdown
+        from dronecats.report.results.tables import markdown
 
         print(markdown(), end="")
         return 0
@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _answer(args: argparse.Namespace) -> "Selected":
-    from dronecats.results.database import query
-    from dronecats.results.flown_run import flown_runs
+    from dronecats.report.results.database import query
+    from dronecats.report.results.flown_run import flown_runs
 
     try:
         answer = query(args.sql, flown_runs(args.runs or [Path("runs")]), args.parquet)

@@ -36,10 +36,10 @@ def run(args: argparse.Namespace) -> int:
     port, hosts = page_of(args)
     if not (math.isfinite(args.at) and args.at >= 0.0):
         raise UsageError(f"--at wants seconds since the episode began, 0 or more, got {args.at:g}")
-    from dronecats.playback.clock import check_speed
-    from dronecats.playback.page import ReplayPage
-    from dronecats.playback.recorded import playable_flight
-    from dronecats.scenery.page_hosts import reach
+    from dronecats.view.replay.clock import check_speed
+    from dronecats.view.replay.page import ReplayPage
+    from dronecats.view.replay.recorded import playable_flight
+    from dronecats.view.scene.page_hosts import reach
 
     check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)

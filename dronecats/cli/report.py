@@ -32,13 +32,13 @@ def run(args: argparse.Namespace) -> int:
     """Write the report; status 0 whatever it says."""
     import math
 
-    from dronecats.metrics.own import own_metrics
-    from dronecats.metrics.registry import METRICS
-    from dronecats.results.collection import collect, without_stalled
-    from dronecats.results.exclusion import exclude, parse_exclusion
-    from dronecats.review.figures.all import draw
-    from dronecats.review.report import as_json, lineup, opening, write
-    from dronecats.review.tables.all import tables
+    from dronecats.judge.metrics.own import own_metrics
+    from dronecats.judge.metrics.registry import METRICS
+    from dronecats.report.figures.all import draw
+    from dronecats.report.report_folder import as_json, lineup, opening, write
+    from dronecats.report.results.collection import collect, without_stalled
+    from dronecats.report.results.exclusion import exclude, parse_exclusion
+    from dronecats.report.tables.all import tables
     from foundation.errors import UsageError
 
     if not math.isfinite(args.delta) or args.delta <= 0:
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     written = write(made, draw(who, made, args.out / "figures"), opening(who, args.delta, exclusions), args.out)
     page = None
     if not args.no_page:
-        from dronecats.review.page import write_page
+        from dronecats.report.page import write_page
 
         page = write_page(collection, made, args.out, embed=args.embed)
     if args.json:

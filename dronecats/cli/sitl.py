@@ -66,8 +66,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Simulate until interrupted."""
     from dronecats.cli.speed import speed
-    from episodes import catalogue
-    from episodes.optics.file import load
+    from episodes.camera.optics.file import load
+    from episodes.records import catalogue
     from foundation.errors import UsageError
 
     factor = speed(args.speed)
@@ -107,19 +107,19 @@ def run(args: argparse.Namespace) -> int:
     if view and view.stays:
         raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
     signals.as_interrupts()
-    from dronecats.sitl import compile_ahead
+    from dronecats.flight.sitl import compile_ahead
 
     print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
-    from dronecats.processes.supervisor import Supervisor
-    from dronecats.sitl.board.simulator import BoardSimulator
-    from dronecats.sitl.config import CameraConfig, SimulatorConfig
-    from dronecats.sitl.flight_conditions import FlightConditions
-    from dronecats.sitl.ports import CAMERA_PORT
-    from dronecats.sitl.px4.simulator import Px4Simulator
-    from dronecats.sitl.simulator_process import Simulator
-    from dronecats.stages import parts
-    from dronecats.watch.config import WatchedWires
-    from dronecats.watch.opening import opened
+    from dronecats.flight.processes.supervisor import Supervisor
+    from dronecats.flight.sitl.board.simulator import BoardSimulator
+    from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
+    from dronecats.flight.sitl.flight_conditions import FlightConditions
+    from dronecats.flight.sitl.ports import CAMERA_PORT
+    from dronecats.flight.sitl.px4.simulator import Px4Simulator
+    from dronecats.flight.sitl.simulator_process import Simulator
+    from dronecats.flight.stages import parts
+    from dronecats.view.live.config import WatchedWires
+    from dronecats.view.live.opening import opened
 
     config = SimulatorConfig(
         episode=episode,
@@ -219,7 +219,7 @@ def _say(line: str) -> None:
 
 
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
-    from dronecats.sitl.ports import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
+    from dronecats.flight.sitl.ports import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
     from hil.simulator.server import PORT
 
     for index in range(args.count or 1):

@@ -15,12 +15,12 @@ from dronecats.cli.view_options import view_of
 
 if TYPE_CHECKING:
     from dronecats.agent.models.ledger import Spent
-    from dronecats.campaign.bench import Bench
-    from dronecats.campaign.campaign import Ending
-    from dronecats.campaign.engine import Engine
-    from dronecats.campaign.estimate import CostEstimate
-    from dronecats.campaign.summary import BenchRow, EpisodeScore
-    from dronecats.rundir.results import Result
+    from dronecats.bench.benchmark_folder import Bench
+    from dronecats.bench.campaign import Ending
+    from dronecats.bench.engine import Engine
+    from dronecats.bench.estimate import CostEstimate
+    from dronecats.bench.summary import BenchRow, EpisodeScore
+    from foundation.run_folder.results import Result
 
 FILES = 256  # open ones that a sitting needs besides a lock a run
 
@@ -74,13 +74,13 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
 
     A page that is wanted is opened `beside`, and is there until that is closed.
     """
-    from dronecats.campaign.campaign import Came, Campaign
-    from dronecats.campaign.estimate import CostEstimate
-    from dronecats.campaign.local import cores
-    from dronecats.campaign.progress import Progress
+    from dronecats.bench.campaign import Came, Campaign
+    from dronecats.bench.estimate import CostEstimate
+    from dronecats.bench.local import cores
+    from dronecats.bench.progress import Progress
     from dronecats.cli.live import Live
-    from dronecats.run.accounts import Spending
-    from dronecats.watch.opening import opened
+    from dronecats.flight.run.accounts import Spending
+    from dronecats.view.live.opening import opened
 
     broken: dict[tuple[str, str], Result] = {}
     try:
@@ -148,22 +148,22 @@ def _foreseen(estimate: "CostEstimate") -> str:
 
 def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
     """Return what flies. Raises UsageError for a cluster that is not there."""
-    from dronecats.campaign.local import LocalEngine
-    from dronecats.rundir.layout import LEDGER
+    from dronecats.bench.local import LocalEngine
     from foundation.errors import UsageError
+    from foundation.run_folder.layout import LEDGER
 
     if args.engine != "ray":
         return LocalEngine(out / "worker.log", jobs)
     if args.cache:
         raise UsageError("--cache is a file of this machine, which the cluster's others do not see; leave it out")
-    from dronecats.campaign.cluster import ClusterEngine
+    from dronecats.bench.cluster import ClusterEngine
 
     return ClusterEngine(jobs, out / LEDGER if args.model else None, args.address)
 
 
 def say(sat: Sitting, rows: "Sequence[BenchRow]", *, as_json: bool, more: Mapping[str, Any] | None = None) -> None:
     """Print the table and the folder, or with `as_json` one object with these and `more`."""
-    from dronecats.campaign.summary import text
+    from dronecats.bench.summary import text
 
     if as_json:
         paid = {"tokens": sat.spent.tokens, "usd": round(sat.spent.usd, 6)} if sat.spent else None

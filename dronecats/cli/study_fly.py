@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dronecats.cli import bench_spec, signals, sitting
 
 if TYPE_CHECKING:
-    from dronecats.campaign.campaign import OpenRun
+    from dronecats.bench.campaign import OpenRun
     from dronecats.cli.study_spec import AskedStudy
 
 AGAIN = Path("again")  # where the run folders of flights that are repeated go
@@ -19,8 +19,8 @@ def fly(asked: "AskedStudy") -> int:
 
     What does not move stays as it is: a second flight on the same seed is the first one, or breaks the pair.
     """
-    from dronecats.campaign.bench import Bench
-    from dronecats.campaign.summary import table
+    from dronecats.bench.benchmark_folder import Bench
+    from dronecats.bench.summary import table
     from dronecats.study import continued, folder
 
     args, out = asked.args, asked.out

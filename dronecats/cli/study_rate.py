@@ -11,7 +11,7 @@ from dronecats.cli.fly import add_pilot, unsaid
 from dronecats.cli.sign_option import add_sign
 
 if TYPE_CHECKING:
-    from dronecats.flight.spec import FlightSpec
+    from dronecats.flight.spec.flight_spec import FlightSpec
     from dronecats.study.rate.files import ReplayedChain
     from dronecats.study.rate.summary import ChainSummary
 
@@ -58,8 +58,8 @@ def run(args: argparse.Namespace) -> int:
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    from dronecats.run.connected import fly_connected
-    from dronecats.run.outcome import undisturbed
+    from dronecats.flight.run.connected import fly_connected
+    from dronecats.flight.run.outcome import undisturbed
     from dronecats.study.rate.files import check_fresh, write_replay
     from dronecats.study.rate.instruments import RateInstruments
     from dronecats.study.rate.summary import summarised

@@ -20,7 +20,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the report; status 0 whatever it says."""
-    from dronecats.results.exclusion import parse_exclusion
+    from dronecats.report.results.exclusion import parse_exclusion
     from dronecats.study.analysis.flown_study import flown_study
     from dronecats.study.report.writing import as_json, write
     from foundation.errors import UsageError

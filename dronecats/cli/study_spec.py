@@ -12,11 +12,11 @@ from dronecats.cli.disturbance_options import NAMES
 from dronecats.cli.model_options import OPTIONS
 
 if TYPE_CHECKING:
-    from dronecats.campaign.matrix import ChosenSuite
-    from dronecats.flight.spec import FlightSpec
-    from dronecats.rundir.study import Level
+    from dronecats.bench.matrix import ChosenSuite
+    from dronecats.flight.spec.flight_spec import FlightSpec
     from dronecats.study.design import Axis, Design
     from dronecats.study.plan import StudyPlan
+    from foundation.run_folder.study import Level
 
 # what a file says besides the words of a benchmark's file, but for those of that which are factors here
 LISTS = ("cells", "maps", "generators")
@@ -133,7 +133,7 @@ def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file
 
 def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
     """Return a table of a file with the recorded latencies in it looked for from the file's own folder."""
-    from dronecats.flight.latency_trace import from_folder
+    from dronecats.flight.spec.latency_trace import from_folder
     from dronecats.study.factors import POLICY
 
     def placed(level: Any) -> Any:
@@ -151,9 +151,9 @@ def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
 
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
     """Return the episodes: by name, or a suite's of these cells and maps."""
-    from dronecats.campaign.matrix import suite_of
-    from episodes import catalogue, suites
-    from episodes.record import CELLS
+    from dronecats.bench.matrix import suite_of
+    from episodes.records import catalogue, suites
+    from episodes.records.record import CELLS
     from foundation.errors import UsageError
 
     if not (args.cells or args.maps):
@@ -251,7 +251,7 @@ def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
     """Return who flies, but for what `levels` of factors say: where that is the pilot itself, one without a name."""
-    from dronecats.flight.spec import LATENCY
+    from dronecats.flight.spec.flight_spec import LATENCY
     from foundation.errors import UsageError
     from foundation.protocol import CAP_S
 

@@ -24,11 +24,11 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Write the archive and say what is in it; status 0."""
     from dronecats.cli.verify import as_json, print_verification
-    from dronecats.metrics.judging import reread
-    from dronecats.results.archive.scrubbing import secrets_of
-    from dronecats.results.archive.submission import submit
-    from dronecats.results.archive.verification import verify
-    from dronecats.results.flown_run import flown_runs
+    from dronecats.judge.metrics.judging import reread
+    from dronecats.report.archive.scrubbing import secrets_of
+    from dronecats.report.archive.submission import submit
+    from dronecats.report.archive.verification import verify
+    from dronecats.report.results.flown_run import flown_runs
 
     if not args.out.name.endswith(".tar.xz"):
         raise UsageError(f"--out wants the name of a file that ends with .tar.xz, got {args.out.name}")

@@ -18,8 +18,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print gains and margins; status 0, or 2 when the airframe cannot be controlled."""
-    from autopilot.design import design, margins_by_control
-    from autopilot.loop_pictures import draw, step_figures
+    from autopilot.design.loop_pictures import draw, step_figures
+    from autopilot.design.loop_shaping import design, margins_by_control
     from vehicles import airframe
 
     frame = airframe.load(args.airframe)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dronecats.results.archive.verification import Verification
+    from dronecats.report.archive.verification import Verification
 
 DIFFERS = 4  # exit status: something in the archive is not what it says, or not what ships
 
@@ -20,8 +20,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print what was found; status 0 when nothing differs, 4 when something does."""
-    from dronecats.metrics.judging import reread
-    from dronecats.results.archive.verification import verify
+    from dronecats.judge.metrics.judging import reread
+    from dronecats.report.archive.verification import verify
 
     told = verify(args.file, reread)
     if args.json:

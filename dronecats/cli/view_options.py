@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from dronecats.cli.page_options import add_page, page_of
 
 if TYPE_CHECKING:
-    from dronecats.watch.opening import WantedPage
+    from dronecats.view.live.opening import WantedPage
 
 
 def add_view(group: "argparse._ActionsContainer") -> None:
@@ -25,7 +25,7 @@ def view_of(args: argparse.Namespace) -> "WantedPage | None":
         if stray := next((name for name, given in present.items() if given), None):
             raise UsageError(f"--{stray} goes with --view; add it or leave --{stray} out")
         return None
-    from dronecats.watch.opening import WantedPage
+    from dronecats.view.live.opening import WantedPage
 
     port, hosts = page_of(args, "view-")
     return WantedPage(port=port, hosts=hosts, stays=args.view_stay)

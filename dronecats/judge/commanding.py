@@ -9,12 +9,12 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 
-from dronecats.rundir.reading import Logs
-from dronecats.rundir.results import CommandedStep, CommandingDiagnostics
-from dronecats.rundir.rows import LARGE, Decision, FrameTruth
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S, GO, POINT_SPAN, STRIDE_MAX_M
+from foundation.run_folder.reading import Logs
+from foundation.run_folder.results import CommandedStep, CommandingDiagnostics
+from foundation.run_folder.rows import LARGE, Decision, FrameTruth
 
 COMMANDING = "commanding"  # the cell
 _CAMERA = CameraModel()

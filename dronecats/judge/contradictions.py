@@ -8,10 +8,10 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge.measured import SAME_S, consistent, declarations
-from dronecats.rundir.layout import COMMANDER, DECISIONS, EPISODE
-from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import Decision, Exchange, FrameTruth, Pose, drone_label
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.run_folder.layout import COMMANDER, DECISIONS, EPISODE
+from foundation.run_folder.reading import Logs
+from foundation.run_folder.rows import Decision, Exchange, FrameTruth, Pose, drone_label
 
 # s before its cap at which a flight may have ended by it: the logger's clock is the newest truth that it has heard, and
 # behind that by no more than a process of a busy machine stands still

@@ -10,10 +10,10 @@ from itertools import pairwise
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
-from dronecats.rundir.reading import Logs
-from dronecats.rundir.results import Diagnostics
-from dronecats.rundir.rows import Decision, FrameTruth, Pose
 from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M, ROTATE
+from foundation.run_folder.reading import Logs
+from foundation.run_folder.results import Diagnostics
+from foundation.run_folder.rows import Decision, FrameTruth, Pose
 
 GAP_S = 1.5 * POSE_PERIOD_S  # s between samples beyond which one of the trace is missing
 ASKED_DEG = 90.0  # either way: no further is a pilot asked to turn in one step

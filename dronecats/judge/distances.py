@@ -11,10 +11,10 @@ from msgspec import UNSET
 
 from dronecats.judge.diagnostics import GAP_S
 from dronecats.judge.measured import finished
-from dronecats.rundir.reading import Estimate, Logs
-from dronecats.rundir.results import DecidedNear, Distances, Nearness
-from dronecats.rundir.rows import Decision, EstimatedFrame, EstimatedPose
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.run_folder.reading import Estimate, Logs
+from foundation.run_folder.results import DecidedNear, Distances, Nearness
+from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose
 
 SURE = 2.0  # standard deviations
 

@@ -18,13 +18,13 @@ from dronecats.judge.measured import declarations, finished, last_action, reason
 from dronecats.judge.measures import NOTHING_KNOWN, measures
 from dronecats.judge.stored import Comparison, compare
 from dronecats.judge.verdict import Judgement, Measured, judge
-from dronecats.rundir import layout
-from dronecats.rundir.reading import Logs, check_version, episodes, exchanges, json_object, read
-from dronecats.rundir.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
-from dronecats.rundir.writing import as_json
 from foundation.errors import InfrastructureError, UsageError
 from foundation.json_file import write_json
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.run_folder import layout
+from foundation.run_folder.reading import Logs, check_version, episodes, exchanges, json_object, read
+from foundation.run_folder.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
+from foundation.run_folder.writing import as_json
 
 NOTHING = Logs((), {}, (), None, None)
 

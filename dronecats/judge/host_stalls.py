@@ -6,7 +6,7 @@ the host is logged in real time alone; in lockstep the clock waits, and no host 
 
 from collections.abc import Iterable
 
-from dronecats.rundir.rows import Decision
+from foundation.run_folder.rows import Decision
 
 # s of wall time × speed, above which a step is called delayed: a tenth of the 2.5 s for which a move is held, and five
 # ticks of the 20 Hz on which setpoints are sent. A target at walking pace gets 0.35 m away meanwhile

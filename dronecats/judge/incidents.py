@@ -1,8 +1,8 @@
 """What happened to the vehicles beside their task: contacts and estimator resets. None of it enters an outcome."""
 
-from dronecats.rundir.reading import Logs
-from dronecats.rundir.results import Contacts
-from dronecats.rundir.rows import Clear, Hit, Reset
+from foundation.run_folder.reading import Logs
+from foundation.run_folder.results import Contacts
+from foundation.run_folder.rows import Clear, Hit, Reset
 
 
 def hits_of(logs: Logs, cap_s: float) -> list[Hit] | None:

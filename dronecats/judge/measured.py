@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable
 
 from dronecats.judge.verdict import Measured
-from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import Decision, FrameTruth, Pose, drone_label
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.run_folder.reading import Logs
+from foundation.run_folder.rows import Decision, FrameTruth, Pose, drone_label
 
 SAME_S = 1e-3  # s: pictures are announced in whole milliseconds
 SAME_M = 1e-3  # m: places and distances are logged to a tenth of a millimetre each

@@ -8,11 +8,11 @@ from dronecats.agent.models.model import Reply, Request
 from dronecats.pilots import briefing, oracle, places
 from dronecats.pilots import reply as reply_text
 from dronecats.pilots.sight import Knowing, TrueSight
-from episodes.check.candidates import centre
-from episodes.fleet import DronePose
-from episodes.record import StartPose
-from episodes.scene import Instance
-from episodes.world import World
+from episodes.authoring.check.candidates import centre
+from episodes.maps.scene import Instance
+from episodes.records.record import StartPose
+from episodes.world.fleet import DronePose
+from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.errors import ModelError
 from foundation.frames import quat_yaw, wrap_pi

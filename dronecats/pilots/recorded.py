@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dronecats.pilots import reply
-from dronecats.rundir.layout import DECISIONS
-from dronecats.rundir.reading import rows
-from dronecats.rundir.rows import Whole
 from foundation.errors import UsageError
+from foundation.run_folder.layout import DECISIONS
+from foundation.run_folder.reading import rows
+from foundation.run_folder.rows import Whole
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""Pictures and pages made from the files of a run."""
+"""Reads runs back: tables, figures, pages, SQL, archives and other file formats."""

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.rundir.reading import Logs, episode_folder, read
-from dronecats.rundir.rows import Pose, drone_label
 from foundation.errors import UsageError
+from foundation.run_folder.reading import Logs, episode_folder, read
+from foundation.run_folder.rows import Pose, drone_label
 
 Array = NDArray[np.float64]
 GRID_S = 0.1  # s between two instants at which the paths are compared

@@ -6,16 +6,16 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.flight.file import as_kept
-from dronecats.flight.spec import FlightSpec
-from dronecats.rundir import layout
-from dronecats.rundir.folder import PER_EPISODE, PER_SITTING
-from dronecats.rundir.reading import json_object
-from dronecats.rundir.study import Level, Study, StudyFactor, StudyRun
+from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.flight.spec.spec_file import as_kept
 from dronecats.study import folder as folders
 from dronecats.study.factor import said
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.folder import PER_EPISODE, PER_SITTING
+from foundation.run_folder.reading import json_object
+from foundation.run_folder.study import Level, Study, StudyFactor, StudyRun
 
 GROWS = ("flights", "runs")  # in which a study may be gone on with
 WHO = ("pilot", "model", "outside", "commander", "scripted")  # in which the flights of two pilots differ, …

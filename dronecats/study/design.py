@@ -14,8 +14,8 @@ from string import ascii_uppercase
 
 import numpy as np
 
-from dronecats.rundir.study import Level
 from foundation.errors import UsageError
+from foundation.run_folder.study import Level
 
 KINDS = ("full", "fractional", "latin", "one-at-a-time")
 POINTS_MAX = 10_000

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from dronecats.flight.spec import FlightSpec
-from dronecats.rundir.study import Level
+from dronecats.flight.spec.flight_spec import FlightSpec
 from foundation.errors import UsageError
+from foundation.run_folder.study import Level
 
 SAID = ".12g"  # as numbers are written into names and policies
 

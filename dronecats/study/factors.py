@@ -13,13 +13,13 @@ from typing import Any
 from dronecats.agent.latency import CAP, FASTEST_HZ, parts_of
 from dronecats.agent.latency_draws import LONGEST_S
 from dronecats.agent.models.rows import model_of
-from dronecats.campaign.matrix import COMMANDS, commanded
-from dronecats.flight.latency_trace import carried, latency_fields
-from dronecats.flight.spec import FlightSpec
+from dronecats.bench.matrix import COMMANDS, commanded
+from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.flight.spec.latency_trace import carried, latency_fields
 from dronecats.pilots import roster
-from dronecats.rundir.study import Level
 from dronecats.study.factor import Factor, said
 from foundation.errors import UsageError
+from foundation.run_folder.study import Level
 
 Put = Callable[[FlightSpec, Level], FlightSpec]
 

@@ -4,17 +4,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from dronecats.rundir import layout
-from dronecats.rundir.damage import taken
-from dronecats.rundir.reading import json_object
-from dronecats.rundir.study import Level as Level
-from dronecats.rundir.study import Study as Study
-from dronecats.rundir.study import StudyFactor as StudyFactor
-from dronecats.rundir.study import StudyRun as StudyRun
-from dronecats.rundir.writing import as_json
 from dronecats.study.factors import factor_of
 from foundation.errors import UsageError
 from foundation.json_file import write_json
+from foundation.run_folder import layout
+from foundation.run_folder.damage import taken
+from foundation.run_folder.reading import json_object
+from foundation.run_folder.study import Level as Level
+from foundation.run_folder.study import Study as Study
+from foundation.run_folder.study import StudyFactor as StudyFactor
+from foundation.run_folder.study import StudyRun as StudyRun
+from foundation.run_folder.writing import as_json
 
 
 def read(folder: Path) -> Study:

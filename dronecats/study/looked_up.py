@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from dronecats.flight.flight import look_up
-from dronecats.flight.spec import FlightSpec
-from dronecats.run.agents import agent_maker
+from dronecats.flight.run.agents import agent_maker
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.study.factor import said
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError

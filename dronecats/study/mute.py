@@ -8,13 +8,13 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from dronecats.agent.latency import CAP, parts_of
-from dronecats.flight.file import as_json
-from dronecats.flight.spec import FlightSpec
-from dronecats.rundir.study import Level
+from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.flight.spec.spec_file import as_json
 from dronecats.study.design import DesignPoint
 from dronecats.study.factor import said
 from dronecats.study.factors import HANGING, JITTERED, RATE, at_levels
 from foundation.errors import UsageError
+from foundation.run_folder.study import Level
 
 BY_ITSELF = ("rate_cap",)  # silent at some levels of its own, with which the others are compared
 SERVED = ("fixed", RATE)  # policies of one reply time

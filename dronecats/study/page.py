@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dronecats.metrics import page
+from dronecats.judge.metrics import page
 from dronecats.study.factor import Factor
 from dronecats.study.factors import FACTORS
 

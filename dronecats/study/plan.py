@@ -3,15 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from dronecats.campaign.matrix import BenchEntry, ChosenSuite, slug
-from dronecats.flight.spec import FlightSpec
-from dronecats.rundir.study import Level, Study, StudyFactor, StudyRun
+from dronecats.bench.matrix import BenchEntry, ChosenSuite, slug
+from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.study import mute
 from dronecats.study.design import Design, DesignPoint
 from dronecats.study.factor import said
 from dronecats.study.factors import FACTORS, as_told, at_levels, check_together
-from episodes.record import CELLS
+from episodes.records.record import CELLS
 from foundation.errors import UsageError
+from foundation.run_folder.study import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
 NAME_MAX = 100  # letters of a folder that tells its levels; longer ones tell the number of the point

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from episodes.maps import blocks, campus, residential, residential_places, user
 from episodes.maps.places import Places
-from episodes.once import once
-from episodes.scene import Scene
+from episodes.maps.scene import Scene
 from foundation.errors import UsageError
+from foundation.once import once
 
 _MAPS: dict[str, Callable[[int], Scene]] = {
     "blocks": blocks.build,

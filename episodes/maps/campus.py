@@ -12,11 +12,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.assets import buildings, campus_monuments, fixtures, people, plants
 from episodes.maps import campus_ground, campus_plan
+from episodes.maps.assets import buildings, campus_monuments, fixtures, people, plants
 from episodes.maps.daylight import sun_at
 from episodes.maps.places import Landmark, Lane, Places, Spot
-from episodes.scene import Instance, Mesh, Scene
+from episodes.maps.scene import Instance, Mesh, Scene
 from foundation.terrain import HeightField
 
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle

@@ -10,11 +10,11 @@ from functools import cache
 
 import numpy as np
 
-from episodes import geometry as g
-from episodes.assets import campus_textures
-from episodes.assets.textures import surface
-from episodes.geometry import Array
-from episodes.scene import Material, Mesh
+from episodes.maps import geometry as g
+from episodes.maps.assets import campus_textures
+from episodes.maps.assets.textures import surface
+from episodes.maps.geometry import Array
+from episodes.maps.scene import Material, Mesh
 from foundation.terrain import HeightField
 
 REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps the height of its edge

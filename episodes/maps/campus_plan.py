@@ -3,7 +3,7 @@
 The order is part of the plan: the third bench of the table is 'bench-3' in every record. New things go to the end.
 """
 
-from episodes.assets.buildings import HallPlan
+from episodes.maps.assets.buildings import HallPlan
 
 Standing = tuple[str, float, float, float]  # kind, north, east, compass bearing it faces
 

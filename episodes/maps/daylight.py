@@ -2,7 +2,7 @@
 
 import math
 
-from episodes.scene import Sun
+from episodes.maps.scene import Sun
 
 
 def sun_at(latitude_deg: float, day: int, solar_hour: float) -> Sun:

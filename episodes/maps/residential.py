@@ -6,12 +6,12 @@ by `residential_places`.
 
 import numpy as np
 
-from episodes.assets import houses
 from episodes.maps import residential_plan as plan
+from episodes.maps.assets import houses
 from episodes.maps.residential_ground import ground, markings
 from episodes.maps.residential_places import places
 from episodes.maps.residential_things import things
-from episodes.scene import Instance, Mesh, Scene, Sun
+from episodes.maps.scene import Instance, Mesh, Scene, Sun
 
 __all__ = ["build", "places"]
 

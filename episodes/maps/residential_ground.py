@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes import geometry as g
-from episodes.assets.paint import TRIM, WHITE_WOOD
-from episodes.assets.textures import surface
-from episodes.geometry import Array
+from episodes.maps import geometry as g
+from episodes.maps.assets.paint import TRIM, WHITE_WOOD
+from episodes.maps.assets.textures import surface
+from episodes.maps.geometry import Array
 from episodes.maps.residential_plan import (
     CORNER,
     DEPTH,
@@ -27,7 +27,7 @@ from episodes.maps.residential_plan import (
     away,
     height,
 )
-from episodes.scene import Material, Mesh
+from episodes.maps.scene import Material, Mesh
 from foundation.terrain import HeightField
 
 STEP_M = 5.0  # of the lattice where nothing else sets it

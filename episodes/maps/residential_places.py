@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from episodes.geometry import Array
 from episodes.maps import residential_plan as plan
+from episodes.maps.geometry import Array
 from episodes.maps.places import Lane, Places, Spot
 from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Street
 from episodes.maps.residential_things import KERB, Thing, bays, heading, things

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from episodes.assets import houses
-from episodes.geometry import Array
+from episodes.maps.assets import houses
+from episodes.maps.geometry import Array
 from foundation.terrain import HeightField
 
 REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; level beyond

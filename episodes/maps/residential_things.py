@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from episodes.assets import houses, plants, street, vehicles
+from episodes.maps.assets import houses, plants, street, vehicles
 from episodes.maps.residential_plan import (
     CORNER,
     DEPTH,
@@ -20,7 +20,7 @@ from episodes.maps.residential_plan import (
     Plot,
     Street,
 )
-from episodes.scene import Mesh
+from episodes.maps.scene import Mesh
 from foundation.terrain import HeightField
 
 KERB = 2.8  # m from the centre line to the middle of what is parked along the kerb

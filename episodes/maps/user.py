@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from episodes.scene import Scene
+from episodes.maps.scene import Scene
 from foundation.errors import UsageError
 from foundation.whole_file import whole_file
 
@@ -38,7 +38,7 @@ def names() -> list[str]:
 
 def build(name: str) -> Scene:
     """Return a user's map. Raises UsageError when there is none of that name or its file is wrong."""
-    from episodes import gltf  # with its rays and pictures, which whoever only asks for names can do without
+    from episodes.maps import gltf  # with its rays and pictures, which whoever only asks for names can do without
 
     return gltf.load(path_of(name))
 
@@ -61,7 +61,7 @@ def add(
     once, here. Raises UsageError for a name that is none or one of `taken`, for one that the user has already unless
     `replace`, and for a file that cannot be a map.
     """
-    from episodes import gltf
+    from episodes.maps import gltf
 
     if not _NAME.fullmatch(name):
         raise UsageError(f"{name[:80]!r} cannot name a map: use up to 40 small letters, digits and hyphens.")

@@ -1,6 +1,6 @@
 """What is learnt from: a LeRobot dataset that `dronecats export --to lerobot` has written, as arrays.
 
-Read by pyarrow, which is enough for it; LeRobot's own class finds the same (tests/export/test_lerobot.py).
+Read by pyarrow, which is enough for it; LeRobot's own class finds the same (tests/report/export/test_lerobot.py).
 """
 
 import zlib

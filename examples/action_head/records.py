@@ -10,10 +10,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dronecats.cli.exit_status import exit_status
-from episodes import catalogue
-from episodes.processes import share_out
-from episodes.propose.proposals import RecordRequest, propose
-from episodes.record import EpisodeRecord
+from episodes.authoring.processes import share_out
+from episodes.authoring.propose.proposals import RecordRequest, propose
+from episodes.records import catalogue
+from episodes.records.record import EpisodeRecord
 from examples.action_head import script
 from foundation.errors import UsageError
 

@@ -21,8 +21,8 @@ from dronecats.agent.latency import Latency, latency
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import briefing
-from dronecats.rundir.reading import exchanges
 from foundation.errors import ModelError
+from foundation.run_folder.reading import exchanges
 from foundation.setpoints import Hold
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.json_lines import rows

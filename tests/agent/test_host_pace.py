@@ -17,8 +17,8 @@ from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.host_stalls import STALL_S, delayed, host_stalls
-from dronecats.rundir.reading import rows
-from dronecats.rundir.rows import Decision
+from foundation.run_folder.reading import rows
+from foundation.run_folder.rows import Decision
 from tests.agent.flown_wire import CAMERA, Clock, Views
 
 

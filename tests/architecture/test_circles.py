@@ -50,9 +50,9 @@ def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_r
 def test_children_that_are_named_can_be_imported():
     known = modules()
     named = {name for needed in edges().values() for name in needed if name.endswith(("_process", ".worker"))}
-    assert {"dronecats.sitl.simulator_process", "dronecats.campaign.worker"} <= named
+    assert {"dronecats.flight.sitl.simulator_process", "dronecats.bench.worker"} <= named
     assert all(find_spec(name) for name in named)
-    assert Path(known["dronecats.campaign.worker"]).is_file()
+    assert Path(known["dronecats.bench.worker"]).is_file()
 
 
 def test_a_model_is_opened_in_one_place():

@@ -23,8 +23,8 @@ class Refuse(importlib.abc.MetaPathFinder):
             raise ImportError(name)
 sys.meta_path.insert(0, Refuse())
 import dronecats.agent.loop, dronecats.agent.models.open, hil.link.link, hil.link.transport, hil.cameras.open
-import dronecats.judge.episode, dronecats.logger.estimate_process, dronecats.logger.recorder
-import dronecats.run.connected, dronecats.pilots.pilot_process, dronecats.pilots.vision
+import dronecats.judge.episode, dronecats.flight.logger.estimate_process, dronecats.flight.logger.recorder
+import dronecats.flight.run.connected, dronecats.pilots.pilot_process, dronecats.pilots.vision
 import dronecats.cli.fly, dronecats.cli.judge, dronecats.cli.doctor
 """
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)

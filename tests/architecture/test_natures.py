@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from episodes.render.renderer import Renderer
+from episodes.camera.renderer.renderer import Renderer
 from tests.natures import PATHS, NatureError
 
 

@@ -6,8 +6,8 @@ from typing import Any
 from numba import njit
 
 from autopilot.autopilot import Autopilot
-from autopilot.flight_core import FlightCore
-from autopilot.flight_core import update as core_update
+from autopilot.control.flight_core import FlightCore
+from autopilot.control.flight_core import update as core_update
 from tests.autopilot.commander_bench import ORIGIN, Client, Timed
 from vehicles.airframe import load
 from vehicles.multirotor import Multirotor

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from autopilot.flight_core import FlightCore, update
+from autopilot.control.flight_core import FlightCore, update
 from autopilot.records import KIND_TRAJECTORY
 from foundation.frames import quat_to_euler
 from vehicles.airframe import load

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from autopilot.accuracy import IN_USE, required
-from dronecats.sitl.simulation import BootPose, SimulatedVehicle
+from autopilot.commander.accuracy import IN_USE, required
+from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
 from vehicles import airframe

@@ -9,10 +9,11 @@ from filterpy.stats import NEES
 from numba import njit
 from scipy.stats import chi2
 
-from autopilot import estimator, estimator_covariance
-from autopilot.estimator_fusion import pressure_altitude
-from autopilot.estimator_records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
-from autopilot.kernels import quat_advance, rotate, rotate_inverse
+from autopilot.compiled_frames import quat_advance, rotate, rotate_inverse
+from autopilot.estimator import covariance as estimator_covariance
+from autopilot.estimator import ekf as estimator
+from autopilot.estimator.fusion import pressure_altitude
+from autopilot.estimator.records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
 from autopilot.records import ESTIMATE, HEADING_TEST, HEIGHT_TEST
 from foundation import frames
 from foundation.frames import GRAVITY

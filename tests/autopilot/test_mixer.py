@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot.mixer import allocation, mix
+from autopilot.control.mixer import allocation, mix
 from foundation.airframe import Rotor
 from foundation.errors import UsageError
 from foundation.sensors import MAX_ROTORS

@@ -8,11 +8,11 @@ import pytest
 
 from benchmarks import render_peers as peers
 from benchmarks.render_export import export
-from episodes.render import Renderer
-from episodes.scene import Material
+from episodes.camera.renderer import Renderer
+from episodes.maps.scene import Material
 from foundation.camera import CameraModel
 from tests.benchmarks.peer_environments import make_environments
-from tests.episodes.render.scenes import box_mesh, instance, looking, scene_of
+from tests.episodes.camera.renderer.scenes import box_mesh, instance, looking, scene_of
 
 CAMERA = CameraModel(1280, 720)
 RED = Material("red", (0.5, 0.0, 0.0), np.full((4, 4, 3), 188, np.uint8))

@@ -11,7 +11,7 @@ from benchmarks.sightings import __main__ as command
 from benchmarks.sightings import examples, fit, neighbourhoods, outlines
 from dronecats.pilots import likeness
 from dronecats.pilots.ranging import BoundingBox, Range
-from episodes import catalogue
+from episodes.records import catalogue
 
 PATCH = likeness.SIDE * likeness.SIDE * likeness.CHANNELS
 

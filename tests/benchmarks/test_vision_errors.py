@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.vision_errors import fit
 from benchmarks.vision_errors.fit import Look, OneDroneFlight
-from dronecats.metrics.flown_episode import flown_episode
+from dronecats.judge.metrics.flown_episode import flown_episode
 from foundation.camera import CameraModel
 from tests.judge.episode_logs import BEGIN, END, decision, write
 

@@ -15,9 +15,9 @@ import pytest
 
 from dronecats.cli import bench_spec
 from dronecats.cli.main import main, parse
-from dronecats.flight.file import as_kept
+from dronecats.flight.spec.spec_file import as_kept
 from dronecats.pilots.server import PilotServer
-from dronecats.rundir.reading import json_object
+from foundation.run_folder.reading import json_object
 from tests.support.children import children
 
 EASY = "residential-approaching-01"
@@ -232,7 +232,7 @@ def test_whatever_is_killed_whenever_the_same_command_ends_with_the_same_bytes(t
         process, flying = bench(out, *words), []
         if in_the_air(out, process):
             time.sleep(draw.uniform(0.0, 3.0))  # any moment will do
-            flying = children("dronecats.campaign.worker", process.pid)
+            flying = children("dronecats.bench.worker", process.pid)
             victim = psutil.Process(process.pid) if what == "parent" or not flying else draw.choice(flying)
             with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended by itself at that moment
                 victim.kill()

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from dronecats.cli.main import VERBS, main
-from episodes import catalogue
+from episodes.records import catalogue
 from tests.support.command_line import DRONECATS
 
 CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to the van"]

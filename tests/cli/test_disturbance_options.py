@@ -11,12 +11,12 @@ from dronecats.cli import bench_spec
 from dronecats.cli.disturbance_options import OPTIONS
 from dronecats.cli.fly_spec import said_of_replay, spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.disturbances import UNDISTURBED, Disturbances, FrameFaults
-from dronecats.flight.disturbed import disturbed
-from dronecats.flight.file import as_json, from_json
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances, FrameFaults
+from dronecats.flight.spec.disturbed import disturbed
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
-from tests.flight.test_recording import EASY, FLOWN, folder
+from tests.flight.spec.test_recording import EASY, FLOWN, folder
 
 WORDS = ["--frame-delay", "0.5", "--frame-drop", "0.1", "--frame-stale", "0.2", "--frame-rate", "4"]
 FRAME = FrameFaults(delay_s=0.5, dropped=0.1, stale=0.2, rate_hz=4.0)
@@ -78,7 +78,7 @@ def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherw
 
 
 def test_a_connected_vehicle_has_disturbances_of_its_own():
-    from dronecats.flight.spec import Connected
+    from dronecats.flight.spec.flight_spec import Connected
 
     with pytest.raises(ValueError, match=r"disturbances .*simulated"):
         FlightSpec(

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dronecats.cli.main import main
-from episodes import catalogue, par, suites
 from episodes.maps import build
+from episodes.records import catalogue, par, suites
 from foundation.errors import UsageError
 from tests import pictures
 

@@ -8,7 +8,7 @@ import pytest
 from dronecats.agent.models.rows import OWN_FILE, rows
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.file import as_kept
+from dronecats.flight.spec.spec_file import as_kept
 from tests.agent.flown_wire import Endpoint
 from tests.agent.flown_wire import fly as first_step
 from tests.agent.models.pointing import FORMATS, Pointer, mark, wrapped

@@ -5,9 +5,9 @@ import pytest
 from dronecats.agent import prompt as prompts
 from dronecats.agent.prompt import Prompt
 from dronecats.cli.main import main, parse
-from dronecats.flight.flight import look_up
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.run.settings import settings
+from dronecats.flight.run.settings import settings
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 
 TEMPLATE = "Fly.\nCommand: {instruction}\n{history}\n"
 SOURCE = f"\\begin{{document}}\n\\begin{{lstlisting}}[style=x]\n{TEMPLATE}\\end{{lstlisting}}\n\\end{{document}}\n"

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from dronecats.cli.main import main
-from tests.results.synthetic_runs import write_run
+from tests.report.results.synthetic_runs import write_run
 
 SQL = "SELECT episode, success, ne_m, [1, 2] AS list, 'nan'::DOUBLE AS nan, NULL AS none FROM episodes ORDER BY ALL"
 

@@ -8,8 +8,8 @@ import shutil
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.review.figures import all as figures
-from tests.results.synthetic_runs import write_run
+from dronecats.report.figures import all as figures
+from tests.report.results.synthetic_runs import write_run
 from tests.support.command_line import last_object
 
 DRAW = figures.draw
@@ -55,7 +55,7 @@ def test_json_is_the_tables(place, capsys):
 
 
 def test_the_page_is_written_beside(place, capsys, monkeypatch):
-    monkeypatch.setattr("dronecats.review.page.ground.SIDE_PX", 100)
+    monkeypatch.setattr("dronecats.report.page.ground.SIDE_PX", 100)
     assert main(["report", "runs/oracle", "--out", "report"]) == 0
     assert re.search(r"report/report\.md\b.* report/index\.html\n$", capsys.readouterr().out)
     assert (place / "report" / "index.html").exists()
@@ -107,7 +107,7 @@ def test_an_episode_of_another_record_is_refused_though_its_id_is_the_same(place
 
 
 OWN = """
-from dronecats.metrics.metric import Metric
+from dronecats.judge.metrics.metric import Metric
 
 METRICS = (
     Metric(name="half", title="Half", unit="share", level="episode", better=None, definition="one half", paper="",

@@ -8,11 +8,11 @@ import pytest
 
 from dronecats.cli import page_options
 from dronecats.cli.main import main
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl import compile_ahead, simulator_process
-from dronecats.sitl.scenario import build, load_world
-from episodes import catalogue
-from episodes.obstacles import obstacles
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl import compile_ahead, simulator_process
+from dronecats.flight.sitl.scenario import build, load_world
+from episodes.records import catalogue
+from episodes.world.obstacles import obstacles
 
 OPEN_M = 30.0
 

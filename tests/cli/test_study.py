@@ -17,11 +17,11 @@ import pytest
 from dronecats.cli import sitting, study_spec
 from dronecats.cli.main import main, parse
 from dronecats.cli.study_options import levels
-from dronecats.results.flown_run import flown_runs
-from dronecats.rundir.reading import json_object
+from dronecats.report.results.flown_run import flown_runs
 from dronecats.study import folder
 from foundation.errors import UsageError
-from tests.rundir.published import validator
+from foundation.run_folder.reading import json_object
+from tests.foundation.run_folder.published import validator
 
 TWO = "residential-approaching-01,campus-tracking-01"
 HIERARCHICAL = "command=hierarchical"

@@ -5,7 +5,7 @@ import re
 from dronecats.cli import study_rate
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.spec import Authority
+from dronecats.flight.spec.flight_spec import Authority
 
 RIG = ["study", "rate", "--connect", "udpin://127.0.0.1:14599", "--camera", "http://127.0.0.1:9/picture.jpg"]
 MODEL = ["--model", "local/m", "--base-url", "http://127.0.0.1:9/v1"]

@@ -6,8 +6,8 @@ import re
 import pytest
 
 from dronecats.cli.main import main
-from episodes import suites
-from tests.results.synthetic_runs import write_run
+from episodes.records import suites
+from tests.report.results.synthetic_runs import write_run
 
 TWO = tuple(suites.ids("quick"))[:2]
 
@@ -41,7 +41,7 @@ def test_an_entry_goes_from_runs_to_the_page(place, capsys, monkeypatch):
 def test_what_differs_is_status_4(place, capsys):
     assert main(["submit", "run", "--out", "a.tar.xz", "--partial"]) == 0
     data = bytearray((place / "a.tar.xz").read_bytes())
-    from tests.results.archives import changed, in_manifest
+    from tests.report.results.archives import changed, in_manifest
 
     forged = changed(place / "a.tar.xz", place / "b.tar.xz", lambda files: in_manifest(files, pilot="gemini/x"))
     capsys.readouterr()

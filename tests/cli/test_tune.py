@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autopilot import loop_pictures
-from autopilot.design import PHASE_MARGIN_MIN, design
-from autopilot.loop_pictures import step_response
+from autopilot.design import loop_pictures
+from autopilot.design.loop_pictures import step_response
+from autopilot.design.loop_shaping import PHASE_MARGIN_MIN, design
 from dronecats.cli.main import main
 from vehicles.airframe import load
 

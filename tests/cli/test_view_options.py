@@ -44,6 +44,9 @@ def test_what_does_not_go_together_is_refused(capsys, monkeypatch, tmp_path):
 
 def test_the_command_that_flies_does_not_load_what_draws():
     """Opening a page costs the flight's process neither viser nor the world."""
-    code = "import dronecats.watch.opening, sys; print([m for m in ('viser', 'numpy', 'embreex') if m in sys.modules])"
+    code = (
+        "import dronecats.view.live.opening, sys\n"
+        "print([name for name in ('viser', 'numpy', 'embreex') if name in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -9,8 +9,8 @@ import pytest
 
 from dronecats.cli.disturbance_options import add_disturbance_options, disturbances_of
 from dronecats.cli.link_option import link_faults
-from dronecats.flight.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
-from dronecats.flight.disturbed import disturbed
+from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
+from dronecats.flight.spec.disturbed import disturbed
 from foundation.errors import UsageError
 from hil.impairment.channel import Impairment
 

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor
 
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.playback.page import RUN_COLORS, ReplayPage, shade
-from dronecats.playback.recorded import PlayableFlight, playable_flight
-from dronecats.playback.views import AgainView
-from dronecats.report.flight_picture import FLIGHT_COLORS
-from dronecats.rundir import layout
-from dronecats.scenery.page import LoopbackServer
-from dronecats.watch.moment import Moment
-from dronecats.watch.page import LiveFlight
-from dronecats.watch.scene import CHOSEN
+from dronecats.flight.picture.flight_picture import FLIGHT_COLORS
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.view.live.moment import Moment
+from dronecats.view.live.page import LiveFlight
+from dronecats.view.live.scene import CHOSEN
+from dronecats.view.replay.page import RUN_COLORS, ReplayPage, shade
+from dronecats.view.replay.recorded import PlayableFlight, playable_flight
+from dronecats.view.replay.views import AgainView
+from dronecats.view.scene.page import LoopbackServer
+from foundation.run_folder import layout
 from tests.docs.pages import ROOT
 from tests.support.browser import SOFTWARE, chromium
 from tests.support.ports import free_port
@@ -70,7 +70,7 @@ class Standing:
 
 def flown(folder: Path, episode: str, pilot: str) -> Path:
     """Fly an episode in lockstep with pictures and return its folder."""
-    from dronecats.run.fly import fly
+    from dronecats.flight.run.fly import fly
 
     fly(FlightSpec(pilot=pilot, episode=episode, simulated=Simulated(speed=None)), folder / pilot, print)
     return folder / pilot / episode

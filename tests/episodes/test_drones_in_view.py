@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from episodes import assets, catalogue
-from episodes.assets.multirotor import X500, multirotor, outline
-from episodes.fleet import DronePose, Fleet, hovering
-from episodes.render import Renderer, camera_pose
-from episodes.world import World
+from episodes.camera.renderer import Renderer, camera_pose
+from episodes.maps import assets
+from episodes.maps.assets.multirotor import X500, multirotor, outline
+from episodes.records import catalogue
+from episodes.world.fleet import DronePose, Fleet, hovering
+from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_from_euler
 from foundation.obstacles import OPEN

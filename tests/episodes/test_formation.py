@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from episodes import catalogue, formation
-from episodes.check.rules import check
-from episodes.formation import flown_by
-from episodes.record import parse
-from episodes.world import World
+from episodes.authoring.check.rules import check
+from episodes.records import catalogue, formation
+from episodes.records.formation import flown_by
+from episodes.records.record import parse
+from episodes.world.world import World
 from foundation.errors import UsageError
 
 BLOCKS = "blocks-commanding-01"

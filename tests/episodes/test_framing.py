@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from episodes import catalogue
-from episodes.framing import NEAR_M, in_camera, picture_box
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.world import World
+from episodes.camera.framing import NEAR_M, in_camera, picture_box
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.records import catalogue
+from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import quat_from_euler
 

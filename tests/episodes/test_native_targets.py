@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from episodes import catalogue, maps
-from episodes.obstacles import obstacles
-from episodes.record import EpisodeRecord, TargetRecord, parse
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.scene import Instance
-from episodes.visibility import Solids, TargetView, Together, Without
-from episodes.world import World
+from episodes import maps
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps.scene import Instance
+from episodes.records import catalogue
+from episodes.records.record import EpisodeRecord, TargetRecord, parse
+from episodes.world.obstacles import obstacles
+from episodes.world.visibility import Solids, TargetView, Together, Without
+from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler

@@ -10,7 +10,7 @@ from typing import Any
 import psutil
 import pytest
 
-from episodes.processes import share_out
+from episodes.authoring.processes import share_out
 from foundation.errors import InfrastructureError
 
 
@@ -22,7 +22,10 @@ def ignores_interrupts(process: psutil.Process) -> bool:
 
 def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process]]:
     """Return a process, in a session of its own, that has work done by two others, and these two."""
-    code = f"import time; from episodes.processes import share_out; list(share_out(time.sleep, [{seconds}] * 4, 2))"
+    code = (
+        "import time; from episodes.authoring.processes import share_out; "
+        f"list(share_out(time.sleep, [{seconds}] * 4, 2))"
+    )
     parent = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, start_new_session=True)
     itself = psutil.Process(parent.pid)
     workers: list[psutil.Process] = []
@@ -66,7 +69,7 @@ def test_an_interrupt_is_the_parents_alone_and_is_not_kept_waiting() -> None:
 def test_an_interrupt_while_work_is_handed_out_is_not_lost() -> None:
     code = """if True:
         import os, signal, time
-        from episodes.processes import share_out
+        from episodes.authoring.processes import share_out
 
         class Items(list):
             def __iter__(self):

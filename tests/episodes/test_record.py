@@ -12,9 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from episodes import assets, catalogue, maps
-from episodes import record as records
-from episodes.record import EpisodeRecord, Path3D, StartPose, TargetRecord, parse
+from episodes import maps
+from episodes.maps import assets
+from episodes.records import catalogue
+from episodes.records import record as records
+from episodes.records.record import EpisodeRecord, Path3D, StartPose, TargetRecord, parse
 from foundation.errors import UsageError
 
 SCHEMA = json.loads((Path(records.__file__).parent / "record.schema.json").read_text())

@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from episodes import catalogue
-from episodes.obstacles import obstacles, sorted_into_cells, with_more
-from episodes.render import layout, renderer
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.world import World
+from episodes.camera.renderer import layout, renderer
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.records import catalogue
+from episodes.world.obstacles import obstacles, sorted_into_cells, with_more
+from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
 from foundation.obstacles import MovingBox
@@ -169,7 +169,7 @@ def test_what_reaches_beyond_the_map_makes_its_own_grid():
 
 def test_one_flight_keeps_nothing(monkeypatch):
     """What is kept for the next costs memory, and a process that flies once has no next."""
-    monkeypatch.setattr("episodes.once._expects_more", threading.Event())
+    monkeypatch.setattr("foundation.once._expects_more", threading.Event())
     kept, of_map = [], renderer._shadows_of_map
 
     def keeping(*arguments):

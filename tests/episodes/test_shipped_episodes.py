@@ -8,16 +8,17 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from episodes import assets, catalogue, suites
-from episodes.assets.paint import NEUTRAL
-from episodes.check.many import check_all
-from episodes.check.pixels import patch
-from episodes.check.referring import WORDS
-from episodes.check.rules import check
-from episodes.record import MOVING
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.world import World
+from episodes.authoring.check.many import check_all
+from episodes.authoring.check.pixels import patch
+from episodes.authoring.check.referring import WORDS
+from episodes.authoring.check.rules import check
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps import assets
+from episodes.maps.assets.paint import NEUTRAL
+from episodes.records import catalogue, suites
+from episodes.records.record import MOVING
+from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler
 

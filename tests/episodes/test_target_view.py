@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from episodes import catalogue
-from episodes.visibility import TargetView
-from episodes.world import World
+from episodes.records import catalogue
+from episodes.world.visibility import TargetView
+from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from episodes import catalogue
-from episodes.check import pixels
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.target import motion
-from episodes.visibility import turn
-from episodes.world import World
+from episodes.authoring.check import pixels
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.records import catalogue
+from episodes.world.target import motion
+from episodes.world.visibility import turn
+from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler, quat_to_euler
 from foundation.protocol import CAP_S

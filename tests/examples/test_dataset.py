@@ -9,9 +9,9 @@ import pytest
 
 from dronecats.agent.action import Finished, Go, Rotate, Think, action_from
 from dronecats.cli.main import main
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots.briefing import PastAction
-from dronecats.run.fly import fly
 from examples.action_head import dataset, features
 from examples.action_head.dataset import action_of
 from examples.action_head.features import KINDS

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from episodes import catalogue
-from episodes.propose.proposals import propose
+from episodes.authoring.propose.proposals import propose
+from episodes.records import catalogue
 from examples.action_head import records
 from foundation.errors import UsageError
 

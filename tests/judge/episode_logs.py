@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge import episode
-from dronecats.rundir.damage import taken
-from dronecats.rundir.reading import Logs
-from dronecats.rundir.rows import TRUTH_ROWS, Decision, FlownRecord
+from foundation.run_folder.damage import taken
+from foundation.run_folder.reading import Logs
+from foundation.run_folder.rows import TRUTH_ROWS, Decision, FlownRecord
 
 BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
 END = {"kind": "end", "t": 300.0, "reason": "cap", "error": None}

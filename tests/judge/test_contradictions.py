@@ -5,7 +5,7 @@ import json
 import pytest
 
 from dronecats.judge.contradictions import of_folder, of_logs, of_replies
-from dronecats.metrics.judging import reread
+from dronecats.judge.metrics.judging import reread
 from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, judge_folder, logs, outcome, pose, write
 
 GO = [decision(0, 0, 5.0, "go")]

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.contradictions import of_logs
-from dronecats.rundir.reading import read
 from foundation.errors import UsageError
+from foundation.run_folder.reading import read
 from tests.judge.episode_logs import BEGIN, END, decision, frame, judge_run, outcome, pose, write, write_verdict
 
 DECISIONS = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0), decision(2, 2, 12.0, None)]

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.diagnostics import of_drones, of_fleet
-from dronecats.rundir.rows import FrameTruth
+from foundation.run_folder.rows import FrameTruth
 from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, outcome, pose
 
 TICK_S = 1 / 16

@@ -9,8 +9,8 @@ import pytest
 
 from dronecats.judge import episode
 from dronecats.judge.distances import sentence
-from dronecats.rundir.results import Distances
 from foundation.errors import UsageError
+from foundation.run_folder.results import Distances
 from tests.judge.episode_logs import judge_folder, judge_run, write_verdict
 
 TARGET = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 480.0, "std_m": 0.02}

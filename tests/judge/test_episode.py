@@ -6,8 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge import episode
-from dronecats.rundir.reading import read
 from foundation.errors import UsageError
+from foundation.run_folder.reading import read
 from tests.judge.episode_logs import (
     BEGIN,
     DECIDED,

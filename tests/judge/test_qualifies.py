@@ -2,11 +2,11 @@
 
 import pytest
 
-from dronecats.film import captions
+from dronecats.flight.picture import flight_picture
 from dronecats.judge.measured import qualifies
-from dronecats.playback import recorded
-from dronecats.report import flight_picture
-from dronecats.review.page import flights
+from dronecats.report.page import flights
+from dronecats.view.film import captions
+from dronecats.view.replay import recorded
 from tests.judge.episode_logs import BEGIN, decision, frame, logs
 
 NEAR = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, -2.0]}

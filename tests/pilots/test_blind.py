@@ -13,8 +13,8 @@ from dronecats.agent.controller import plan
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.strict import parse, parse_fleet
-from dronecats.flight.flight import look_up
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import patterns, roster
 from foundation.camera import CameraModel
 from foundation.errors import UsageError

@@ -8,8 +8,8 @@ from dronecats.agent.command_prompt import STALL_STEPS, CommandPrompt
 from dronecats.agent.drone import Drone
 from dronecats.agent.roster import Post, roster
 from dronecats.pilots import commander, places
-from dronecats.rundir.rows import Cause
 from foundation.camera import CameraModel
+from foundation.run_folder.rows import Cause
 from tests.agent.flown_wire import Clock
 
 COMMAND = "Find the red car with the plate 4017: hurry"

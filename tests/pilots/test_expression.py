@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from dronecats.pilots import expression, relation, shapes
 from dronecats.pilots.expression import ToldBy, ToldByPlace
-from episodes import catalogue
-from episodes.check import referring
+from episodes.authoring.check import referring
+from episodes.authoring.propose import phrases
 from episodes.maps import campus
-from episodes.propose import phrases
+from episodes.records import catalogue
 
 CAMPUS = [i for i in catalogue.known() if "campus" in i]
 HALLS = ("Euler Hall", "Tesla Labs", "the library with the columns", "Gauss Building")

@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 
 from dronecats.agent.reply.reading import reading
-from dronecats.flight.spec import Connected, FlightSpec, Simulated
+from dronecats.flight.spec.flight_spec import Connected, FlightSpec, Simulated
 from dronecats.judge.episode import outcome
-from dronecats.metrics.failure_mode import failure_mode
-from dronecats.metrics.flown_episode import FlownEpisode
+from dronecats.judge.metrics.failure_mode import failure_mode
+from dronecats.judge.metrics.flown_episode import FlownEpisode
 from dronecats.pilots import failing, roster
-from dronecats.rundir.reading import Logs, read
-from dronecats.rundir.results import Verdict
-from dronecats.rundir.rows import FrameTruth
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, RADIUS_M, ROTATE, THINK
+from foundation.run_folder.reading import Logs, read
+from foundation.run_folder.results import Verdict
+from foundation.run_folder.rows import FrameTruth
 
 ALONE, FLEET = "residential-approaching-03", "residential-commanding-02"
 SECONDS = {  # enough for each to show what it does
@@ -183,7 +183,7 @@ def test_each_says_what_it_is_and_wants_the_truth(name):
     assert not roster.looks(f"failing:{name}")
     assert roster.knows(f"failing:{name}")
     assert name in SECONDS
-    from dronecats.run.fly import fly
+    from dronecats.flight.run.fly import fly
 
     spec = FlightSpec(
         connected=Connected(url="udpin://127.0.0.1:1", camera="x"), instruction="go", pilot=f"failing:{name}"

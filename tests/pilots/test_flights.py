@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from dronecats.pilots import blind, oracle, vision
-from episodes import catalogue, suites
-from episodes import world as worlds
+from episodes.records import catalogue, suites
+from episodes.world import world as worlds
 from foundation.camera import CameraModel
 
 SINGLE = [i for i in suites.QUICK if i in catalogue.ids() and "commanding" not in i]  # `episodes audit` flies them all

@@ -1,7 +1,7 @@
 """What a command says is written, and when what was read is that."""
 
 from dronecats.pilots.inscription import SURE, Inscription, ReadText, agrees, named, place
-from episodes import catalogue
+from episodes.records import catalogue
 
 
 def test_every_commanding_instruction_names_its_inscription():

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import noisy, oracle, roster, vision_errors
 from dronecats.pilots.noisy import NoisyPilot
 from dronecats.pilots.sight import TrueSight
 from dronecats.pilots.vision_errors import Attention, EyeErrors, VisionErrors
-from dronecats.results import leaderboard
-from dronecats.review.lineup import what_it_is
+from dronecats.report.blocks import what_it_is
+from dronecats.report.results import leaderboard
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
@@ -182,7 +182,7 @@ def test_it_is_a_built_in_pilot_and_says_so():
 
 
 def test_a_flight_of_it_repeats_and_another_seed_is_another(tmp_path):
-    from dronecats.run.fly import fly
+    from dronecats.flight.run.fly import fly
 
     logs = []
     for k, seed in enumerate((0, 0, 1)):

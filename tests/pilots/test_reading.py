@@ -21,11 +21,12 @@ from dronecats.pilots import (
 )
 from dronecats.pilots.briefing import PastAction
 from dronecats.pilots.inscription import SURE, Inscription
-from episodes import assets, catalogue
-from episodes.pictures import probe
-from episodes.render.pose import camera_pose
-from episodes.render.renderer import Renderer
-from episodes.world import World
+from episodes.authoring.pictures import probe
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps import assets
+from episodes.records import catalogue
+from episodes.world.world import World
 from foundation import picture
 from foundation.camera import CameraModel
 from foundation.errors import UsageError

@@ -10,10 +10,10 @@ import pytest
 from benchmarks.shapes import __main__ as learnt
 from dronecats.pilots import expression, seeking, shapes, standing, vision
 from dronecats.pilots.briefing import PastAction
-from episodes import scene as scenes
-from episodes.assets import fixtures
+from episodes.camera.renderer import renderer as renderers
 from episodes.maps import campus
-from episodes.render import renderer as renderers
+from episodes.maps import scene as scenes
+from episodes.maps.assets import fixtures
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import quat_from_euler
 from foundation.picture import encode

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dronecats.pilots import lead, likeness, ranging, referent, refused, search, sighting, vision
 from dronecats.pilots.briefing import PastAction
-from episodes import assets
+from episodes.maps import assets
 from foundation.errors import UsageError
 from foundation.picture import encode
 

@@ -9,8 +9,8 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.report.path_comparison import compare, figures, logs_of
-from dronecats.rundir.reading import episode_folder
 from foundation.errors import UsageError
+from foundation.run_folder.reading import episode_folder
 
 
 def flight(

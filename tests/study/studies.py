@@ -8,21 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.campaign.matrix import ChosenSuite, suite_of
-from dronecats.flight.file import as_kept
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.bench.matrix import ChosenSuite, suite_of
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_kept
 from dronecats.judge.episode import write_verdict
-from dronecats.rundir import folder as folders
-from dronecats.rundir.study import Level
 from dronecats.study import design, folder
 from dronecats.study.plan import StudyPlan, plan
 from foundation.protocol import POSE_PERIOD_S
+from foundation.run_folder import folder as folders
+from foundation.run_folder.study import Level
 from tests.judge.episode_logs import BEGIN, END, frame, pose, write
 
 TRACKING = tuple(f"{place}-tracking-{k:02}" for place in ("campus", "residential") for k in range(1, 11))
 APPROACHING = tuple(f"{place}-approaching-{k:02}" for place in ("campus", "residential") for k in range(1, 11))
 TOLD: dict[str, Any] = {
-    "agent": "dronecats.run.pilot.papers_agent", "prompt_sha256": "c" * 64, "code_sha256": "a" * 64,
+    "agent": "dronecats.flight.run.pilot.papers_agent", "prompt_sha256": "c" * 64, "code_sha256": "a" * 64,
     "clock": "lockstep", "camera": {"width": 1280, "height": 720, "hfov_deg": 90.0},
     "protocol": {"RADIUS_M": 5.0, "CAP_S": 300.0}, "suite": {"name": "all", "version": 1, "sha256": "5" * 64},
 }  # fmt: skip

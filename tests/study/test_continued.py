@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.campaign.bench import Bench
-from dronecats.campaign.matrix import suite_of
-from dronecats.flight.disturbances import Disturbances, VehicleFaults
-from dronecats.flight.spec import Simulated
+from dronecats.bench.benchmark_folder import Bench
+from dronecats.bench.matrix import suite_of
+from dronecats.flight.spec.disturbances import Disturbances, VehicleFaults
+from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.study import continued, folder
 from foundation.errors import UsageError
 from tests.study.test_plan import BLIND, LATENCY, ORACLE, TWO, fly, planned

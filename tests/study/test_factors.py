@@ -8,12 +8,12 @@ from hypothesis import example, given, reject
 from hypothesis import strategies as st
 
 from dronecats.agent.latency import latency
-from dronecats.flight.file import as_json, from_json
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.rundir.study import Level
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_json, from_json
 from dronecats.study.factor import said
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of
 from foundation.errors import UsageError
+from foundation.run_folder.study import Level
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency="rate:2")
 NUMBERS = [factor for factor in FACTORS.values() if factor.numeric]

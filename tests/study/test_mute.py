@@ -2,8 +2,8 @@
 
 import pytest
 
-from dronecats.campaign.matrix import suite_of
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.bench.matrix import suite_of
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.study import design, mute
 from dronecats.study.design import Axis
 from dronecats.study.factors import FACTORS

@@ -7,7 +7,7 @@ import pytest
 
 from dronecats.cli import study_spec
 from dronecats.cli.main import parse
-from dronecats.metrics.page import filled
+from dronecats.judge.metrics.page import filled
 from dronecats.study.factors import FACTORS
 from dronecats.study.page import tables
 

@@ -6,17 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.campaign.batch import Batch
-from dronecats.campaign.bench import Bench
-from dronecats.campaign.campaign import Campaign
-from dronecats.campaign.matrix import suite_of
+from dronecats.bench.batch import Batch
+from dronecats.bench.benchmark_folder import Bench
+from dronecats.bench.campaign import Campaign
+from dronecats.bench.matrix import suite_of
 from dronecats.cli.main import main
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.study import continued, design, folder
 from dronecats.study.design import Axis, Design
 from dronecats.study.plan import plan
 from foundation.errors import UsageError
-from tests.campaign.scripted_engine import MOVED, STUCK, ScriptedEngine
+from tests.bench.scripted_engine import MOVED, STUCK, ScriptedEngine
 
 TWO = ["residential-approaching-01", "campus-tracking-01"]
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False), seed=5)
@@ -126,7 +126,7 @@ def test_a_resume_that_is_killed_while_it_opens_is_gone_on_with(tmp_path, monkey
         return Batch(run, configuration)
 
     fly(tmp_path / "s", planned(flights=1))
-    monkeypatch.setattr("dronecats.campaign.bench.Batch", killed)
+    monkeypatch.setattr("dronecats.bench.benchmark_folder.Batch", killed)
     with pytest.raises(KilledError):
         fly(tmp_path / "s", planned(flights=2))
     with pytest.raises(KilledError):

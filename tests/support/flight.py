@@ -6,7 +6,7 @@ from typing import Any
 
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main, parse
-from dronecats.run.fly import fly
+from dronecats.flight.run.fly import fly
 from tests.support.command_line import last_object
 
 

@@ -39,8 +39,8 @@ def fly_once(tmp_path_factory: pytest.TempPathFactory) -> FlyOnce:
     shared.mkdir(exist_ok=True)
 
     def fly_once(*specs: Any) -> FlownOnce:
-        from dronecats.flight.file import as_json
-        from dronecats.run.fly import fly
+        from dronecats.flight.run.fly import fly
+        from dronecats.flight.spec.spec_file import as_json
 
         key = hashlib.sha256(json.dumps([as_json(spec) for spec in specs]).encode()).hexdigest()[:16]
         folder, results = shared / key / "run", shared / key / "results.json"
@@ -59,7 +59,7 @@ def fly_once(tmp_path_factory: pytest.TempPathFactory) -> FlyOnce:
 @pytest.fixture(scope="session")
 def rendered_run(fly_once: FlyOnce) -> FlownOnce:
     """The oracle's whole flights of ALONE and FLEET."""
-    from dronecats.flight.spec import FlightSpec, Simulated
+    from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 
     return fly_once(*[FlightSpec(pilot="oracle", episode=e, simulated=Simulated(speed=None)) for e in (ALONE, FLEET)])
 
@@ -67,7 +67,7 @@ def rendered_run(fly_once: FlyOnce) -> FlownOnce:
 @pytest.fixture(scope="session")
 def unrendered_runs(fly_once: FlyOnce) -> tuple[FlownOnce, FlownOnce]:
     """Two short flights of the oracle in MOVING, with grey pictures and the seeds 0 and 3."""
-    from dronecats.flight.spec import FlightSpec, Simulated
+    from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 
     grey = Simulated(speed=None, rendered=False)
     spec = FlightSpec(pilot="oracle", episode=MOVING, simulated=grey, seconds=MOVING_S, full=True)
@@ -86,7 +86,7 @@ def without_flight_picture(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @contextmanager
 def _without_picture() -> Iterator[None]:
-    from dronecats.run import simulated
+    from dronecats.flight.run import simulated
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "draw", lambda folder: None)

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from autopilot.logging import ulog
-from dronecats.film.track import DroneTrack, logged
-from dronecats.rundir import layout
-from dronecats.rundir.reading import read
-from dronecats.sitl.scenario import load_world, origin
+from dronecats.flight.sitl.scenario import load_world, origin
+from dronecats.view.film.track import DroneTrack, logged
 from foundation.frames import Vec3
+from foundation.run_folder import layout
+from foundation.run_folder.reading import read
 
 PLACE = (
     "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;float heading;float eph;float epv;float evh;"

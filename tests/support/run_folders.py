@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from dronecats.agent.prompt import Prompt
-from dronecats.rundir import layout
+from foundation.run_folder import layout
 
 TARGET = (20.0, 3.0, -1.0)  # m NED
 PERIOD_S = 2.6

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge.episode import NOTHING, outcome
-from dronecats.metrics.value import MetricValue
-from dronecats.results.collection import Collection, ScoredEpisode
-from dronecats.results.flown_run import FlownRun
+from dronecats.judge.metrics.value import MetricValue
+from dronecats.report.results.collection import Collection, ScoredEpisode
+from dronecats.report.results.flown_run import FlownRun
 
 NO_VERDICT = outcome(NOTHING)
 MODEL = {"provider": "vllm", "name": "Qwen/Qwen3.5-9B", "temperature": 0.4, "max_tokens": 8192}
 TOLD: dict[str, Any] = {
-    "agent": "dronecats.run.pilot.papers_agent",
+    "agent": "dronecats.flight.run.pilot.papers_agent",
     "prompt_sha256": "c" * 64,
     "code_sha256": "a" * 64,
     "clock": "lockstep",

@@ -5,9 +5,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import CameraConfig, SimulatorConfig
-from dronecats.stages import parts
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
+from dronecats.flight.stages import parts
 
 EPISODE = "residential-approaching-01"
 

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from pymavlink import mavutil
 
-from dronecats.sitl.scenario import load_world, origin
-from episodes.assets.multirotor import X500
-from episodes.render import Renderer, camera_pose
+from dronecats.flight.sitl.scenario import load_world, origin
+from episodes.camera.renderer import Renderer, camera_pose
+from episodes.maps.assets.multirotor import X500
 from foundation.camera import CameraModel
 from foundation.frames import geodetic_to_ned
 from tests import pictures

@@ -16,13 +16,13 @@ from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli.main import main
-from dronecats.flight.file import as_kept
-from dronecats.flight.spec import Accounts, FlightSpec, Simulated
+from dronecats.flight.run import accounts, first_question
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_kept
 from dronecats.pilots import roster
 from dronecats.pilots.commander import divide
 from dronecats.pilots.server import completion, read_request
-from dronecats.run import accounts, first_question
-from dronecats.run.fly import fly
 from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import is_first_question

@@ -14,7 +14,7 @@ from tests.system.courses import measured, record, start_errors
 @pytest.fixture(scope="module")
 def high_up(tmp_path_factory):
     """An episode 25 m over the ground, where there is nothing to fly into."""
-    from episodes import catalogue
+    from episodes.records import catalogue
 
     path = tmp_path_factory.mktemp("episode") / "high-up.json"
     episode = json.loads(catalogue.load("residential-approaching-01").to_json())

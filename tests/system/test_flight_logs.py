@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.processes.supervisor import Supervisor
-from dronecats.sitl.config import SimulatorConfig
-from dronecats.stages import parts
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.stages import parts
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from hil.link.flight_logs import log_store

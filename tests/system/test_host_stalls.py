@@ -9,12 +9,12 @@ import psutil
 import pytest
 
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.flight.spec import FlightSpec, Simulated
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.host_stalls import STALL_S, delayed
 from dronecats.pilots.server import PilotServer
-from dronecats.run.fly import fly
-from dronecats.rundir.reading import json_object, rows
-from dronecats.rundir.rows import Decision
+from foundation.run_folder.reading import json_object, rows
+from foundation.run_folder.rows import Decision
 from tests.support.children import children
 
 SPEED = 0.5  # half of what a busy machine loses is lost of vehicle time
@@ -25,7 +25,7 @@ MODEL_S = 4.0  # wall s: in vehicle time eight times what a host may lose
 
 def part(name: str) -> psutil.Process:
     """Return the child of this process that is this part of the flight."""
-    (found,) = children(f"dronecats.sitl.{name}")
+    (found,) = children(f"dronecats.flight.sitl.{name}")
     return found
 
 

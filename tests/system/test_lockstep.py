@@ -74,7 +74,7 @@ def test_one_seed_gives_the_same_bytes_and_another_gives_others(tmp_path):
 
 
 def test_the_records_own_seed_is_behind_the_noise_of_its_flights(tmp_path):
-    from episodes import catalogue
+    from episodes.records import catalogue
 
     record = json.loads(catalogue.load("residential-approaching-02").to_json())
     drawn = []

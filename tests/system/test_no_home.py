@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from dronecats.results.archive import submission
+from dronecats.report.archive import submission
 from episodes.maps import user
 from foundation.errors import UsageError
 

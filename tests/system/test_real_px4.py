@@ -11,7 +11,7 @@ import psutil
 import pytest
 from pymavlink import mavutil
 
-from episodes import catalogue
+from episodes.records import catalogue
 from foundation.frames import geodetic_to_ned
 from tests.needs import needs
 from tests.support.command_line import DRONECATS, last_object

@@ -10,8 +10,8 @@ import time
 import psutil
 import pytest
 
+from dronecats.flight.stages import parts
 from dronecats.pilots.server import PilotServer
-from dronecats.stages import parts
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import after_first_question
 

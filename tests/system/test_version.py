@@ -10,7 +10,7 @@ import pytest
 from dronecats import __version__
 from dronecats.cli import doctor
 from dronecats.cli.main import main
-from dronecats.rundir.folder import write_run
+from foundation.run_folder.folder import write_run
 
 ROOT = Path(__file__).parents[2]
 

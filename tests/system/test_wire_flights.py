@@ -13,12 +13,12 @@ from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli.main import main
-from dronecats.flight.spec import Accounts, FlightSpec, Simulated
+from dronecats.flight.run import accounts, first_question
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster
 from dronecats.pilots.server import completion, read_request
-from dronecats.run import accounts, first_question
-from dronecats.run.fly import fly
-from dronecats.rundir.layout import LEDGER
+from foundation.run_folder.layout import LEDGER
 from tests.agent.models.faulty_wire import AGAIN, Wire, behind
 from tests.support.command_line import last_object
 from tests.support.json_lines import rows

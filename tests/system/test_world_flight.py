@@ -10,8 +10,8 @@ import subprocess
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.rundir.reading import read
-from dronecats.sitl.scenario import load_world
+from dronecats.flight.sitl.scenario import load_world
+from foundation.run_folder.reading import read
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.simulated_vehicle import simulated_vehicle
 
@@ -76,7 +76,7 @@ def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
 
 
 def test_what_cannot_be_flown_is_refused_before_anything_is_made(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("dronecats.sitl.truth_bridge.HEARD_S", 0.3)  # for which the last waits for a truth
+    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.HEARD_S", 0.3)  # for which the last waits for a truth
     for arguments, part in (
         (["--world", HERE], "--truth"),
         (["--truth", "udpin://127.0.0.1:0"], "--world"),

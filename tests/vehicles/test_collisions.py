@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from episodes.obstacles import sorted_into_cells
+from episodes.world.obstacles import sorted_into_cells
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, quat_from_euler, quat_integrate, quat_to_euler, rotate
 from foundation.obstacles import OPEN, MovingBox, Obstacles
@@ -266,9 +266,9 @@ def test_nearest_points_against_a_dense_search() -> None:
 
 def test_the_suv_of_the_map_keeps_the_lens_out() -> None:
     """Into the triangles of a real asset, from every side and at several heights."""
-    from episodes import assets
-    from episodes.obstacles import obstacles
-    from episodes.scene import Instance, Scene, Sun
+    from episodes.maps import assets
+    from episodes.maps.scene import Instance, Scene, Sun
+    from episodes.world.obstacles import obstacles
     from foundation.terrain import FLAT
 
     mesh = assets.build("suv", "red", None)

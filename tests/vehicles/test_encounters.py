@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.sitl.collisions import CollisionReport, Encounters
+from dronecats.flight.sitl.collisions import CollisionReport, Encounters
 from foundation.contact_report import hit_of, seconds_of
 from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names

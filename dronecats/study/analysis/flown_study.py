@@ -6,24 +6,24 @@ from pathlib import Path
 
 from dronecats.agent.latency import trace_name
 from dronecats.agent.names import PAPER
-from dronecats.flight.file import as_kept, from_json
-from dronecats.flight.latency_trace import digest_of
-from dronecats.flight.spec import FlightSpec
-from dronecats.metrics.metric import Metric
-from dronecats.metrics.registry import METRICS
-from dronecats.results.collection import collect
-from dronecats.results.entrants import FLAT, Setting, setting
-from dronecats.results.exclusion import Exclusion, exclude, exclusion_sentences
-from dronecats.results.flown_run import FlownRun
-from dronecats.results.identity import Identity, differences, identity
-from dronecats.rundir import layout
-from dronecats.rundir.study import Level, Study, StudyRun
+from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.flight.spec.latency_trace import digest_of
+from dronecats.flight.spec.spec_file import as_kept, from_json
+from dronecats.judge.metrics.metric import Metric
+from dronecats.judge.metrics.registry import METRICS
+from dronecats.report.results.collection import collect
+from dronecats.report.results.entrants import FLAT, Setting, setting
+from dronecats.report.results.exclusion import Exclusion, exclude, exclusion_sentences
+from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.results.identity import Identity, differences, identity
 from dronecats.study import folder as study_folder
 from dronecats.study.analysis.studied import MANY, Studied, StudiedFactor, StudiedFlight, StudiedLevel
 from dronecats.study.analysis.target_motion import METRICS as MOTION
 from dronecats.study.factors import POLICY, WHO_FLIES, at_levels
-from episodes.record import CELLS
+from episodes.records.record import CELLS
 from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.study import Level, Study, StudyRun
 
 MORE_IS_EASIER = ("rate", "frame_rate", "setpoint_rate", "link_baud")  # of these the highest level is the reference
 NONE_COUNTS = "No flight counts yet."

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.statistics.half import HalfSuccess, SuccessCurve, half_success, success_curve
-from dronecats.statistics.mixed_logit import Trials
+from dronecats.judge.statistics.half import HalfSuccess, SuccessCurve, half_success, success_curve
+from dronecats.judge.statistics.mixed_logit import Trials
 from dronecats.study.analysis.studied import Studied, StudiedFlight, StudiedLevel, by_episode, others
 
 FEW = 12  # choices of the other factors, beyond which none is fitted by itself

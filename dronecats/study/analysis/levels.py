@@ -4,10 +4,10 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dronecats.metrics.metric import Better
-from dronecats.metrics.value import MetricValue
-from dronecats.statistics.differences import KnownMean, known_mean
-from dronecats.statistics.shares import KnownShare, known_share
+from dronecats.judge.metrics.metric import Better
+from dronecats.judge.metrics.value import MetricValue
+from dronecats.judge.statistics.differences import KnownMean, known_mean
+from dronecats.judge.statistics.shares import KnownShare, known_share
 from dronecats.study.analysis.studied import (
     ALL,
     MANY,

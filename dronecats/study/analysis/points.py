@@ -5,8 +5,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from dronecats.statistics.corrections import holm
-from dronecats.statistics.shares import KnownShare
+from dronecats.judge.statistics.corrections import holm
+from dronecats.judge.statistics.shares import KnownShare
 from dronecats.study.analysis.levels import LevelStep, successes
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference, difference, pairs_of
 from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedLevel

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from dronecats.results.collection import ScoredEpisode
+from dronecats.report.results.collection import ScoredEpisode
 
 StudiedLevel = float | str  # of a factor: a number in its unit, or a word
 ALL = "all cells"

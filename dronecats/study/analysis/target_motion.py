@@ -7,9 +7,9 @@ is that of the plane across the optical axis at the target's depth (paper, appen
 import math
 from collections.abc import Sequence
 
-from dronecats.metrics.flown_episode import FlownEpisode
-from dronecats.metrics.flown_step import FlownStep
-from dronecats.metrics.metric import Metric, MetricValue
+from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.metrics.flown_step import FlownStep
+from dronecats.judge.metrics.metric import Metric, MetricValue
 from foundation.camera import CameraModel
 
 MOVES_M = 0.05  # m from one picture to the next, below which a target stands: what a place in a log is rounded to

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from dronecats.statistics.shares import wilson
+from dronecats.judge.statistics.shares import wilson
 from dronecats.study.load.flights import Clock, LoadedFlight
 
 

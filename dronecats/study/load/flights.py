@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from dronecats.campaign.batch import Batch
-from dronecats.campaign.one_run import fly_run
-from dronecats.flight.flight import look_up
-from dronecats.flight.spec import FlightSpec, Simulated
-from dronecats.run.settings import settings
-from dronecats.rundir import layout
-from dronecats.rundir.reading import stored_result
-from dronecats.rundir.results import SCORED
+from dronecats.bench.batch import Batch
+from dronecats.bench.one_run import fly_run
+from dronecats.flight.run.settings import settings
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.study.load.busy import busy
 from foundation.errors import InfrastructureError
+from foundation.run_folder import layout
+from foundation.run_folder.reading import stored_result
+from foundation.run_folder.results import SCORED
 
 Clock = Literal["lockstep", "real time"]
 CLOCKS: tuple[Clock, ...] = ("lockstep", "real time")

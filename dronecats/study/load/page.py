@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from dronecats.review.writers.markdown import as_shell
+from dronecats.report.writers.markdown import as_shell
 from dronecats.study.load.comparison import LoadFindings, Marking
 from foundation.errors import InfrastructureError
 

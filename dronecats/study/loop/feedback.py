@@ -1,14 +1,14 @@
 """Plant, estimator and cascade in one compiled loop, with a delay line in the feedback of exactly one loop.
 
 The cascade is given a copy of the estimate in which one quantity of one axis is late. The estimator is not: it is no
-part of the loop that is measured. Nothing here is compiled into a flight: that is `dronecats/sitl/fused.py`.
+part of the loop that is measured. Nothing here is compiled into a flight: that is `dronecats/flight/sitl/fused.py`.
 """
 
 import math
 
+from autopilot.compiled_frames import quat_conjugate, quat_multiply, rotate, rotate_inverse
 from autopilot.control.cascade import update as control
-from autopilot.estimator import update as estimate_motion
-from autopilot.kernels import quat_conjugate, quat_multiply, rotate, rotate_inverse
+from autopilot.estimator.ekf import update as estimate_motion
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import Vec3
 from vehicles.collision_records import SolidTriangles

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.flight_core import FlightCore
+from autopilot.control.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_RATES, KIND_TRAJECTORY, SETPOINT
 from dronecats.study.loop.cascade_loops import CascadeLoop
 from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RATE, fly_late

@@ -1,8 +1,8 @@
 """The cascade linearised about a hover, sample by sample as it is computed, and the delay python-control grants it.
 
-`autopilot.design` shapes its loops on an airframe's constants, at the battery's nominal voltage and in still air. This
-is the same cascade about a hover that was flown: the voltage at the rotors, the air's damping, what is sampled and held
-at which rate, and filters that lie in the feedback alone.
+`autopilot.design.loop_shaping` shapes its loops on an airframe's constants, at the battery's nominal voltage and in
+still air. This is the same cascade about a hover that was flown: the voltage at the rotors, the air's damping, what
+is sampled and held at which rate, and filters that lie in the feedback alone.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.control.cascade import ACCELERATION_CUTOFF, ATTITUDE_PERIOD_US, OUTER_PERIOD_US
-from autopilot.design import FREQUENCIES, Complex, Gains, Response, loops, rotor_lag, yaw_lead
+from autopilot.design.loop_shaping import FREQUENCIES, Complex, Gains, Response, loops, rotor_lag, yaw_lead
 from dronecats.study.loop.cascade_loops import TURNS, CascadeLoop
 from foundation.airframe import Airframe
 from foundation.frames import Vec3

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 from dronecats.study.loop.margins import LoopStudy
 from dronecats.study.loop.results import LoopResults
 from dronecats.study.loop.stream import WORSE, Tolerance

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
+from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
 from foundation.airframe import Airframe
 from foundation.errors import InfrastructureError
 from foundation.frames import Vec3

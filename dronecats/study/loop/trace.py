@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.run.ascent import StartOffset, ascend
-from dronecats.sitl.one_vehicle import one_vehicle
-from dronecats.sitl.scenario import world_of
+from dronecats.flight.run.ascent import StartOffset, ascend
+from dronecats.flight.sitl.one_vehicle import one_vehicle
+from dronecats.flight.sitl.scenario import world_of
 from dronecats.study.loop.hover import StepAnswer
 from dronecats.study.loop.margins import StepFigures, step_figures
-from episodes import catalogue
+from episodes.records import catalogue
 from foundation.frames import quat_yaw
 from hil.link.link import Link
 from hil.link.offboard import VelocitySetpoint

@@ -9,7 +9,7 @@ from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.decisions import Decision
 from dronecats.agent.models.model import Model, Reply, Request
-from dronecats.run.instruments import Instruments
+from dronecats.flight.run.instruments import Instruments
 from dronecats.study.rate.chain import ChainClock, QuestionTimes
 from dronecats.study.rate.files import ChainLog
 from foundation.camera import Camera, Frame

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.metrics.registry import METRICS
-from dronecats.results.columns import array
+from dronecats.judge.metrics.registry import METRICS
+from dronecats.report.results.columns import array
 from dronecats.study.analysis.studied import Studied
 from foundation.whole_file import whole_file
 
@@ -63,7 +63,7 @@ def write_parquet(studied: Studied, path: Path) -> None:
     """Write the rows as Parquet. Raises ImportError without the extra `query`, OSError where they cannot be."""
     import duckdb
 
-    from dronecats.results.database import literal
+    from dronecats.report.results.database import literal
 
     told = columns(studied)
     connection = duckdb.connect(":memory:")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from dronecats.review.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from dronecats.study.analysis.steps import QUANTILES, StepQuantiles
 from dronecats.study.report.findings import FactorFindings, Findings
 from dronecats.study.report.outcome_tables import percent

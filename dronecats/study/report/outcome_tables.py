@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from dronecats.review.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
-from dronecats.statistics.differences import KnownMean
-from dronecats.statistics.shares import KnownShare
+from dronecats.judge.statistics.differences import KnownMean
+from dronecats.judge.statistics.shares import KnownShare
+from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from dronecats.study.analysis.levels import MEASURES, AtLevel
 from dronecats.study.report.findings import FactorFindings, Findings
 from dronecats.study.report.words import PERCENT, beside, cell_title, interval, place, scatter

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from dronecats.review.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from dronecats.study.analysis.levels import MEASURES
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
 from dronecats.study.analysis.points import NE, AtPoint

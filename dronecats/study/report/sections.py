@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from dronecats.review.report_table import ReportTable
-from dronecats.statistics.paired import ALPHA
+from dronecats.judge.statistics.paired import ALPHA
+from dronecats.report.report_table import ReportTable
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
 from dronecats.study.analysis.studied import ALL
 from dronecats.study.report import other_tables, outcome_tables, pair_tables

@@ -2,10 +2,10 @@
 
 import math
 
-from dronecats.review.lineup import titled
-from dronecats.review.report_table import rounded
-from dronecats.statistics.half import HalfSuccess
-from dronecats.statistics.mixed_logit import WIDEST
+from dronecats.judge.statistics.half import HalfSuccess
+from dronecats.judge.statistics.mixed_logit import WIDEST
+from dronecats.report.blocks import titled
+from dronecats.report.report_table import rounded
 from dronecats.study.analysis.halves import HalfAlong
 from dronecats.study.analysis.studied import ALL, Studied, StudiedFactor
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.review.report_table import ReportTable
-from dronecats.review.writers.csv_table import as_csv
-from dronecats.review.writers.latex import as_latex
-from dronecats.review.writers.markdown import as_markdown, as_shell, escaped
+from dronecats.report.report_table import ReportTable
+from dronecats.report.writers.csv_table import as_csv
+from dronecats.report.writers.latex import as_latex
+from dronecats.report.writers.markdown import as_markdown, as_shell, escaped
 from dronecats.study.analysis.flown_study import flown_study
 from dronecats.study.analysis.studied import Studied
 from dronecats.study.report import flight_rows, sections
@@ -68,7 +68,7 @@ def write(studied: Studied, command: str, out: Path) -> StudyReport:
 
 def as_json(made: StudyReport) -> dict[str, Any]:
     """Return the tables as `dronecats study report --json` prints them: by name, rows by the columns' names."""
-    from dronecats.review.report import as_json as of_tables
+    from dronecats.report.report_folder import as_json as of_tables
 
     return {
         "page": str(made.page),

@@ -6,8 +6,8 @@ from dronecats.agent.models.budget import Budget, BudgetedModel
 from dronecats.agent.models.ledger import Ledger, Spent
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.flight.flight import look_up
-from dronecats.flight.spec import Accounts, FlightSpec, Simulated
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from foundation.errors import BudgetError
 from tests.support.refusal import refusal
 

@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from autopilot.control import cascade
-from autopilot.flight_core import FlightCore
+from autopilot.control.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler

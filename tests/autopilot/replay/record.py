@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from autopilot.autopilot import Autopilot
-from autopilot.flight_core import FlightCore, update
-from autopilot.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.control.flight_core import FlightCore, update
 from autopilot.replay import Recording, ReplayedFlight, load, replay, save
 from vehicles import airframe
 from vehicles.multirotor import Multirotor
@@ -47,7 +47,7 @@ def fly() -> tuple[Recording, dict[str, np.ndarray]]:
     core = FlightCore(frame)
     autopilot = Autopilot(frame, core, plant.sensors, actuators=plant.actuators)
     arguments = core.kernel_args(plant.sensors, plant.actuators)
-    commander, offboard = autopilot.commander, autopilot.commander.flight.offboard
+    commander, offboard = autopilot.commander.commander, autopilot.commander.commander.flight.offboard
     sensors, setpoints, landed = [], [], []
     truth: dict[str, list[np.ndarray]] = {name: [] for name in TRUTH}
     took_over = ready = None

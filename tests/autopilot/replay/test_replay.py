@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autopilot.flight_core import FlightCore
+from autopilot.control.flight_core import FlightCore
 from autopilot.replay import ReplayedFlight, load, replay, save
 from foundation.errors import UsageError
 from tests.autopilot.replay.record import AIRFRAME, EVERY, FILE, fly

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from episodes import maps
 from episodes.maps import blocks
-from episodes.scene import Instance, Scene
-from episodes.visibility import Solids
+from episodes.maps.scene import Instance, Scene
+from episodes.world.visibility import Solids
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from tests.episodes.maps.map_plan import apart, foot

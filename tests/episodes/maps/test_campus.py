@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.assets import fixtures
 from episodes.maps import campus, campus_ground, campus_plan
-from episodes.scene import Instance, Scene
-from episodes.visibility import Solids, turn
+from episodes.maps.assets import fixtures
+from episodes.maps.scene import Instance, Scene
+from episodes.world.visibility import Solids, turn
 from tests.episodes.maps.map_plan import apart, foot
 
 BUDGET = 250_000

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from episodes import assets, maps
-from episodes import geometry as g
-from episodes.assets import paint
-from episodes.assets.vehicles import SHAPES
-from episodes.scene import Mesh, Scene
-from episodes.visibility import Solids, surface_samples
+from episodes import maps
+from episodes.maps import assets
+from episodes.maps import geometry as g
+from episodes.maps.assets import paint
+from episodes.maps.assets.vehicles import SHAPES
+from episodes.maps.scene import Mesh, Scene
+from episodes.world.visibility import Solids, surface_samples
 from foundation.errors import UsageError
 
 KEPT: dict[str, Scene] = {}

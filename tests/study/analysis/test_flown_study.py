@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.agent.latency import trace_name
-from dronecats.results.exclusion import parse_exclusion
+from dronecats.report.results.exclusion import parse_exclusion
 from dronecats.study import design
 from dronecats.study.analysis.flown_study import flown_study
 from foundation.errors import UsageError

@@ -4,7 +4,7 @@ import pytest
 
 from dronecats.study.analysis.target_motion import view_width
 from tests.judge.episode_logs import decision, frame
-from tests.metrics.episodes import BEGIN, CAP_S, flown
+from tests.judge.metrics.episodes import BEGIN, CAP_S, flown
 
 
 def test_a_view_is_twice_as_wide_as_it_is_deep_and_has_no_width_behind_or_after_the_cap():

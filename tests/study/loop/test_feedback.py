@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from autopilot.flight_core import FlightCore
+from autopilot.control.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY
-from dronecats.sitl.fused import Fused
+from dronecats.flight.sitl.fused import Fused
 from dronecats.study.loop.feedback import CHANNELS, COLUMNS, LINE, RATE, fly_late, late
 from dronecats.study.loop.injection import injected_margin
 from dronecats.study.loop.linear import delay_margin

@@ -3,8 +3,8 @@
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.review.figures import style
-from tests.review.conftest import reader as reader
+from dronecats.report.figures import style
+from tests.report.conftest import reader as reader
 from tests.study.studies import APPROACHING, TRACKING, write_study
 
 

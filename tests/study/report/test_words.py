@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.statistics.half import HalfSuccess
-from dronecats.statistics.mixed_logit import WIDEST
+from dronecats.judge.statistics.half import HalfSuccess
+from dronecats.judge.statistics.mixed_logit import WIDEST
 from dronecats.study.report import pair_tables
 from dronecats.study.report.findings import findings
 from dronecats.study.report.sections import short

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 from pymavlink import mavutil
 
-from dronecats.sitl.config import SimulatorConfig
-from dronecats.sitl.simulator_process import Simulator
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.simulator_process import Simulator
 from foundation.mavlink import dialect
 
 SPEED = 4.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 from dronecats.study.report.figures import curves, forests, heat, steps
 from dronecats.study.report.findings import FactorFindings, Findings
 

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 from dronecats.study.analysis.halves import HalfAlong
 from dronecats.study.analysis.levels import MEASURES, AtLevel, level_steps, successes
 from dronecats.study.analysis.studied import others

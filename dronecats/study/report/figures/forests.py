@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.review.figures import style
-from dronecats.statistics.paired import ALPHA
+from dronecats.judge.statistics.paired import ALPHA
+from dronecats.report.figures import style
 from dronecats.study.analysis.effects import MainEffect
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
 from dronecats.study.analysis.studied import StudiedFactor

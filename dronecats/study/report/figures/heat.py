@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 from dronecats.study.analysis.effects import HeatMap
 from dronecats.study.report.figures import panels
 from dronecats.study.report.findings import Findings

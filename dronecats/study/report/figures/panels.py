@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 from dronecats.study.analysis.levels import LevelStep
 from dronecats.study.analysis.studied import StudiedFactor
 

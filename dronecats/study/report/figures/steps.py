@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 from dronecats.study.analysis.steps import QUANTILES, MotionAt, StepQuantiles
 from dronecats.study.analysis.studied import ALL
 from dronecats.study.report.figures import panels

@@ -4,7 +4,7 @@ import html
 import itertools
 from collections.abc import Iterator, Sequence
 
-from dronecats.review.report_table import ReportTable, TableCell, TableColumn
+from dronecats.report.report_table import ReportTable, TableCell, TableColumn
 
 SHORT = 45  # letters of words that are not broken
 

@@ -2,7 +2,7 @@
 
 import re
 
-from dronecats.review.figures import style
+from dronecats.report.figures import style
 
 # as the drawing has them → the page's variables
 COLOURS = {

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 
-from dronecats.review.report_table import ReportTable
+from dronecats.report.report_table import ReportTable
 from dronecats.study.report.figures.all import StudyFigure
 from dronecats.study.report.page.html_table import as_html
 from dronecats.study.report.page.inline_svg import inline

@@ -1,0 +1,1 @@
+"""The commander: arming, modes, failsafes, and the plans that a ground station uploads."""

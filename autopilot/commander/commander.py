@@ -1,0 +1,378 @@
+"""The commander: armed or not, which mode was asked for, which one flies, and what goes to the inner loop.
+
+`intended` is the mode that was asked for; `mode` is the one shown in HEARTBEAT, which differs during a failsafe.
+Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer them.
+"""
+
+import math
+
+from autopilot.commander.arming import (
+    NO_ARMING_MODES,
+    STICK_MODES,
+    attitude_failures,
+    mode_failures,
+    preflight_failures,
+)
+from autopilot.commander.auto_disarm import AutoDisarm
+from autopilot.commander.failsafe import QUIET, Failsafe, Reaction, reaction
+from autopilot.commander.home import home_at, moved
+from autopilot.commander.land_detector import LandDetector
+from autopilot.commander.landing_watch import LANDING, LandingWatch
+from autopilot.commander.modes.flight import FlightContext, Mode
+from autopilot.commander.modes.roster import behaviours
+from autopilot.commander.modes.setpoint import IDLE, CascadeSetpoint, SetpointWriter
+from autopilot.commander.modes.takeoff_ramp import TakeoffRamp, wants_climb
+from autopilot.commander.plan.items import MISSION, PlanItem
+from autopilot.commander.stick_override import StickOverride, overridable
+from autopilot.commander.supervision import StatusText, Supervision
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
+from foundation.frames import Vec3
+from foundation.mavlink import dialect
+from foundation.px4 import MODES
+
+ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
+REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
+DENIED = int(dialect.MAV_RESULT_DENIED)
+
+HOME_LOOK_US = 1_000_000  # a vehicle carried about takes its home with it
+
+
+class Commander:
+    """Runs the flight modes over the two records. `say` receives texts for the ground."""
+
+    def __init__(
+        self, state: EstimatedState, parameters: ParameterTable, writer: SetpointWriter, say: StatusText
+    ) -> None:
+        self.flight = FlightContext(state, parameters)
+        self.parameters = parameters
+        self.armed = False
+        self.intended = "HOLD"
+        self.mode = "HOLD"
+        self.supervision = Supervision(parameters, say)
+        self.armed_us = 0  # vehicle time of the last arming
+        self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
+        self.demand: CascadeSetpoint = IDLE  # what the active mode asks
+        self.passed: CascadeSetpoint = IDLE  # what went to the inner loop
+        self._behaviours = behaviours()
+        self.hold, self.takeoff, self.orbit = self._behaviours.hold, self._behaviours.takeoff, self._behaviours.orbit
+        self.mission = self._behaviours.mission
+        self._active: Mode | None = None
+        self._writer = writer
+        self._say = say
+        self._detector = LandDetector(parameters)
+        self._ramp = TakeoffRamp(parameters)
+        self._auto_disarm = AutoDisarm(parameters)
+        self._landing = LandingWatch(say)
+        self._mode_chosen_disarmed = True
+        self._home_looked_us = 0
+        self._override = StickOverride()
+
+    # what others may ask
+
+    @property
+    def landed(self) -> bool:
+        return self._detector.landed
+
+    @property
+    def custom_mode(self) -> int:
+        """HEARTBEAT.custom_mode of the shown mode."""
+        return MODES[self.mode].custom_mode
+
+    @property
+    def failsafe(self) -> Failsafe:
+        """What the vehicle does by itself now."""
+        return self.supervision.failsafe
+
+    @property
+    def in_failsafe(self) -> bool:
+        return self.failsafe.action > Reaction.WARN
+
+    def arming_failures(self) -> list[str]:
+        """Return why the vehicle would refuse to arm in its present mode; empty when it would arm."""
+        mode = self._mode_after_arming()
+        if mode in NO_ARMING_MODES:
+            return [f"mode {mode} cannot arm"]
+        failures = preflight_failures(self.flight.state, self.parameters) + self._mode_failures(mode)
+        if self.parameters["GF_ACTION"] > Reaction.WARN and self.flight.breach():
+            failures.append("outside the geofence")
+        return failures
+
+    # what others may order
+
+    def arm(self, force: bool = False) -> int:
+        """Start the rotors. Returns ACCEPTED (also when armed already), REJECTED or DENIED, and says why."""
+        if self.armed:
+            return ACCEPTED
+        mode = self._mode_after_arming()
+        if not force:
+            if mode in NO_ARMING_MODES:
+                self._say(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: mode {mode}")
+                return DENIED
+            reasons = self.arming_failures()
+            if reasons:
+                for reason in reasons[:3]:
+                    self._say(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: {reason}")
+                return REJECTED
+        now = self.flight.state.time_us
+        self.intended = mode
+        self.armed, self.armed_us = True, now
+        self._auto_disarm.arm(now)
+        self.supervision.begin(self.flight)
+        self._active = None
+        self._ramp.arm(now)
+        self.set_home()
+        self._say(dialect.MAV_SEVERITY_INFO, "Armed")
+        self._supervise(now)
+        return ACCEPTED
+
+    def disarm(self, force: bool = False, why: str = "by command") -> int:
+        """Stop the rotors. Returns DENIED in the air unless forced."""
+        if not self.armed:
+            return ACCEPTED
+        if not (force or self.landed):
+            self._say(dialect.MAV_SEVERITY_CRITICAL, "Disarming denied: not landed")
+            return DENIED
+        self.armed, self.takeoff_us = False, 0
+        self.supervision.end()
+        self._mode_chosen_disarmed = False
+        self.mode = self.intended
+        self._active = None
+        self._idle()
+        self._detector.update(self.flight.state, False, False, IDLE)
+        self.flight.landed = True
+        self._say(dialect.MAV_SEVERITY_INFO, f"Disarmed {why}")
+        self._landing.ended(self.flight.state)
+        return ACCEPTED
+
+    def set_mode(self, mode: str) -> int:
+        """Ask for a flight mode by name (see `foundation.mavlink.MODES`)."""
+        if self.mode == "TERMINATION" and self.armed:
+            return REJECTED
+        if self.armed:
+            reasons = self._mode_failures(mode)
+            if reasons:
+                self._say(dialect.MAV_SEVERITY_CRITICAL, f"Mode {mode} refused: {reasons[0]}")
+                return REJECTED
+        self._choose(mode)
+        if self.armed:
+            self._supervise(self.flight.state.time_us)
+        else:
+            self.mode = mode
+        return ACCEPTED
+
+    def _choose(self, mode: str) -> None:
+        self.supervision.overrule()
+        self._mode_chosen_disarmed = True
+        self.flight.cruise_speed = math.nan
+        if mode != self.intended or self.mode != mode:
+            self.intended = mode
+            self._active = None
+
+    def take_off(self, z_ned: float) -> int:
+        """Go to TAKEOFF; nan = to MIS_TAKEOFF_ALT above the ground."""
+        self.takeoff.aim(z_ned)
+        if self.mode == "TAKEOFF" and self.armed and not self.landed:
+            return ACCEPTED  # the same command repeated: keep the first target
+        return self.set_mode("TAKEOFF")
+
+    def reposition(self, position_ned: Vec3, yaw: float, speed: float) -> int:
+        """Fly to a local position in HOLD; nan coordinates keep the present ones."""
+        result = self.set_mode("HOLD")
+        if result != ACCEPTED or not self.armed:
+            return result
+        here = self.flight.state.position_ned
+        n, e, z = (w if math.isfinite(w) else h for w, h in zip(position_ned, here, strict=True))
+        self.hold.go_to((n, e, z), yaw)
+        self.change_speed(speed)
+        return result
+
+    def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
+        """Go to ORBIT; nan coordinates of the centre mean the present place. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
+
+        Refused on the ground to a vehicle that has fallen over.
+        """
+        here = self.flight.state.position_ned
+        n, e, z = (w if math.isfinite(w) else h for w, h in zip(centre_ned, here, strict=True))
+        limit = float(self.parameters["MC_ORBIT_RAD_MAX"])
+        if self.armed and not 1.0 <= abs(radius) <= limit:
+            return DENIED
+        if self.landed and (fallen := attitude_failures(self.flight.state, self.parameters)):
+            self._say(dialect.MAV_SEVERITY_CRITICAL, f"Orbit denied: {fallen[0]}")
+            return REJECTED
+        self.orbit.around((n, e, z), radius, speed, yaw_behaviour)
+        if self.mode == "ORBIT" and self.armed:
+            return ACCEPTED
+        return self.set_mode("ORBIT")
+
+    def replace_plan(self, kind: int, items: tuple[PlanItem, ...]) -> None:
+        """Put a mission (0), fence (1) or rally points (2) in force; another mission is flown from its first item."""
+        if self.flight.plans.replace(kind, items) and kind == MISSION:
+            self.mission.rewind()
+            if self._active is self.mission and items:
+                self.mission.enter(self.flight)
+
+    def fly_item(self, number: int) -> bool:
+        """Go on with this item of the mission. Returns False when there is none of that number."""
+        if not 0 <= number < len(self.flight.plans.mission):
+            return False
+        self.mission.rewind(number)
+        if self._active is self.mission:
+            self.mission.enter(self.flight)
+        return True
+
+    def change_speed(self, speed: float) -> None:
+        """Fly at another horizontal speed (m/s) until the mode changes; not positive or nan = leave it."""
+        if math.isfinite(speed) and speed > 0.0:
+            self.flight.cruise_speed = min(speed, float(self.parameters["MPC_XY_VEL_MAX"]))
+
+    def terminate(self) -> int:
+        """End the flight at once: rotors idle until disarmed."""
+        if not self.armed:
+            return DENIED
+        self.intended = self.mode = "TERMINATION"
+        self._active = None
+        self._say(dialect.MAV_SEVERITY_EMERGENCY, "Flight terminated")
+        return ACCEPTED
+
+    def set_home(self, position_ned: Vec3 | None = None) -> bool:
+        """Set the home position, here by default. Returns whether there was a position to set."""
+        home = home_at(self.flight.state, position_ned)
+        self.flight.home = home or self.flight.home
+        return home is not None
+
+    # the tick
+
+    def tick(self) -> None:
+        """Run one step on the newest snapshot."""
+        flight, state = self.flight, self.flight.state
+        now = state.time_us
+        if not self.armed:
+            self._follow_home_on_ground(now)
+            self._idle()
+            return
+        self._supervise(now)
+        if not self.armed:
+            return
+        if self._active is None:
+            self._activate()
+        active = self._active
+        assert active is not None
+        demand = active.setpoint(flight)
+        if active.next_mode is not None and active is self._behaviours.by_name[self.intended]:
+            self._finish(active.next_mode)
+        self.demand = demand
+        self.passed = self._ramp.gate(demand, state, flight.landed or self._detector.contact)
+        self._writer.write(self.passed, True)
+        self._follow_ground(now, demand)
+
+    def _finish(self, following: str) -> None:
+        rest = self._active.rest if self._active is not None else None
+        if self._active is self.mission and self.mission.complete:
+            self._say(dialect.MAV_SEVERITY_INFO, "Mission finished")
+        self.intended = self.mode = following
+        self._activate()
+        if following == "HOLD" and rest is not None:
+            self.hold.go_to(rest, math.nan)
+
+    def _follow_ground(self, now: int, demand: CascadeSetpoint) -> None:
+        state, was = self.flight.state, self.flight.landed
+        climbing = wants_climb(demand, state)
+        self._detector.update(state, True, climbing, demand)
+        landed = self.flight.landed = self._detector.landed
+        if landed and not was:
+            self._say(dialect.MAV_SEVERITY_INFO, "Landing detected")
+        elif was and not landed:
+            self.takeoff_us = now
+            self._say(dialect.MAV_SEVERITY_INFO, "Take-off detected")
+        self._landing.follow(state, self.mode in LANDING and not landed)
+        reason = self._auto_disarm.reason(now, landed, climbing)
+        if reason:
+            self.disarm(why=reason)
+
+    def _supervise(self, now: int) -> None:
+        """Choose the mode that flies: the intended one, or the failsafe's."""
+        if self.intended == "TERMINATION":
+            return
+        self.supervision.look(self.flight, self.intended, self._offboard_usable(), self.takeoff_us)
+        self._yield_to_sticks()
+        shown, behaviour = self._reaction()
+        if self.failsafe.action == Reaction.DISARM:
+            self.disarm(force=True, why=f"by failsafe: {self.failsafe.cause}")
+            return
+        if self.failsafe.action == Reaction.TERMINATE:
+            self.terminate()
+            return
+        if shown != self.mode or self._active is not self._behaviours.by_name[behaviour]:
+            self.mode = shown
+            self._active = self._behaviours.by_name[behaviour]
+            self._active.enter(self.flight)
+
+    def _reaction(self) -> tuple[str, str]:
+        """Return (mode shown, behaviour flown)."""
+        if self.failsafe is QUIET and self.intended not in STICK_MODES:
+            return self.intended, self.intended  # as `reaction` would say, at nearly every tick
+        return reaction(
+            self.failsafe,
+            self.intended,
+            sticks=self._sticks_fresh(),
+            position=bool(self.flight.state.position_valid),
+            home=self.flight.home is not None,
+        )
+
+    def _yield_to_sticks(self) -> None:
+        """Give the vehicle to a pilot who moves the sticks in an automatic mode."""
+        sticks = self.flight.sticks
+        if sticks.time_us < 0 or self.flight.landed or not self._sticks_fresh():
+            return
+        if not overridable(self.mode, self.parameters) or (self.in_failsafe and self.supervision.waiting):
+            return
+        if self._override.moved(self.mode, sticks, self.parameters):
+            self._say(dialect.MAV_SEVERITY_INFO, "Pilot took over using sticks")
+            self._choose("POSCTL" if self.flight.state.position_valid else "ALTCTL")
+
+    def _activate(self) -> None:
+        self._active = self._behaviours.by_name[self._reaction()[1]]
+        self._active.enter(self.flight)
+
+    def _idle(self) -> None:
+        self.demand = self.passed = IDLE
+        self._writer.write(IDLE, self.armed)
+
+    # what the vehicle has
+
+    def _mode_failures(self, mode: str) -> list[str]:
+        return mode_failures(
+            mode,
+            self.flight.state,
+            self.parameters,
+            home=self.flight.home is not None,
+            sticks=self._sticks_fresh(),
+            offboard=self._offboard_usable(),
+            mission=self.flight.mission_failures() if mode == "MISSION" else [],
+        )
+
+    def _mode_after_arming(self) -> str:
+        """Return the mode that arming would fly.
+
+        A vehicle that landed by itself stays in LAND or RETURN; unless somebody has chosen a mode since it disarmed, it
+        is armed again in HOLD rather than refused.
+        """
+        if self.intended in NO_ARMING_MODES and not self._mode_chosen_disarmed:
+            return "HOLD"
+        return self.intended
+
+    def _offboard_usable(self) -> bool:
+        offboard, state = self.flight.offboard, self.flight.state
+        return offboard.fresh(state.time_us, self.parameters["COM_OF_LOSS_T"]) and offboard.supported(state)
+
+    def _sticks_fresh(self) -> bool:
+        return self.supervision.sticks_fresh(self.flight)
+
+    def _follow_home_on_ground(self, now: int) -> None:
+        """Keep home where the vehicle stands, so that clients have one before arming."""
+        if now - self._home_looked_us < HOME_LOOK_US:
+            return
+        self._home_looked_us = now
+        if self.flight.home is None or moved(self.flight.home, self.flight.state):
+            self.set_home()

@@ -1,0 +1,114 @@
+"""What a flight mode may know and the interface it offers to the commander."""
+
+import math
+from dataclasses import dataclass, field
+
+from autopilot.commander.home import Home
+from autopilot.commander.modes.setpoint import CascadeSetpoint
+from autopilot.commander.plan.checks import mission_failures
+from autopilot.commander.plan.fence import Fence, FenceArea, breach
+from autopilot.commander.plan.plans import Plans
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
+from foundation.frames import Vec3
+
+
+@dataclass(slots=True)
+class Sticks:
+    """The newest MANUAL_CONTROL."""
+
+    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
+    forward: float = 0.0  # -1 … 1
+    right: float = 0.0  # -1 … 1
+    throttle: float = 0.0  # 0 … 1, 0.5 = hold altitude in the assisted modes
+    yaw: float = 0.0  # -1 … 1, positive clockwise
+
+    def fresh(self, now_us: int, timeout_s: float) -> bool:
+        """Return whether the sticks were heard within the timeout."""
+        return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
+
+
+@dataclass(slots=True)
+class OffboardSignal:
+    """The newest valid offboard setpoint, kept whichever mode is active."""
+
+    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
+    setpoint: CascadeSetpoint = field(default_factory=CascadeSetpoint)
+
+    def fresh(self, now_us: int, timeout_s: float) -> bool:
+        """Return whether a setpoint was heard within COM_OF_LOSS_T."""
+        return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
+
+    def supported(self, state: EstimatedState) -> bool:
+        """Return whether the estimate is good enough for this kind of setpoint (PX4 offboardCheck)."""
+        s = self.setpoint
+        if math.isfinite(s.position_ned[0]):
+            return bool(state.position_valid)
+        if math.isfinite(s.velocity_ned[0]):
+            return bool(state.velocity_valid)
+        return bool(state.attitude_valid)
+
+
+@dataclass(slots=True)
+class FollowedTarget:
+    """The newest FOLLOW_TARGET."""
+
+    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
+    position_ned: Vec3 = (math.nan, math.nan, math.nan)  # m, local frame
+    velocity_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s; zero when the sender does not know it
+
+
+@dataclass(slots=True)
+class FlightContext:
+    """Everything the modes share. Owned by the commander."""
+
+    state: EstimatedState
+    parameters: ParameterTable
+    home: Home | None = None
+    landed: bool = True
+    cruise_speed: float = math.nan  # m/s, set by DO_CHANGE_SPEED until the mode changes; nan = MPC_XY_CRUISE
+    sticks: Sticks = field(default_factory=Sticks)
+    offboard: OffboardSignal = field(default_factory=OffboardSignal)
+    target: FollowedTarget = field(default_factory=FollowedTarget)
+    plans: Plans = field(default_factory=Plans)
+    fence: Fence = field(default_factory=Fence)
+
+    def height_above_ground(self) -> float:
+        """Return the best guess (m): a fresh range, else the height above home, else the height above the origin."""
+        distance = self.state.range_m()
+        if math.isfinite(distance):
+            return distance
+        ground = self.home.position_ned[2] if self.home is not None else 0.0
+        return ground - self.state.position_ned[2]
+
+    def fence_areas(self) -> tuple[FenceArea, ...]:
+        """Return the areas of the geofence in force; none before the local frame's origin is known."""
+        if not self.plans.fence or not self.state.origin_set:
+            return ()
+        return self.fence.areas(self.plans.version, self.plans.fence, self.state)
+
+    def breach(self) -> str:
+        """Return which limit of the geofence the vehicle breaks where it is; empty when none."""
+        return breach(self.state.position_ned, self.home, self.parameters, self.fence_areas())
+
+    def mission_failures(self) -> list[str]:
+        """Return why the mission in force cannot be flown from here; empty when it can."""
+        return mission_failures(self.plans.mission, self.state, self.home, self.parameters, self.fence_areas())
+
+    def cruise(self) -> float:
+        """Return the horizontal speed (m/s) of automatic flight."""
+        return self.cruise_speed if math.isfinite(self.cruise_speed) else float(self.parameters["MPC_XY_CRUISE"])
+
+
+class Mode:
+    """A flight mode's behaviour. `enter` is called once when it becomes active, `setpoint` at every tick after that."""
+
+    next_mode: str | None = None  # set by a mode that has finished
+    rest: Vec3 | None = None  # m, local frame: where HOLD stays when it follows a finished mode
+
+    def enter(self, flight: FlightContext) -> None:
+        """Take over from where the vehicle is."""
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        """Return the setpoint of this tick."""
+        raise NotImplementedError

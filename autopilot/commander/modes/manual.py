@@ -1,0 +1,148 @@
+"""POSCTL, ALTCTL, STABILIZED and ACRO, flown by MANUAL_CONTROL."""
+
+import math
+
+from autopilot.commander.modes.flight import FlightContext, Mode
+from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.commander.modes.sticks import shaped, super_expo, throttle_thrust, within_circle
+from autopilot.records import KIND_ATTITUDE, KIND_RATES
+from foundation.frames import GRAVITY, Vec3, quat_from_euler
+
+
+def climb(flight: FlightContext) -> float:
+    """Return the vertical speed (m/s, NED) that the throttle asks for."""
+    p = flight.parameters
+    stick = shaped(2.0 * flight.sticks.throttle - 1.0, p, "MPC_Z_MAN_EXPO")
+    return -stick * float(p["MPC_Z_VEL_MAX_UP"] if stick > 0.0 else p["MPC_Z_VEL_MAX_DN"])
+
+
+def turn(flight: FlightContext) -> float:
+    """Return the yaw rate (rad/s) that the yaw stick asks for."""
+    return shaped(flight.sticks.yaw, flight.parameters, "MPC_YAW_EXPO") * math.radians(
+        flight.parameters["MPC_MAN_Y_MAX"]
+    )
+
+
+def _sticks(flight: FlightContext) -> tuple[float, float]:
+    p, sticks = flight.parameters, flight.sticks
+    return within_circle(shaped(sticks.forward, p, "MPC_XY_MAN_EXPO"), shaped(sticks.right, p, "MPC_XY_MAN_EXPO"))
+
+
+def _rotated(yaw: float, forward: float, right: float) -> tuple[float, float]:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return c * forward - s * right, s * forward + c * right
+
+
+class HeldHeight:
+    """Keeps the height at which the centred throttle left the vehicle, once it is slow (MPC_HOLD_MAX_Z)."""
+
+    def __init__(self) -> None:
+        self._z = NAN
+
+    def forget(self) -> None:
+        self._z = NAN
+
+    def z(self, flight: FlightContext, asked: float) -> float:
+        """Return the height to hold (m, NED), nan while the vertical speed `asked` (m/s) is flown."""
+        if asked != 0.0 or flight.landed:
+            self._z = NAN
+        elif not math.isfinite(self._z) and abs(flight.state.velocity_ned[2]) < flight.parameters["MPC_HOLD_MAX_Z"]:
+            self._z = flight.state.position_ned[2]
+        return self._z
+
+
+class PositionControl(Mode):
+    """Sticks command velocity over the heading; centred sticks hold the place."""
+
+    def __init__(self) -> None:
+        self._place: Vec3 = FREE
+        self._height = HeldHeight()
+
+    def enter(self, flight: FlightContext) -> None:
+        self._place = FREE
+        self._height.forget()
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        state, p = flight.state, flight.parameters
+        forward, right = _sticks(flight)
+        ahead, back, side = (float(p[name]) for name in ("MPC_VEL_MANUAL", "MPC_VEL_MAN_BACK", "MPC_VEL_MAN_SIDE"))
+        forward *= back if forward < 0.0 <= back else ahead  # negative: as fast as ahead
+        right *= side if side >= 0.0 else ahead
+        vn, ve = _rotated(state.yaw, forward, right)
+        vd = climb(flight)
+        held_n, held_e, _ = self._place
+        moving = math.hypot(state.velocity_ned[0], state.velocity_ned[1]) > p["MPC_HOLD_MAX_XY"]
+        if vn != 0.0 or ve != 0.0 or flight.landed:
+            held_n, held_e = NAN, NAN
+        elif not math.isfinite(held_n) and not moving:
+            held_n, held_e = state.position_ned[0], state.position_ned[1]
+        self._place = (held_n, held_e, self._height.z(flight, vd))
+        return CascadeSetpoint(
+            position_ned=self._place,
+            velocity_ned=(vn, ve, vd),
+            yaw_rate=turn(flight),
+            speed_limit_up=float(p["MPC_Z_VEL_MAX_UP"]),
+            speed_limit_down=float(p["MPC_Z_VEL_MAX_DN"]),
+        )
+
+
+class AltitudeControl(Mode):
+    """Sticks command tilt; the altitude follows the throttle."""
+
+    def __init__(self) -> None:
+        self._height = HeldHeight()
+
+    def enter(self, flight: FlightContext) -> None:
+        self._height.forget()
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        p = flight.parameters
+        tilt = math.radians(p["MPC_MAN_TILT_MAX"])
+        forward, right = _sticks(flight)
+        an, ae = _rotated(flight.state.yaw, GRAVITY * math.tan(tilt * forward), GRAVITY * math.tan(tilt * right))
+        vd = climb(flight)
+        return CascadeSetpoint(
+            position_ned=(NAN, NAN, self._height.z(flight, vd)),
+            velocity_ned=(NAN, NAN, vd),
+            acceleration_ned=(an, ae, NAN),
+            yaw_rate=turn(flight),
+            speed_limit_up=float(p["MPC_Z_VEL_MAX_UP"]),
+            speed_limit_down=float(p["MPC_Z_VEL_MAX_DN"]),
+        )
+
+
+def _hover(flight: FlightContext) -> float:
+    return flight.state.hover_thrust or float(flight.parameters["MPC_THR_HOVER"])
+
+
+class Stabilized(Mode):
+    """Sticks command tilt and thrust."""
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        p, sticks = flight.parameters, flight.sticks
+        tilt = math.radians(p["MPC_MAN_TILT_MAX"])
+        forward, right = within_circle(sticks.forward, sticks.right)
+        return CascadeSetpoint(
+            kind=KIND_ATTITUDE,
+            attitude=quat_from_euler(tilt * right, -tilt * forward, flight.state.yaw),
+            yaw_rate=turn(flight),
+            thrust=min(max(throttle_thrust(sticks.throttle, _hover(flight), p), 0.0), 1.0),
+        )
+
+
+class Acro(Mode):
+    """Sticks command body rates (MC_ACRO_*_MAX) and thrust; nothing levels the vehicle."""
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        p, sticks = flight.parameters, flight.sticks
+        expo, extra = float(p["MC_ACRO_EXPO"]), float(p["MC_ACRO_SUPEXPO"])
+        yaw = super_expo(sticks.yaw, float(p["MC_ACRO_EXPO_Y"]), float(p["MC_ACRO_SUPEXPOY"]))
+        return CascadeSetpoint(
+            kind=KIND_RATES,
+            rates_frd=(
+                super_expo(sticks.right, expo, extra) * math.radians(p["MC_ACRO_R_MAX"]),
+                -super_expo(sticks.forward, expo, extra) * math.radians(p["MC_ACRO_P_MAX"]),
+                yaw * math.radians(p["MC_ACRO_Y_MAX"]),
+            ),
+            thrust=min(max(throttle_thrust(sticks.throttle, _hover(flight), p), 0.0), 1.0),
+        )

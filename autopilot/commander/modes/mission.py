@@ -1,0 +1,190 @@
+"""MISSION: the uploaded items one after the other, as PX4 flies them with a multicopter."""
+
+import math
+
+from autopilot.commander.modes.flight import FlightContext, Mode
+from autopilot.commander.modes.land import Land
+from autopilot.commander.modes.setpoint import CascadeSetpoint
+from autopilot.commander.modes.travel import approach_speed
+from autopilot.commander.plan import checks
+from autopilot.commander.plan.items import PlanItem, local_place
+from foundation.frames import Vec3, wrap_pi
+
+CLIMBED_M = 0.5
+TURN_TO_COURSE_M = 3.0  # nearer than this the course to the waypoint means nothing
+LAND_OVER_M = 1.0
+
+
+class Mission(Mode):
+    """Keeps its place in the plan while other modes fly. `reached` collects the numbers to announce."""
+
+    def __init__(self) -> None:
+        self.current = 0
+        self.complete = False
+        self.begun = False
+        self.reached: list[int] = []
+        self._jumps: dict[int, int] = {}  # item → jumps made
+        self._leg = "fly"  # climb, fly, stay, land
+        self._start: Vec3 = (0.0, 0.0, 0.0)
+        self._target: Vec3 = (0.0, 0.0, 0.0)
+        self._yaw = 0.0
+        self._forced_yaw = False
+        self._since_us: int | None = None  # when the stay began
+        self._land = Land()
+
+    def rewind(self, item: int = 0) -> None:
+        """Go on with this item at the next entry."""
+        self.current, self.complete, self.begun = item, False, item > 0
+        self._jumps.clear()
+
+    def enter(self, flight: FlightContext) -> None:
+        self.next_mode = None
+        if self.complete or self.current >= len(flight.plans.mission):
+            self.rewind()
+        self.begun = True
+        speeds = [i.p[1] for i in flight.plans.mission[: self.current] if i.command == checks.CHANGE_SPEED]
+        if speeds:
+            self._set_speed(flight, speeds[-1])
+        self._target, self._yaw = flight.state.position_ned, flight.state.yaw
+        self._seek(flight)
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        p = flight.parameters
+        if not flight.plans.mission and self.next_mode is None:
+            self._finish(flight.state.position_ned)
+        elif self.next_mode is None:
+            self._follow(flight)
+        if self._leg == "land" and self.next_mode is None:
+            return self._land.setpoint(flight)
+        n, e, _ = flight.state.position_ned
+        place = (self._start[0], self._start[1], self._target[2]) if self._leg == "climb" else self._target
+        distance = math.hypot(place[0] - n, place[1] - e)
+        leaving = self._leg == "climb" and flight.landed
+        return CascadeSetpoint(
+            position_ned=place,
+            yaw=self._yaw,
+            speed_limit_up=float(p["MPC_TKO_SPEED"] if leaving else p["MPC_Z_V_AUTO_UP"]),
+            speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
+            speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
+        )
+
+    # from item to item
+
+    def _seek(self, flight: FlightContext) -> None:
+        """Carry out immediate items until one is found that takes time to fly."""
+        items = flight.plans.mission
+        for _ in range(2 * len(items) + 2):  # jumps in a circle without a waypoint end here
+            if self.current >= len(items):
+                break
+            item = items[self.current]
+            if item.command in checks.NAVIGATION:
+                self._begin(flight, item)
+                return
+            following = self._carry_out(flight, item)
+            self.reached.append(self.current)
+            self.current = following
+        self._finish(self._target)
+
+    def _advance(self, flight: FlightContext) -> None:
+        self.reached.append(self.current)
+        self.current += 1
+        self._seek(flight)
+
+    def _finish(self, rest: Vec3, following: str = "HOLD") -> None:
+        self.complete = True
+        self.rest, self.next_mode = rest, following
+
+    def _carry_out(self, flight: FlightContext, item: PlanItem) -> int:
+        """Do what takes no time; return the number of the item that follows."""
+        if item.command == checks.CHANGE_SPEED:
+            self._set_speed(flight, item.p[1])
+        elif item.command == checks.JUMP:
+            made = self._jumps.get(self.current, 0)
+            if item.p[1] < 0 or made < item.p[1]:
+                self._jumps[self.current] = made + 1
+                return int(item.p[0])
+            self._jumps.pop(self.current, None)
+        return self.current + 1
+
+    @staticmethod
+    def _set_speed(flight: FlightContext, speed: float) -> None:
+        if 0.0 < speed < math.inf:
+            flight.cruise_speed = min(speed, float(flight.parameters["MPC_XY_VEL_MAX"]))
+
+    def _begin(self, flight: FlightContext, item: PlanItem) -> None:
+        here = flight.state.position_ned
+        self._since_us, self._start = None, here
+        n, e, z = local_place(item, flight.state, flight.home)
+        least = here[2] - float(flight.parameters["MIS_TAKEOFF_ALT"])
+        if item.command == checks.DELAY:
+            self._leg = "stay"
+            return
+        if item.command == checks.RETURN:
+            self.reached.append(self.current)
+            self.complete = self.current + 1 >= len(flight.plans.mission)
+            self.current += not self.complete
+            self.rest, self.next_mode = here, "RETURN"
+            return
+        if item.command == checks.LAND:
+            z = here[2]  # over the place at the present height, then down
+        elif not math.isfinite(z):
+            z = least if item.command == checks.TAKEOFF else here[2]
+        self._target = (n, e, z) if math.isfinite(n) else (here[0], here[1], z)
+        self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != checks.LAND
+        self._leg = "fly"
+        if flight.landed and item.command != checks.LAND:
+            # PX4 takes off before a first item of any kind, to the item's height and at least MIS_TAKEOFF_ALT
+            self._target = (self._target[0], self._target[1], min(self._target[2], least))
+            self._leg = "climb"
+        elif item.command == checks.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
+            self._leg = "climb"
+        if self._forced_yaw:
+            self._yaw = wrap_pi(math.radians(item.p[3]))
+
+    # within one item
+
+    def _follow(self, flight: FlightContext) -> None:
+        item = flight.plans.mission[self.current]
+        n, e, z = flight.state.position_ned
+        to_n, to_e, to_z = self._target
+        distance = math.hypot(to_n - n, to_e - e)
+        if self._leg == "climb":
+            if z - to_z < CLIMBED_M and not flight.landed:
+                self._leg = "fly"
+            return
+        if self._leg == "land":
+            if flight.landed and not self.complete:
+                self.reached.append(self.current)
+                self.complete = True  # whatever follows a landing is for another flight
+            return
+        if self._leg == "fly":
+            if distance > TURN_TO_COURSE_M and not self._forced_yaw and flight.parameters["MPC_YAW_MODE"] == 0:
+                self._yaw = math.atan2(to_e - e, to_n - n)
+            if self._arrived(flight, item, distance, abs(to_z - z)):
+                self._leg, self._since_us = "stay", flight.state.time_us
+                if item.command == checks.LAND:
+                    self._leg = "land"
+                    self._land.enter(flight)
+                    self._land.over(self._target)
+        if self._leg == "stay":
+            self._stay(flight, item)
+
+    def _arrived(self, flight: FlightContext, item: PlanItem, distance: float, height: float) -> bool:
+        p = flight.parameters
+        given = item.p[1] if item.command == checks.WAYPOINT else math.nan
+        radius = given if 0.0 < given < 1e4 else float(p["NAV_ACC_RAD"])
+        if item.command in (checks.LAND, checks.LOITER, checks.LOITER_TIME):
+            radius = LAND_OVER_M  # on the spot
+        if distance > radius or height > float(p["NAV_MC_ALT_RAD"]):
+            return False
+        turned = abs(wrap_pi(self._yaw - flight.state.yaw)) < math.radians(p["MIS_YAW_ERR"])
+        return turned or not self._forced_yaw
+
+    def _stay(self, flight: FlightContext, item: PlanItem) -> None:
+        now = flight.state.time_us
+        if self._since_us is None:
+            self._since_us = now
+        wait = item.p[0] if item.command in (checks.WAYPOINT, checks.LOITER_TIME, checks.DELAY) else 0.0
+        wait = math.inf if item.command == checks.LOITER else (wait if wait > 0.0 else 0.0)
+        if (now - self._since_us) * 1e-6 >= wait:
+            self._advance(flight)

@@ -1,0 +1,108 @@
+"""The compiled inner loop of one flight controller: sensors in, actuators and estimate out, once per millisecond."""
+
+from typing import Any
+
+import numpy as np
+
+from autopilot.control import cascade, gains
+from autopilot.control.mixer import allocation
+from autopilot.control.records import CONTROL_STATE
+from autopilot.design.loop_shaping import design
+from autopilot.estimator import records as estimator_records
+from autopilot.estimator.ekf import update as estimate_motion
+from autopilot.estimator.records import HISTORY, STATES
+from autopilot.records import ESTIMATE, KIND_IDLE, SETPOINT
+from foundation.airframe import Airframe
+from foundation.compiled import Grid, Record, njit
+from foundation.errors import UsageError
+
+control = cascade.update
+
+
+@njit(cache=True)
+def update(
+    params: Record,
+    state: Record,
+    filter_params: Record,
+    filter_state: Record,
+    covariance: Grid,
+    history: Grid,
+    setpoint: Record,
+    estimate: Record,
+    sensors: Record,
+    actuators: Record,
+) -> None:
+    """Run the estimator and, on a new inertial sample, the cascade. Arguments: `FlightCore.kernel_args`."""
+    on_ground = setpoint.armed == 0  # a vehicle whose rotors are stopped stands, unless a receiver says otherwise
+    if estimate_motion(filter_params, filter_state, covariance, history, sensors, estimate, on_ground):
+        control(params, state, setpoint, estimate, actuators)
+
+
+def empty_setpoint() -> np.void:
+    """Return a SETPOINT record that asks for nothing: disarmed, no axis controlled, no limit of its own."""
+    setpoint: np.void = np.zeros(1, SETPOINT)[0]
+    for name in SETPOINT.names or ():
+        if SETPOINT[name].base.kind == "f":
+            setpoint[name] = np.nan
+    setpoint["kind"] = KIND_IDLE
+    setpoint["thrust_limit"] = 1.0
+    return setpoint
+
+
+class FlightCore:
+    """Estimator and cascade of one vehicle with the records through which the commander talks to them.
+
+    setpoint: SETPOINT, written by the commander. estimate: ESTIMATE, read by it. state["landed"]: may be written by it,
+    1 while the vehicle is known to stand with armed rotors, so that the integrals rest. params, filter_params: gains,
+    limits and noise figures.
+    """
+
+    def __init__(
+        self, airframe: Airframe, *, declination_rad: float = 0.0558, overrides: dict[str, float] | None = None
+    ) -> None:
+        """Design the gains of `airframe`; declination (rad, east positive) belongs to where it flies.
+
+        overrides: PX4 parameter names with values that replace the defaults. Raises UsageError for an airframe that
+        cannot be controlled or a parameter that does not exist.
+        """
+        self.airframe = airframe
+        self.gains = design(airframe)
+        self.params = gains.default_parameters(self.gains, allocation(airframe), len(airframe.rotors))
+        self.state = np.zeros(1, CONTROL_STATE)[0]
+        self.state["attitude_setpoint"] = (1.0, 0.0, 0.0, 0.0)
+        self.state["torque_scale"] = 1.0
+        self.state["hover_thrust"] = self.params["hover_thrust"]
+        self.filter_params = estimator_records.default_parameters(declination_rad)
+        self.filter_state = estimator_records.initial_state()
+        self.covariance = np.zeros((STATES, STATES))
+        self.history = np.zeros((HISTORY, 7))
+        self.setpoint = empty_setpoint()
+        self.estimate = np.zeros(1, ESTIMATE)[0]
+        self.estimate["attitude"] = (1.0, 0.0, 0.0, 0.0)
+        self._defaults = {name: gains.read(self.params, name) for name in gains.GAINS}
+        for name, value in (overrides or {}).items():
+            self.set_parameter(name, value)
+
+    def kernel_args(self, sensors: np.void, actuators: np.void) -> tuple[Any, ...]:
+        """Return the arguments of `update` for these SENSORS and ACTUATORS records."""
+        if sensors.dtype.names is None or "imu_time_us" not in sensors.dtype.names:
+            raise UsageError("the flight core reads a border.sensors.SENSORS record: pass vehicle.sensors")
+        return (
+            self.params, self.state, self.filter_params, self.filter_state, self.covariance, self.history,
+            self.setpoint, self.estimate, sensors, actuators,
+        )  # fmt: skip
+
+    def parameter_defaults(self) -> dict[str, float]:
+        """Return every PX4 parameter that the core honours with this airframe's default, in PX4's units."""
+        return dict(self._defaults)
+
+    def get_parameter(self, name: str) -> float:
+        """Return the value in force, in PX4's unit. Raises UsageError for a parameter the core does not have."""
+        return gains.read(self.params, name)
+
+    def set_parameter(self, name: str, value: float) -> float:
+        """Set a PX4 parameter at any time and return the value that holds, bounded to its range.
+
+        Raises UsageError for a parameter the core does not have or a value that is not finite.
+        """
+        return gains.write(self.params, name, value)

@@ -1,0 +1,1 @@
+"""Computes the gains of an airframe and draws its loops."""

@@ -1,0 +1,266 @@
+"""The gains of any airframe, from its constants by loop shaping.
+
+Each loop is a function L(s) of the complex frequency: controller, actuator lag, filters, transport delay and the closed
+loop inside it. The rate loops are made as fast as their margins allow, the outer loops a fixed ratio slower each, and
+no airframe leaves here with less than 45° of phase and 6 dB of gain margin in any loop.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autopilot.control.mixer import allocation
+from autopilot.control.smoothing import RESPONSE
+from foundation.airframe import Airframe
+from foundation.errors import UsageError
+from foundation.frames import GRAVITY, Vec3
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+Response = Callable[[Complex], Complex]
+
+PHASE_MARGIN_MIN = 45.0  # deg
+GAIN_MARGIN_MIN = 6.0  # dB
+FREQUENCIES = np.geomspace(0.01, 1500.0, 3000)  # rad/s
+
+RATE_DELAY_S = 0.002  # sampling, computing and holding at 1 kHz
+OUTER_DELAY_S = 0.015  # holding at 100 Hz and the estimator's smoothing
+RATE_PHASE_MARGIN = 60.0  # deg, aimed at: a sagging battery or a payload may take some
+RATE_GAIN_MARGIN = 9.0  # dB, aimed at
+ATTITUDE_RATIO = 3.5  # rate crossover over attitude gain
+ATTITUDE_P_MAX = 8.0  # 1/s: faster tilting only feeds the outer loops' noise to the rotors
+YAW_CROSSOVER_MAX = 8.0  # rad/s: yaw torque is weak, and spent last by the mixer
+VELOCITY_RATIO = 3.2  # attitude gain over velocity gain, so 2.0 at the attitude gain of an X500
+VELOCITY_P_MAX = (2.0, 2.0, 4.0)  # 1/s; PX4's MPC_XY_VEL_P_ACC 1.8, MPC_Z_VEL_P_ACC 4
+ROTOR_FLOOR = 0.01  # least thrust fraction the mixer asks of a rotor that has no idle speed
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """How far a loop is from instability."""
+
+    phase_deg: float
+    gain_db: float  # inf where the phase never reaches -180°
+    crossover: float  # rad/s
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """What the cascade needs to know about an airframe; roll, pitch, yaw or north, east, down order."""
+
+    rate_p: Vec3  # rad/s² per rad/s
+    rate_i: Vec3  # rad/s² per rad
+    rate_d: Vec3  # rad/s² per rad/s²
+    attitude_p: Vec3  # 1/s
+    velocity_p: Vec3  # m/s² per m/s
+    velocity_i: Vec3  # m/s² per m
+    velocity_d: Vec3  # m/s² per m/s²
+    position_p: Vec3  # 1/s
+    velocity_lag: Vec3  # s, how late an acceleration follows its setpoint
+    yaw_lag: float  # s, how late the yaw rate follows its setpoint
+    gyro_cutoff_hz: float
+    gyro_derivative_cutoff_hz: float
+    acceleration_max: Vec3  # rad/s², angular acceleration of a normalised torque of 1
+    hover_thrust: float  # 0 … 1, fraction of the full collective
+    rotor_thrust_min: float  # 0 … 1, fraction of a rotor's full thrust at idle speed
+    margins: dict[str, Margin]  # of every loop, by the names of `loops`
+
+
+def lag(time_constant: float) -> Response:
+    """Return 1 / (T s + 1)."""
+    return lambda s: 1.0 / (time_constant * s + 1.0)
+
+
+def rotor_lag(airframe: Airframe) -> float:
+    """Return one time constant (s) for spinning up and down."""
+    return 0.5 * (airframe.curve.time_constant_up_s + airframe.curve.time_constant_down_s)
+
+
+def hover_thrust(airframe: Airframe) -> float:
+    """Return the collective (0 … 1) that carries the weight."""
+    return airframe.mass_kg * GRAVITY / airframe.thrust_max
+
+
+def yaw_lead(airframe: Airframe) -> float:
+    """Return the time constant (s) of the lead that spinning up a rotor's own inertia adds to its drag torque.
+
+    Torque per speed about hover is 2 kq ω + J s, so the lead is J / (2 kq ω).
+    """
+    speed = airframe.curve.speed_max * math.sqrt(hover_thrust(airframe))
+    return airframe.curve.inertia / (2.0 * airframe.curve.torque_coefficient * speed)
+
+
+def rate_loop(
+    airframe: Airframe, p: float, i: float, d: float, cutoff_hz: float, derivative_hz: float, yaw: bool
+) -> Response:
+    """Return L(s) of a rate PID around rotor lag, gyro filters and delay."""
+    rotor, gyro, slope = (
+        lag(rotor_lag(airframe)),
+        lag(1 / (2 * math.pi * cutoff_hz)),
+        lag(1 / (2 * math.pi * derivative_hz)),
+    )
+    lead = yaw_lead(airframe) if yaw else 0.0
+
+    def response(s: Complex) -> Complex:
+        controller = p + i / s + d * s * slope(s)
+        loop: Complex = controller * (1.0 + lead * s) * rotor(s) * gyro(s) * np.exp(-RATE_DELAY_S * s) / s
+        return loop
+
+    return response
+
+
+def closed(loop: Response) -> Response:
+    """Return L / (1 + L)."""
+    return lambda s: loop(s) / (1.0 + loop(s))
+
+
+def attitude_loop(p: float, rate: Response) -> Response:
+    """Return L(s) of an attitude P around a rate loop."""
+    inner = closed(rate)
+    return lambda s: p / s * inner(s) * np.exp(-0.001 * s)
+
+
+def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
+    """Return L(s) of a velocity PID around the loop or lag that makes its acceleration."""
+    measured = lag(1 / (2 * math.pi * 10.0))  # the cascade's filter of the measured acceleration
+    return lambda s: (p + i / s + d * s * measured(s)) / s * inner(s) * np.exp(-OUTER_DELAY_S * s)
+
+
+def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
+    """Return L(s) of a position P around the smoothing of its velocity setpoint and a velocity loop with feed-forward.
+
+    The smoothed reference r drives the acceleration with s r and the feedback C with r / (T s + 1), T the expected lag,
+    so with G what makes the acceleration and L = C G / s the velocity is (G + L / (T s + 1)) / (1 + L) r.
+    """
+    smoothing, late = lag(1.0 / RESPONSE), lag(expected)
+    return lambda s: (
+        p / s * smoothing(s) * (inner(s) * np.exp(-OUTER_DELAY_S * s) + velocity(s) * late(s)) / (1.0 + velocity(s))
+    )
+
+
+def margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES) -> Margin:
+    """Return the smallest phase and gain margin of a loop over its crossings; nan phase when it never crosses 0 dB."""
+    value = loop(1j * frequencies)
+    gain = 20.0 * np.log10(np.abs(value))
+    phase = np.degrees(np.unwrap(np.angle(value)))
+    phase -= 360.0 * round((phase[0] + 135.0) / 360.0)  # one or two integrators: between -90° and -180° at the start
+    crossings = np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
+    phases, where = [], math.nan
+    for k in crossings:
+        share = gain[k] / (gain[k] - gain[k + 1])
+        phases.append(180.0 + phase[k] + share * (phase[k + 1] - phase[k]))
+        where = frequencies[k] * (frequencies[k + 1] / frequencies[k]) ** share
+    turns = np.flatnonzero((phase[:-1] + 180.0) * (phase[1:] + 180.0) < 0.0)
+    gains = []
+    for k in turns:
+        share = (phase[k] + 180.0) / (phase[k] - phase[k + 1])
+        gains.append(-(gain[k] + share * (gain[k + 1] - gain[k])))
+    return Margin(float(min(phases, default=math.nan)), float(min(gains, default=math.inf)), float(where))
+
+
+def shape_rate(airframe: Airframe, cutoff_hz: float, derivative_hz: float, yaw: bool) -> tuple[float, float, float]:
+    """Return (p, i, d) of the fastest rate loop that keeps the aimed margins."""
+    lead = 0.0 if yaw else 0.6 * rotor_lag(airframe)  # s, derivative time: undoes most of the rotor lag
+    top = YAW_CROSSOVER_MAX if yaw else 1.0 / rotor_lag(airframe)
+    for p in np.geomspace(top, 0.02 * top, 120):
+        i, d = (0.05 if yaw else 0.15) * p * p, lead * p
+        found = margin(rate_loop(airframe, p, i, d, cutoff_hz, derivative_hz, yaw), FREQUENCIES[::6])
+        if found.phase_deg >= RATE_PHASE_MARGIN and found.gain_db >= RATE_GAIN_MARGIN:
+            return float(p), float(i), float(d)
+    raise UsageError(f"no stable rate loop for airframe {airframe.name!r}: check its rotor time constants")
+
+
+def loops(airframe: Airframe, gains: Gains) -> dict[str, Response]:
+    """Return the open loops L(s) of the designed cascade by name, from the innermost out."""
+    filters = (gains.gyro_cutoff_hz, gains.gyro_derivative_cutoff_hz)
+    rate = {
+        axis: rate_loop(airframe, gains.rate_p[k], gains.rate_i[k], gains.rate_d[k], *filters, axis == "yaw")
+        for k, axis in enumerate(("roll", "pitch", "yaw"))
+    }
+    attitude = {axis: attitude_loop(gains.attitude_p[k], loop) for k, (axis, loop) in enumerate(rate.items())}
+    p, i, d = gains.velocity_p, gains.velocity_i, gains.velocity_d
+    tilting, lifting = closed(attitude["pitch"]), lag(rotor_lag(airframe))
+    horizontal = velocity_loop(p[0], i[0], d[0], tilting)
+    vertical = velocity_loop(p[2], i[2], d[2], lifting)
+    late = gains.velocity_lag
+    return {
+        **{f"{axis} rate": loop for axis, loop in rate.items()},
+        **{f"{axis} attitude": loop for axis, loop in attitude.items()},
+        "horizontal velocity": horizontal,
+        "vertical velocity": vertical,
+        "horizontal position": position_loop(gains.position_p[0], horizontal, tilting, late[0]),
+        "vertical position": position_loop(gains.position_p[2], vertical, lifting, late[2]),
+    }
+
+
+@lru_cache(maxsize=32)
+def design(airframe: Airframe) -> Gains:
+    """Return the gains of an airframe with the margins they leave.
+
+    Raises UsageError when it cannot be controlled or a loop keeps less than 45° or 6 dB.
+    """
+    share = allocation(airframe)
+    hover = hover_thrust(airframe)
+    if not 0.05 < hover < 0.8:
+        raise UsageError(
+            f"airframe {airframe.name!r} hovers at {hover:.0%} of its full thrust: it needs between 5 % and 80 %"
+        )
+    # filters a decade above the fastest crossover that the rotors allow, within what PX4 uses
+    cutoff_hz = min(max(1.6 / rotor_lag(airframe), 60.0), 120.0)
+    derivative_hz = min(max(1.0 / rotor_lag(airframe), 30.0), 80.0)
+    level = shape_rate(airframe, cutoff_hz, derivative_hz, yaw=False)
+    turn = shape_rate(airframe, cutoff_hz, derivative_hz, yaw=True)
+    rate = (level, level, turn)
+    tilt_p = min(level[0] / ATTITUDE_RATIO, ATTITUDE_P_MAX)
+    attitude_p = (tilt_p, tilt_p, min(turn[0] / ATTITUDE_RATIO, tilt_p))
+    sideways = min(tilt_p / VELOCITY_RATIO, VELOCITY_P_MAX[0])
+    upright = min(0.16 / rotor_lag(airframe), VELOCITY_P_MAX[2])
+    tilt_lag = 1.0 / tilt_p + 1.0 / level[0] + OUTER_DELAY_S
+    (roll, pitch, yaw), inertia = share.torque_max, airframe.inertia_frd
+    floor = (airframe.curve.speed_idle / airframe.curve.speed_max) ** 2
+    gains = Gains(
+        rate_p=(rate[0][0], rate[1][0], rate[2][0]),
+        rate_i=(rate[0][1], rate[1][1], rate[2][1]),
+        rate_d=(rate[0][2], rate[1][2], rate[2][2]),
+        attitude_p=attitude_p,
+        velocity_p=(sideways, sideways, upright),
+        velocity_i=(0.3 * sideways**2, 0.3 * sideways**2, 0.08 * upright**2),
+        velocity_d=(0.1 * sideways, 0.1 * sideways, 0.0),
+        position_p=(0.5 * sideways, 0.5 * sideways, 0.3 * upright),
+        velocity_lag=(tilt_lag, tilt_lag, rotor_lag(airframe) + OUTER_DELAY_S),
+        yaw_lag=1.0 / turn[0],
+        gyro_cutoff_hz=cutoff_hz,
+        gyro_derivative_cutoff_hz=derivative_hz,
+        acceleration_max=(roll / inertia[0], pitch / inertia[1], yaw / inertia[2]),
+        hover_thrust=hover,
+        rotor_thrust_min=max(floor, ROTOR_FLOOR),
+        margins={},
+    )
+    for name, loop in loops(airframe, gains).items():
+        found = margin(loop)
+        gains.margins[name] = found
+        if not (found.phase_deg >= PHASE_MARGIN_MIN and found.gain_db >= GAIN_MARGIN_MIN):
+            raise UsageError(
+                f"the {name} loop of airframe {airframe.name!r} keeps only {found.phase_deg:.0f}° and "
+                f"{found.gain_db:.1f} dB: check its inertia, rotors and time constants"
+            )
+    return gains
+
+
+def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
+    """Return the margins of every loop as python-control computes them from the same frequency responses.
+
+    An independent check of `margin`; importing python-control takes a second, so it is not part of `design`.
+    """
+    import control
+
+    found = {}
+    for name, loop in loops(airframe, gains).items():
+        response = control.FRD(loop(1j * FREQUENCIES), FREQUENCIES)
+        gain, phase, _, _, crossover, _ = control.stability_margins(response)
+        found[name] = Margin(float(phase), 20.0 * math.log10(gain), float(crossover))
+    return found

@@ -1,0 +1,181 @@
+"""Covariance algebra of the error-state filter, written out along its zeros.
+
+The attitude error is a rotation vector in NED: q_true = exp(δθ) ⊗ q. Then (Solà 2017, "Quaternion kinematics for the
+error-state Kalman filter", section 7) with the specific force f in NED and the rotation R from FRD to NED
+
+    δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
+
+so F = I + A dt touches only nine rows, each with at most five entries besides the diagonal. The hard iron of the
+magnetometer moves nothing: it is there to be told from the heading once the vehicle turns.
+"""
+
+import math
+
+from autopilot.compiled_frames import quat_multiply, quat_normalized
+from autopilot.estimator.records import MOTION, STATES
+from foundation.compiled import Grid, Record, njit
+
+
+@njit(cache=True)
+def propagate(
+    P: Grid,
+    q: Grid,
+    impulse: Grid,
+    dt: float,
+    gyro_noise: float,
+    accel_noise: float,
+    gyro_bias_walk: float,
+    accel_bias_walk: float,
+    mag_bias_walk: float,
+) -> None:
+    """Replace P by F P Fᵀ + Q over dt seconds; `impulse` (3,) is ∫ specific force (NED) over that time, m/s."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    r00, r01, r02 = dt * (1 - 2 * (y * y + z * z)), dt * 2 * (x * y - w * z), dt * 2 * (x * z + w * y)
+    r10, r11, r12 = dt * 2 * (x * y + w * z), dt * (1 - 2 * (x * x + z * z)), dt * 2 * (y * z - w * x)
+    r20, r21, r22 = dt * 2 * (x * z - w * y), dt * 2 * (y * z + w * x), dt * (1 - 2 * (x * x + y * y))
+    fx, fy, fz = impulse[0], impulse[1], impulse[2]
+    for j in range(STATES):  # F P: rows; position first, for it needs the old velocity row
+        P[6, j] += dt * P[3, j]
+        P[7, j] += dt * P[4, j]
+        P[8, j] += dt * P[5, j]
+        tx, ty, tz = P[0, j], P[1, j], P[2, j]
+        ax, ay, az = P[12, j], P[13, j], P[14, j]
+        P[3, j] -= fy * tz - fz * ty + r00 * ax + r01 * ay + r02 * az
+        P[4, j] -= fz * tx - fx * tz + r10 * ax + r11 * ay + r12 * az
+        P[5, j] -= fx * ty - fy * tx + r20 * ax + r21 * ay + r22 * az
+        gx, gy, gz = P[9, j], P[10, j], P[11, j]
+        P[0, j] = tx - (r00 * gx + r01 * gy + r02 * gz)
+        P[1, j] = ty - (r10 * gx + r11 * gy + r12 * gz)
+        P[2, j] = tz - (r20 * gx + r21 * gy + r22 * gz)
+    for i in range(STATES):  # (F P) Fᵀ: columns
+        P[i, 6] += dt * P[i, 3]
+        P[i, 7] += dt * P[i, 4]
+        P[i, 8] += dt * P[i, 5]
+        tx, ty, tz = P[i, 0], P[i, 1], P[i, 2]
+        ax, ay, az = P[i, 12], P[i, 13], P[i, 14]
+        P[i, 3] -= fy * tz - fz * ty + r00 * ax + r01 * ay + r02 * az
+        P[i, 4] -= fz * tx - fx * tz + r10 * ax + r11 * ay + r12 * az
+        P[i, 5] -= fx * ty - fy * tx + r20 * ax + r21 * ay + r22 * az
+        gx, gy, gz = P[i, 9], P[i, 10], P[i, 11]
+        P[i, 0] = tx - (r00 * gx + r01 * gy + r02 * gz)
+        P[i, 1] = ty - (r10 * gx + r11 * gy + r12 * gz)
+        P[i, 2] = tz - (r20 * gx + r21 * gy + r22 * gz)
+    q_attitude = gyro_noise * gyro_noise * dt
+    q_velocity = accel_noise * accel_noise * dt
+    q_gyro = gyro_bias_walk * gyro_bias_walk * dt
+    q_accel = accel_bias_walk * accel_bias_walk * dt
+    for i in range(3):
+        P[i, i] += q_attitude
+        P[3 + i, 3 + i] += q_velocity
+        P[9 + i, 9 + i] += q_gyro
+        P[12 + i, 12 + i] += q_accel
+    for i in range(MOTION, STATES):
+        P[i, i] += mag_bias_walk * mag_bias_walk * dt
+
+
+@njit(cache=True)
+def symmetrize(P: Grid) -> None:
+    """Replace P by (P + Pᵀ)/2, variances held above zero: rounding must not accumulate over hours."""
+    for i in range(STATES):
+        for j in range(i):
+            mean = 0.5 * (P[i, j] + P[j, i])
+            P[i, j] = mean
+            P[j, i] = mean
+        P[i, i] = max(P[i, i], 1e-12 if i < MOTION else 0.0)
+
+
+@njit(cache=True)
+def innovation_variance(
+    P: Grid, work: Grid, i: int, hi: float, j: int, hj: float, k: int, hk: float, variance: float
+) -> float:
+    """Return H P Hᵀ + variance for the row H with entries hi, hj, hk at i, j, k, and leave P Hᵀ in `work`."""
+    for n in range(STATES):
+        work[n] = hi * P[i, n] + hj * P[j, n] + hk * P[k, n]
+    seen: float = hi * work[i] + hj * work[j] + hk * work[k] + variance
+    return seen
+
+
+@njit(cache=True)
+def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> None:
+    """Fuse one scalar whose P Hᵀ lies in `state.work`: inject the error into the nominal state and shrink P."""
+    work = state.work
+    scale = 1.0 / innovation_var
+    for i in range(STATES):
+        gain = work[i] * scale
+        for j in range(STATES):
+            P[i, j] -= gain * work[j]
+    step = innovation * scale
+    q = state.attitude
+    turn = (1.0, 0.5 * step * work[0], 0.5 * step * work[1], 0.5 * step * work[2])
+    corrected = quat_normalized(quat_multiply(turn, (q[0], q[1], q[2], q[3])))
+    for i in range(4):
+        q[i] = corrected[i]
+    for i in range(3):
+        state.velocity[i] += step * work[3 + i]
+        state.position[i] += step * work[6 + i]
+        state.gyro_bias[i] += step * work[9 + i]
+        state.accel_bias[i] += step * work[12 + i]
+    for i in range(2):
+        state.mag_bias[i] += step * work[MOTION + i]
+
+
+@njit(cache=True)
+def forget(P: Grid, first: int, variance: float) -> None:
+    """Make the three states from `first` on independent of all others, with the given variance each."""
+    for i in range(first, first + 3):
+        for j in range(STATES):
+            P[i, j] = 0.0
+            P[j, i] = 0.0
+        P[i, i] = variance
+
+
+@njit(cache=True)
+def initialise(P: Grid, tilt_std: float, yaw_std: float, gyro_bias_std: float) -> None:
+    """Set P to that of a vehicle at rest whose attitude was just levelled from the accelerometer."""
+    for i in range(STATES):
+        for j in range(STATES):
+            P[i, j] = 0.0
+    for i in range(2):
+        P[i, i] = tilt_std * tilt_std
+    P[2, 2] = yaw_std * yaw_std
+    for i in range(3):
+        P[3 + i, 3 + i] = 0.25
+        P[6 + i, 6 + i] = 1.0
+        P[9 + i, 9 + i] = gyro_bias_std * gyro_bias_std
+        P[12 + i, 12 + i] = 0.04  # (0.2 m/s²)², EKF2_ABIAS_INIT
+
+
+@njit(cache=True)
+def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[float, float]:
+    """Return d(heading innovation)/d(hard iron) in rad/gauss for the forward and the right axis.
+
+    `horizontal` (gauss) is the field's horizontal part. Hard iron b turns the measured heading by n · R b / horizontal
+    with n the horizontal unit vector to the right of magnetic north.
+    """
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    s, c = math.sin(declination) / horizontal, math.cos(declination) / horizontal
+    return (
+        s * (1 - 2 * (y * y + z * z)) - c * 2 * (x * y + w * z),
+        s * 2 * (x * y - w * z) - c * (1 - 2 * (x * x + z * z)),
+    )
+
+
+@njit(cache=True)
+def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
+    """Make the yaw error of a heading just taken from the magnetometer that of its hard iron (gauss, 1 sigma) too."""
+    forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
+    variance = hard_iron * hard_iron
+    for i, slope in ((MOTION, forward), (MOTION + 1, right)):
+        for j in range(STATES):
+            P[i, j] = 0.0
+            P[j, i] = 0.0
+        P[i, i] = variance
+        P[2, i] = -slope * variance
+        P[i, 2] = -slope * variance
+        P[2, 2] += slope * slope * variance
+
+
+@njit(cache=True)
+def deviation(variance: float) -> float:
+    """Return √variance, 0 for what rounding made negative."""
+    return math.sqrt(max(variance, 0.0))

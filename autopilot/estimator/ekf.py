@@ -1,0 +1,241 @@
+"""The estimator: error-state Kalman filter over attitude, velocity, position, inertial biases and hard iron.
+
+Called once per vehicle millisecond. The nominal state is integrated with every inertial sample, so that control always
+acts on the newest attitude; the covariance follows every 4 ms; the aiding sensors are fused as their samples arrive,
+GNSS against the past instant at which its fix was valid. Reads sensor samples only.
+"""
+
+import math
+
+from autopilot.compiled_frames import quat_advance, rotate
+from autopilot.estimator.alignment import align, clear, collect_imu
+from autopilot.estimator.covariance import deviation, propagate
+from autopilot.estimator.fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness, pressure_altitude
+from autopilot.estimator.records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
+from autopilot.records import TESTS
+from foundation.compiled import Grid, Record, njit
+from foundation.frames import GRAVITY
+
+COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every fourth sample at 1 kHz, each at 250 Hz
+PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample
+STILL_PERIOD_US = 100_000
+STILL_NOISE_GROUND = 0.1  # m/s
+SHOCK_SPEED = 3.0  # m/s, by about which the change of velocity is unknown after a sample at the sensor's limit
+STILL_NOISE_AIR = 10.0  # m/s, only bounds the tilt while no receiver is heard
+
+
+@njit(cache=True)
+def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: float, gz: float, dt: float) -> None:
+    """Advance attitude, velocity and position by one inertial sample (biases already removed)."""
+    q = state.attitude
+    before = (q[0], q[1], q[2], q[3])
+    after = quat_advance(before, gx * dt, gy * dt, gz * dt)
+    # the specific force acted, on average, at the attitude halfway
+    fx, fy, fz = rotate(before, (ax + 0.5 * dt * (gy * az - gz * ay), ay + 0.5 * dt * (gz * ax - gx * az),
+                                 az + 0.5 * dt * (gx * ay - gy * ax)))  # fmt: skip
+    q[0], q[1], q[2], q[3] = after
+    v, p = state.velocity, state.position
+    dvx, dvy, dvz = fx * dt, fy * dt, (fz + GRAVITY) * dt
+    dpx, dpy, dpz = (v[0] + 0.5 * dvx) * dt, (v[1] + 0.5 * dvy) * dt, (v[2] + 0.5 * dvz) * dt
+    v[0] += dvx
+    v[1] += dvy
+    v[2] += dvz
+    p[0] += dpx
+    p[1] += dpy
+    p[2] += dpz
+    rv, rp = state.reckoned_velocity, state.reckoned_position
+    rv[0] += dvx
+    rv[1] += dvy
+    rv[2] += dvz
+    rp[0] += dpx
+    rp[1] += dpy
+    rp[2] += dpz
+    f = state.specific_force_ned
+    f[0], f[1], f[2] = fx, fy, fz
+    i = state.impulse
+    i[0] += fx * dt
+    i[1] += fy * dt
+    i[2] += fz * dt
+    state.impulse_dt += dt
+
+
+@njit(cache=True)
+def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) -> None:
+    """Propagate the covariance over what has accumulated and note the instant in the delay buffer."""
+    propagate(
+        P, state.attitude, state.impulse, state.impulse_dt,
+        params.gyro_noise, params.accel_noise, params.gyro_bias_walk, params.accel_bias_walk,
+        params.mag_bias_walk if params.mag_bias_std > 0.0 else 0.0,
+    )  # fmt: skip
+    state.impulse_dt = 0.0
+    if state.shocked:  # or the gates would keep out the very fixes that tell what the blow has done
+        state.shocked = 0
+        for i in range(3, 6):
+            P[i, i] = max(P[i, i], SHOCK_SPEED * SHOCK_SPEED)
+    index = state.history_index
+    history[index, 0] = state.time_us
+    for i in range(3):
+        state.impulse[i] = 0.0
+        history[index, 1 + i] = state.reckoned_velocity[i]
+        history[index, 4 + i] = state.reckoned_position[i]
+    state.history_index = (index + 1) % HISTORY
+    state.history_count = min(state.history_count + 1, HISTORY)
+
+
+@njit(cache=True)
+def aid(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, landed: bool) -> None:
+    """Fuse whatever aiding sample is new."""
+    time_us = state.time_us
+    if sensors.mag_time_us != state.mag_time_us:
+        elapsed = sensors.mag_time_us - state.mag_time_us
+        m = sensors.mag_frd
+        if not math.isfinite(m[0] + m[1] + m[2]):
+            state.mag_time_us = sensors.mag_time_us
+            state.bad_samples += 1
+        elif elapsed >= 19_000 or elapsed < 0:  # 50 Hz is plenty
+            state.mag_time_us = sensors.mag_time_us
+            fuse_heading(params, state, P, m[0], m[1], m[2], time_us, landed)
+    if sensors.baro_time_us != state.baro_time_us:
+        state.baro_time_us = sensors.baro_time_us
+        if 100.0 < sensors.pressure_hpa < 1300.0:
+            fuse_height(params, state, P, sensors.pressure_hpa, time_us)
+        else:
+            state.bad_samples += 1
+    if sensors.gps_time_us != state.gps_time_us:
+        state.gps_time_us = sensors.gps_time_us
+        fuse_fix(params, state, P, history, sensors)
+    unaided = state.velocity_fused_us == 0 or time_us - state.velocity_fused_us > 1_000_000
+    if unaided and time_us - state.still_fused_us >= STILL_PERIOD_US:
+        state.still_fused_us = time_us
+        fuse_stillness(state, P, STILL_NOISE_GROUND if landed else STILL_NOISE_AIR)
+
+
+@njit(cache=True)
+def gather(
+    params: Record,
+    state: Record,
+    P: Grid,
+    sensors: Record,
+    ax: float,
+    ay: float,
+    az: float,
+    gx: float,
+    gy: float,
+    gz: float,
+) -> None:
+    """Average samples until the first attitude can be told."""
+    if state.align_since_us == 0:
+        clear(state, state.time_us)
+    collect_imu(state, ax, ay, az, gx, gy, gz)
+    if sensors.mag_time_us != state.mag_time_us:
+        state.mag_time_us = sensors.mag_time_us
+        m = sensors.mag_frd
+        if math.isfinite(m[0] + m[1] + m[2]):
+            state.align_mag_count += 1
+            for i in range(3):
+                state.align_mag[i] += m[i]
+    if sensors.baro_time_us != state.baro_time_us:
+        state.baro_time_us = sensors.baro_time_us
+        if 100.0 < sensors.pressure_hpa < 1300.0:
+            state.align_baro_count += 1
+            state.align_baro += pressure_altitude(sensors.pressure_hpa)
+    align(params, state, P, state.time_us)
+
+
+@njit(cache=True)
+def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
+    """Write flags, deviations and test ratios into the ESTIMATE record."""
+    time_us = state.time_us
+    running = state.status == STATUS_RUNNING
+    estimate.attitude_valid = running
+    estimate.origin_set = state.origin_set
+    estimate.origin_lat_deg = state.origin_lat_deg
+    estimate.origin_lon_deg = state.origin_lon_deg
+    estimate.origin_alt_m = state.origin_alt_m
+    timeout = params.timeout_us
+    estimate.velocity_valid = running and state.velocity_fused_us > 0 and time_us - state.velocity_fused_us < timeout
+    estimate.position_valid = running and state.position_fused_us > 0 and time_us - state.position_fused_us < timeout
+    estimate.altitude_valid = running and time_us - state.baro_fused_us < timeout
+    estimate.position_std_h = deviation(P[6, 6] + P[7, 7])
+    estimate.position_std_v = deviation(P[8, 8])
+    estimate.velocity_std_h = deviation(P[3, 3] + P[4, 4])
+    estimate.velocity_std_v = deviation(P[5, 5])
+    estimate.tilt_std = deviation(P[0, 0] + P[1, 1])
+    estimate.yaw_std = deviation(P[2, 2])
+    for i in range(TESTS):
+        estimate.innovation[i] = state.innovation[i]
+        estimate.innovation_variance[i] = state.innovation_variance[i]
+        estimate.test_ratio[i] = state.test_ratio[i]
+
+
+@njit(cache=True)
+def update(
+    params: Record, state: Record, P: Grid, history: Grid, sensors: Record, estimate: Record, landed: bool
+) -> bool:
+    """Take in the SENSORS record; return whether it held a new inertial sample (then `estimate` is fresh too).
+
+    params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (STATES, STATES); history (HISTORY, 7); landed: the vehicle is
+    taken to stand on the ground.
+    """
+    time_us = sensors.imu_time_us
+    if time_us == state.time_us:
+        if sensors.time_us - state.time_us > 100_000:
+            estimate.attitude_valid = 0  # the inertial sensor is silent
+            estimate.time_us = sensors.time_us
+        return False
+    a, g = sensors.accel_frd, sensors.gyro_frd
+    if not math.isfinite(a[0] + a[1] + a[2] + g[0] + g[1] + g[2]):
+        state.bad_samples += 1
+        return False
+    dt = (time_us - state.time_us) * 1e-6
+    state.time_us = time_us
+    estimate.time_us = time_us
+    b, c = state.gyro_bias, state.accel_bias
+    gx, gy, gz = g[0] - b[0], g[1] - b[1], g[2] - b[2]
+    ax, ay, az = a[0] - c[0], a[1] - c[1], a[2] - c[2]
+    if state.status == STATUS_ALIGNING:
+        gather(params, state, P, sensors, a[0], a[1], a[2], g[0], g[1], g[2])
+    else:
+        strapdown(state, ax, ay, az, gx, gy, gz, min(max(dt, 0.0), 0.05))
+        if max(abs(a[0]), abs(a[1]), abs(a[2])) >= params.accel_clip:
+            state.shocked, state.shock_us = 1, time_us
+        if state.impulse_dt >= COVARIANCE_PERIOD_S:
+            predict_covariance(params, state, P, history)
+        aid(params, state, P, history, sensors, landed)
+        if not math.isfinite(state.attitude[0] + state.velocity[0] + state.velocity[1] + state.position[2] + P[0, 0]):
+            restart(state)
+    if time_us - state.published_us >= PUBLISH_PERIOD_US or time_us < state.published_us:
+        state.published_us = time_us
+        publish(params, state, P, estimate)
+    for i in range(4):
+        estimate.attitude[i] = state.attitude[i]
+    for i in range(3):
+        estimate.velocity_ned[i] = state.velocity[i]
+        estimate.position_ned[i] = state.position[i]
+        estimate.gyro_bias[i] = b[i]
+        estimate.accel_bias[i] = c[i]
+    estimate.resets = state.resets + state.restarts
+    r, s = estimate.rates_frd, estimate.accel_frd
+    r[0], r[1], r[2] = gx, gy, gz
+    s[0], s[1], s[2] = ax, ay, az
+    return True
+
+
+@njit(cache=True)
+def restart(state: Record) -> None:
+    """Throw away a state that is no longer finite and align anew, keeping the local frame's origin."""
+    state.status = STATUS_ALIGNING
+    state.restarts += 1
+    state.align_since_us = 0
+    state.align_attempts = 5  # at once: it may well be in the air
+    state.attitude[0] = 1.0
+    state.position_fused_us = 0
+    state.velocity_fused_us = 0
+    for i in range(3):
+        state.attitude[1 + i] = 0.0
+        state.velocity[i] = 0.0
+        state.position[i] = 0.0
+        state.gyro_bias[i] = 0.0
+        state.accel_bias[i] = 0.0
+        state.reckoned_velocity[i] = 0.0
+        state.reckoned_position[i] = 0.0

@@ -1,0 +1,188 @@
+"""The benchmark as a task of Inspect: the suite is the dataset, the flight the solver, the verifier the scorer.
+
+    inspect eval dronecats/dronecats --model PROVIDER/NAME -T suite=quick
+    inspect view
+
+Inspect asks its own model, with its own retries, limits and cache; all else is as under `dronecats fly`: prompt,
+pictures, controller, autopilot, logger. The run folders of the flights are runs like any other.
+"""
+
+import base64
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import anyio
+from anyio.to_thread import run_sync
+from inspect_ai import Task, task
+from inspect_ai.dataset import MemoryDataset, Sample
+from inspect_ai.model import ChatMessageUser, Content, ContentImage, ContentText, GenerateConfig, get_model
+from inspect_ai.scorer import (
+    CORRECT,
+    INCORRECT,
+    Score,
+    Scorer,
+    Target,
+    accuracy,
+    grouped,
+    scorer,
+    stderr,
+)
+from inspect_ai.solver import Generate, Solver, TaskState, solver
+
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.names import PAPER
+from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
+from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.judge.episode import judge_folder
+from episodes.records import catalogue, suites
+from foundation.errors import InfrastructureError, UsageError
+from foundation.protocol import CAP_S
+from foundation.run_folder.folder import fresh_run
+from foundation.wording import counted
+
+Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # of Inspect's reasoning_effort
+FOLDER = "dronecats_folder"  # in the sample's store: where it was flown
+_DECLARED = ModelSpec(provider="local", name="")  # the sampling of the paper
+
+
+@task
+def dronecats(
+    suite: str | list[str] = "one-drone",
+    latency: str = LATENCY,
+    seconds: float = CAP_S,
+    seed: int = 0,
+    axis_order: str = "xy",
+    full: bool = False,
+    out: str | None = None,
+    agent: str = PAPER,
+    lifted: Effort | None = None,
+) -> Task:
+    """Return the suite as a task: one-drone, commanding, quick, all, or ids and files with commas between.
+
+    Inspect itself makes a list of a text with commas.
+
+    `latency`: what a reply costs in vehicle time (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
+    `axis_order`: xy or yx, as the model points. `out`: the folder that takes a run for each epoch; None: a new one.
+    `agent`: who flies: paper, steady or MODULE:NAME. `lifted`: the effort of reasoning that is asked for in the call
+    after a `think`, and in no other; None: none beyond the evaluation's, since not every model takes one.
+
+    Raises UsageError for an effort that Inspect does not know.
+    """
+    if lifted is not None and lifted not in get_args(Effort):
+        raise UsageError(f"-T lifted wants one of {', '.join(get_args(Effort))}, got '{lifted}'")
+    return Task(
+        dataset=MemoryDataset([_sample(name) for name in suites.episodes_of(suite)], name=f"dronecats-{_title(suite)}"),
+        solver=flight(latency, seconds, seed, axis_order, full, out, agent, lifted),
+        scorer=verdict(),
+        config=GenerateConfig(temperature=_DECLARED.temperature, max_tokens=_DECLARED.max_tokens),
+        metadata={"latency": latency, "seconds": seconds, "axis_order": axis_order, "agent": agent, "lifted": lifted},
+    )
+
+
+def _title(suite: str | list[str]) -> str:
+    return suite if isinstance(suite, str) else ",".join(suite)
+
+
+def _sample(name: str) -> Sample:
+    record = catalogue.load(name)
+    return Sample(
+        id=record.id,
+        input=record.instruction,
+        metadata={"episode": name, "map": record.map, "cell": record.cell, "drones": len(record.starts)},
+    )
+
+
+@solver
+def flight(
+    latency: str,
+    seconds: float,
+    seed: int,
+    axis_order: str,
+    full: bool,
+    out: str | None,
+    agent: str = PAPER,
+    lifted: Effort | None = None,
+) -> Solver:
+    """Fly the sample's episode, its questions asked of the evaluation's model. An error is nobody's failure."""
+    runs: dict[int, Path] = {}
+
+    async def solve(state: TaskState, generate: Generate) -> TaskState:
+        model = get_model()
+        if state.epoch not in runs:
+            run = fresh_run(f"inspect-{model}") if out is None else Path(out)
+            runs[state.epoch] = run / f"flight{state.epoch}" if out is not None else run
+        spec = FlightSpec(
+            episode=str(state.metadata["episode"]),
+            simulated=Simulated(speed=None),
+            outside=Outside(
+                harness="inspect", name=str(model), axis_order="yx" if axis_order == "yx" else "xy", lifted=lifted
+            ),
+            agent=agent,
+            **latency_fields(latency),
+            seconds=seconds,
+            seed=seed + state.epoch - 1,
+            full=full,
+        )
+        flown = await run_sync(OutsideFlight, spec, runs[state.epoch])
+        state.store.set(FOLDER, str(flown.folder))
+        try:
+            while (question := await run_sync(flown.question)) is not None:
+                asked = ChatMessageUser(content=content(question))
+                effort = lifted if question.thinking else None
+                output = await model.generate([asked], config=GenerateConfig(reasoning_effort=effort))
+                if output.error:
+                    flown.fail(output.error)
+                    continue
+                state.messages += [asked, output.message]
+                state.output = output
+                used = output.usage
+                flown.answer(
+                    OutsideReply(
+                        output.completion,
+                        used.input_tokens if used else None,
+                        used.output_tokens if used else None,
+                    )
+                )
+        finally:
+            with anyio.CancelScope(shield=True):
+                await run_sync(flown.close)
+        result = flown.result()
+        if result.outcome not in ("success", "failure"):
+            raise InfrastructureError(f"{result.episode} is nobody's failure: {result.error}")
+        return state
+
+    return solve
+
+
+@scorer(metrics=[accuracy(), stderr(), grouped(accuracy(), "cell", all=False), grouped(accuracy(), "map", all=False)])
+def verdict() -> Scorer:
+    """Judge the sample's folder by Algorithm 1 of the paper, from the logger's files alone."""
+
+    async def score(state: TaskState, target: Target) -> Score:
+        folder = Path(str(state.store.get(FOLDER)))
+        judged = (await run_sync(judge_folder, folder)).verdict
+        error = "?" if judged.ne_m is None else f"{judged.ne_m:.2f} m"
+        return Score(
+            value=CORRECT if judged.outcome == "success" else INCORRECT,
+            explanation=f"{judged.outcome}: navigation error {error}, {counted(judged.declarations, 'declaration')}",
+            metadata=_told(judged.as_json(), folder),
+        )
+
+    return score
+
+
+def content(question: Request) -> list[Content]:
+    """Return a question as Inspect sends it: the text, then each picture behind its label."""
+    parts: list[Content] = [ContentText(text=question.text)]
+    for label, jpeg in question.pictures:
+        if label is not None:
+            parts.append(ContentText(text=label))
+        parts.append(ContentImage(image=f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"))
+    return parts
+
+
+def _told(verdict_json: dict[str, Any], folder: Path) -> dict[str, Any]:
+    kept = ("outcome", "ne_m", "steps", "declarations", "success_at_first", "false_declarations", "diagnostics")
+    return {**{name: verdict_json.get(name) for name in kept}, "folder": str(folder)}

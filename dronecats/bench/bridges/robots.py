@@ -1,0 +1,152 @@
+"""The benchmark for Inspect Robots: the drone is the embodiment, the suite the scenes, the verifier the scorer.
+
+    inspect-robots list
+    eval("dronecats", policy=MyPolicy(), embodiment="dronecats")
+
+An action is five numbers, in the order of `LABELS`: which of the four actions (rounded), and what they need. What the
+action does not need is passed over.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from inspect_robots.embodiment import RENDERABLE, RESETTABLE, SEEDABLE, EmbodimentBase, EmbodimentInfo
+from inspect_robots.errors import EmbodimentFault
+from inspect_robots.rollout import TrialRecord
+from inspect_robots.scene import Scene
+from inspect_robots.scene import Target as SceneTarget
+from inspect_robots.scorer import Score
+from inspect_robots.spaces import ActionSemantics, Box, CameraSpec, ObservationSpace
+from inspect_robots.task import Task
+from inspect_robots.types import Action, Observation, StepResult
+
+from dronecats.agent.models.model import Request
+from dronecats.bench.bridges.actions import KINDS, reply
+from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
+from dronecats.bench.bridges.pictures import PICTURE_SHAPE, picture
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
+from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.judge.episode import judge_folder
+from episodes.records import catalogue, suites
+from foundation.errors import UsageError
+from foundation.protocol import CAP_S, POINT_SPAN
+from foundation.run_folder.folder import fresh_run
+from foundation.run_folder.results import Result
+
+CAMERA = "forward"
+FOLDER = "dronecats_folder"  # in a step's info: where the flight is kept
+LABELS = ("kind", "point_x", "point_y", "depth_m", "angle_deg")
+LOW = np.array([0.0, 0.0, 0.0, 0.1, -90.0])
+HIGH = np.array([len(KINDS) - 1.0, POINT_SPAN, POINT_SPAN, 300.0, 90.0])
+STEPS_MAX = 1000  # of an episode; none is so short that more fit into its time
+NOTES = """One step is one decision. `kind`: 0 go, 1 rotate, 2 think, 3 finished.
+go: fly towards the picture's point (`point_x`, `point_y`, 0 to 1000 from the upper left corner), which is `depth_m`
+away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. finished: claim to have arrived, within
+5 m and with the target in view; the flight goes on, and a false claim costs nothing."""
+
+
+class DroneEmbodiment(EmbodimentBase):
+    """A simulated drone of ours, under our autopilot. A scene's id is an episode's."""
+
+    def __init__(
+        self, latency: str = LATENCY, seconds: float = CAP_S, out: str | Path | None = None, policy: str = "policy"
+    ) -> None:
+        """`latency`: what a decision costs in vehicle time. `out`: run folder; None: a new one for each flight."""
+        self._latency, self._seconds, self._policy = latency, seconds, policy
+        self._out = None if out is None else Path(out)
+        self._flight: OutsideFlight | None = None
+        height, width, channels = PICTURE_SHAPE
+        self.info = EmbodimentInfo(
+            name="dronecats",
+            action_space=Box(
+                shape=(len(LABELS),),
+                low=LOW,
+                high=HIGH,
+                semantics=ActionSemantics(control_mode="eef_delta_pos", frame="camera", dim_labels=LABELS),
+            ),
+            observation_space=ObservationSpace(cameras=(CameraSpec(CAMERA, height, width, channels),)),
+            is_simulated=True,
+            capabilities=frozenset({SEEDABLE, RESETTABLE, RENDERABLE}),
+            docs=NOTES,
+        )
+
+    def reset(self, scene: Scene, *, seed: int | None = None) -> Observation:
+        """Begin a flight of the scene's episode. Raises EmbodimentFault when there is no first picture."""
+        self.close()
+        spec = FlightSpec(
+            episode=str(scene.metadata.get("episode", scene.id)),
+            simulated=Simulated(speed=None),
+            outside=Outside(harness="inspect-robots", name=self._policy),
+            **latency_fields(self._latency),
+            seconds=self._seconds,
+            seed=(seed or 0) % 2**31,
+        )
+        if len(catalogue.load(spec.episode or "").starts) != 1:
+            raise UsageError(f"{scene.id} is for several drones, and this embodiment is one")
+        self._flight = OutsideFlight(spec, self._out or fresh_run(spec.pilot_name))
+        question = self._flight.question()
+        if question is None:
+            raise EmbodimentFault(f"the flight ended before its first picture: {self._flight.result().error}")
+        return self._seen(question)
+
+    def step(self, action: Action) -> StepResult:
+        """Fly one action to its end. Raises EmbodimentFault when the flight broke, which is nobody's failure."""
+        flight = self._flight
+        if flight is None:
+            raise EmbodimentFault("there is no flight; reset the embodiment")
+        kind, x, y, depth_m, angle_deg = (float(number) for number in np.clip(action.data, LOW, HIGH))
+        flight.answer(OutsideReply(reply(round(kind), (x, y), depth_m, angle_deg)))
+        question = flight.question()
+        if question is not None:
+            return StepResult(self._seen(question), info={FOLDER: str(flight.folder)})
+        self._flight = None
+        result = flight.result()
+        if result.outcome not in ("success", "failure"):
+            raise EmbodimentFault(f"the flight is nobody's failure: {result.error}")
+        return _ended(flight, result)
+
+    def close(self) -> None:
+        """End the flight, if there is one."""
+        if self._flight is not None:
+            self._flight.close()
+            self._flight = None
+
+    def _seen(self, question: Request) -> Observation:
+        assert self._flight is not None
+        return Observation(images={CAMERA: picture(question.images_jpeg[0])}, instruction=self._flight.instruction)
+
+
+def _ended(flight: OutsideFlight, result: Result) -> StepResult:
+    won = result.outcome == "success"
+    info: Mapping[str, Any] = {FOLDER: str(flight.folder), "verdict": result.as_json()}
+    seen = Observation(images={CAMERA: np.zeros(PICTURE_SHAPE, np.uint8)}, instruction=flight.instruction)
+    return StepResult(seen, terminated=won, termination_reason="success" if won else None, truncated=not won, info=info)
+
+
+@dataclass(frozen=True)
+class Verdict5m:
+    """The verifier as a scorer: it judges the flight's folder anew, from the logger's files alone."""
+
+    name: str = "dronecats"
+
+    def __call__(self, record: TrialRecord, target: SceneTarget | None) -> Score:
+        folder = next((step.result.info[FOLDER] for step in reversed(record.steps) if FOLDER in step.result.info), None)
+        if folder is None:
+            return Score(value=False, explanation="no step was flown")
+        told = judge_folder(Path(str(folder))).verdict
+        return Score(value=told.outcome == "success", explanation=told.outcome, metadata={"ne_m": told.ne_m})
+
+
+def dronecats_task(suite: str = "one-drone") -> Task:
+    """Return a suite of one-drone episodes as a task; or ids and files with commas between."""
+    names = suites.episodes_of(suite)
+    scenes = []
+    for name in names:
+        record = catalogue.load(name)
+        if len(record.starts) == 1:
+            about = {"episode": name, "map": record.map, "cell": record.cell}
+            scenes.append(Scene(id=record.id, instruction=record.instruction, metadata=about))
+    return Task(name=f"dronecats-{suite}", scenes=scenes, scorer=Verdict5m(), max_steps=STEPS_MAX)

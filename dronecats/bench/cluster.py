@@ -1,0 +1,263 @@
+"""The engine of a cluster: a Ray actor a core, flights handed out by value, episode folders brought home by value.
+
+No disk is shared. A node has dronecats installed and, for a model, its key in the environment. Needs the extra
+`cluster`.
+"""
+
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+from uuid import uuid4
+
+import ray
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from dronecats.bench.engine import Landed, Sortie
+from dronecats.bench.local import ANSWER_S, HANG_S, log_sizes, lost
+from dronecats.flight.run.identity import code_digest
+from dronecats.flight.run.ledger_actor import LedgerKeeper
+from dronecats.flight.spec.flight_spec import ON_CLUSTER
+from dronecats.flight.spec.spec_file import as_json
+from foundation.errors import InfrastructureError, UsageError
+from foundation.run_folder.reading import result_of
+
+FLIGHTS_MAX = 64  # at a time of one actor: threads, which mostly wait for a model
+LOOK_S = 30.0  # wall s between two looks at the workers while nothing lands
+KNOCK_S = 10.0  # wall s for the head of a cluster to take a connection
+STARTED_S = 300.0  # wall s for a worker to be there and have compiled
+GONE = (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.exceptions.NodeDiedError,
+        ray.exceptions.WorkerCrashedError)  # fmt: skip
+
+
+class ClusterWorker:
+    """The actor: flies in a folder of its own node, and hands back all that was written there."""
+
+    def __init__(self) -> None:
+        self._folders: dict[str, Path] = {}  # of what is in the air
+
+    def ready(self) -> str:
+        """Compile what has to be, and return the digest of the code that will fly."""
+        from dronecats.bench.worker import compile_all
+
+        compile_all()
+        return code_digest()
+
+    def fly(self, flight: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, bytes]]:
+        """Return what `worker.flown` does, and the episode's files by their paths within its folder."""
+        from dronecats.bench.worker import flown
+        from foundation.run_folder.folder import prepare
+
+        with tempfile.TemporaryDirectory(prefix="dronecats-") as scratch:
+            folder = Path(scratch) / name
+            prepare(folder)
+            self._folders[scratch] = folder
+            try:
+                told = flown(flight, folder)
+            finally:
+                del self._folders[scratch]
+            files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in _files(folder)}
+        return told, files
+
+    def written(self) -> dict[str, int]:
+        """Return the bytes in the logs of each flight in the air, by its folder's name."""
+        return {folder.name: sum(log_sizes(folder)) for folder in list(self._folders.values())}
+
+
+@dataclass(slots=True)
+class _Hired:
+    """An actor, and what it has in the air."""
+
+    handle: Any
+    load: int = 0
+
+
+@dataclass(slots=True)
+class _Flying:
+    sortie: Sortie
+    worker: _Hired
+    written: int = -1  # bytes, …
+    since_s: float = field(default_factory=time.monotonic)  # … and since when there are no more
+
+
+class ClusterEngine:
+    """`jobs` flights at a time on a Ray cluster. Raises no error for a flight that goes wrong: that is its result."""
+
+    def __init__(self, jobs: int, ledger: Path | None, address: str | None = None) -> None:
+        """`ledger`: the file on this machine in which models are booked, None where nobody is paid.
+
+        `address`: of the cluster, None for one on this machine alone. Raises UsageError, InfrastructureError.
+        """
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing of ours is told to anybody
+        self._own = not ray.is_initialized()
+        if self._own:
+            if address is not None:
+                _knock(address)
+            try:
+                ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="ERROR")
+            except (ConnectionError, ValueError, RuntimeError) as refused:
+                raise UsageError(f"--address {address}: no Ray cluster answers there: {refused}") from None
+        self._keeper: Any = None
+        self._ledger: str | None = None
+        if ledger is not None:
+            self._keeper, self._ledger = _keeper(ledger)
+        self._workers: list[_Hired] = []
+        self._flying: dict[Any, _Flying] = {}
+        self._most = max(1, min(jobs, int(ray.cluster_resources().get("CPU", 1))))
+
+    def begin(self, sortie: Sortie) -> None:
+        """Hand the flight to the worker that has fewest, or to a new one while the cluster has cores for more."""
+        worker = min(self._workers, key=lambda each: each.load, default=None)
+        if worker is None or (worker.load and len(self._workers) < self._most):
+            worker = self._hire() or worker
+        if worker is None:
+            raise InfrastructureError("no worker of the cluster can be started: it has no core left for one")
+        flight = sortie.flight
+        if self._ledger is not None:
+            flight = replace(flight, accounts=replace(flight.accounts, ledger=ON_CLUSTER + self._ledger, cache=None))
+        reference = worker.handle.fly.remote(as_json(flight), sortie.folder.name)
+        worker.load += 1
+        self._flying[reference] = _Flying(sortie, worker)
+
+    def landed(self) -> Landed:
+        """Wait for the next flight that is over, and bring its folder home."""
+        ready: list[Any] = []
+        while not ready:
+            ready, _ = ray.wait(list(self._flying), num_returns=1, timeout=LOOK_S)
+            if not ready:
+                self._look()
+        reference = ready[0]
+        flying = self._flying.pop(reference)
+        flying.worker.load -= 1
+        sortie = flying.sortie
+        try:
+            told, files = ray.get(reference)
+        except GONE as death:
+            if flying.worker in self._workers:
+                self._workers.remove(flying.worker)
+                ray.kill(flying.worker.handle)
+            return Landed(sortie=sortie, result=lost(sortie, f"its worker is gone: {type(death).__name__}"))
+        except ray.exceptions.RayError as fault:
+            return Landed(sortie=sortie, result=lost(sortie, f"its worker failed: {type(fault).__name__}"))
+        _bring_home(files, sortie.folder)
+        fault_said = told.get("fault")
+        result = lost(sortie, fault_said) if fault_said is not None else result_of(told["result"])
+        return Landed(sortie=sortie, result=result)
+
+    def close(self) -> None:
+        """Break off what is in flight; a cluster of somebody else's goes on."""
+        for worker in self._workers:
+            ray.kill(worker.handle)
+        if self._keeper is not None:
+            ray.kill(self._keeper)
+        self._workers, self._flying = [], {}
+        if self._own:
+            ray.shutdown()
+
+    def _look(self) -> None:
+        """End the workers that do not answer, and those with a flight that hangs: what they have in the air lands."""
+        for worker in self._workers:
+            try:
+                written = ray.get(worker.handle.written.remote(), timeout=ANSWER_S)
+            except ray.exceptions.RayError:  # gone, or as good as gone
+                ray.kill(worker.handle)
+                continue
+            now_s = time.monotonic()
+            for flying in self._flying.values():
+                if flying.worker is worker and written.get(flying.sortie.folder.name) != flying.written:
+                    flying.written, flying.since_s = written.get(flying.sortie.folder.name, -1), now_s
+                elif flying.worker is worker and now_s - flying.since_s > HANG_S:
+                    ray.kill(worker.handle)
+                    break
+
+    def _hire(self) -> _Hired | None:
+        """Return another worker, None where the cluster has no core for it any more. Raises DronecatsError."""
+        options = {"num_cpus": 1, "max_concurrency": FLIGHTS_MAX, "scheduling_strategy": "SPREAD"}
+        nodes = len(ray.nodes())  # one that is gone is counted on until the cluster has noticed: another node is asked
+        for asked in range(1, nodes + 1):
+            handle = ray.remote(ClusterWorker).options(**options).remote()
+            try:
+                coming = handle.ready.remote()
+                if not self._comes(coming):
+                    ray.kill(handle)
+                    self._most = max(1, len(self._workers))
+                    return None
+                theirs = ray.get(coming)
+                break
+            except ray.exceptions.RayError as fault:
+                ray.kill(handle)
+                if asked == nodes or not isinstance(fault, GONE):
+                    raise InfrastructureError(
+                        f"no worker of the cluster can be started: {_first_line(fault)}"
+                    ) from None
+        if theirs != code_digest():
+            ray.kill(handle)
+            raise UsageError("a node of the cluster has another dronecats; install the same on all of them")
+        self._workers.append(_Hired(handle))
+        return self._workers[-1]
+
+    def _comes(self, worker: Any) -> bool:
+        """Wait for a worker, and return whether it came: a node may go with the core that it was to have.
+
+        Raises RayError when it has not come in `STARTED_S`.
+        """
+        ends_s = time.monotonic() + STARTED_S
+        while not ray.wait([worker], timeout=LOOK_S)[0]:
+            if _cores_of(ray.nodes()) <= len(self._workers):
+                return False
+            if time.monotonic() > ends_s:
+                raise ray.exceptions.GetTimeoutError(f"a worker has not come for {STARTED_S:g} s")
+        return True
+
+
+def _cores_of(nodes: list[dict[str, Any]]) -> int:
+    return int(sum(node["Resources"].get("CPU", 0.0) for node in nodes if node["Alive"]))
+
+
+def _knock(address: str) -> None:
+    """Raise UsageError when nothing listens at HOST:PORT, which Ray itself would wait for by the minute."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not port.isdigit():
+        raise UsageError(f"--address wants HOST:PORT of the cluster's head, got '{address}'")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=KNOCK_S).close()
+    except OSError as refused:
+        raise UsageError(f"--address {address}: no Ray cluster answers there: {refused}") from None
+
+
+def _keeper(ledger: Path) -> tuple[Any, str]:
+    """Return the actor that keeps a ledger on this node, and its name."""
+    name = f"dronecats-ledger-{uuid4().hex}"
+    here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
+    keeper = ray.remote(LedgerKeeper).options(name=name, num_cpus=0, scheduling_strategy=here).remote(str(ledger))
+    try:
+        ray.get(keeper.ready.remote(), timeout=STARTED_S)
+    except ray.exceptions.RayError as fault:
+        raise InfrastructureError(f"the ledger {ledger} cannot be kept: {_first_line(fault)}") from None
+    return keeper, name
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def _bring_home(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write an episode's files. Raises InfrastructureError."""
+    try:
+        for name, data in files.items():
+            inside = PurePosixPath(name)
+            if inside.is_absolute() or ".." in inside.parts:
+                raise InfrastructureError(f"a worker of the cluster handed back {name}, which is no file of an episode")
+            path = folder / inside
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+    except OSError as full:
+        raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
+
+
+def _first_line(fault: Exception) -> str:
+    return str(fault).strip().splitlines()[0] if str(fault).strip() else type(fault).__name__

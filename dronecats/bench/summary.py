@@ -1,0 +1,166 @@
+"""What a benchmark came to: a line per pilot, map and cell, with its interval and the control rate it was served."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import UNSET
+
+from dronecats.agent.latency import parts_of
+from dronecats.bench.audit import cell_of, cell_order
+from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
+from dronecats.judge.statistics.shares import known_share
+from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.reading import rows
+from foundation.run_folder.results import SCORED, Result
+from foundation.run_folder.rows import Decision
+
+QUANTILES = (0.1, 0.5, 0.9)
+RATE = "rate:"  # the latency policy that pins the control rate
+CLOSE_S = 1e-6  # s, as exactly as the log tells a latency
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeScore:
+    """What is told of one flight in a table."""
+
+    setting: str  # the run's name without the number of its flight
+    episode: str  # id
+    outcome: str
+    retried: bool  # it stands for one that did not move
+    stalled: bool  # the host delayed it
+    rates_hz: tuple[float, ...]  # decisions per s of vehicle time, of each step but the first
+    broken_pins: int  # replies that came later than the pinned rate allows
+    unreadable: int = 0  # decisions without an action
+    refused: int = 0  # of these, refused by the model or withheld by its provider
+    cut_off: int = 0  # of these, cut off at the longest reply that was allowed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchRow:
+    """One line."""
+
+    setting: str
+    group: str  # a map and cell, or "all"
+    flights: int  # scored
+    solved: int
+    share: float | None  # SR, 0 … 1; None: nothing is scored
+    interval: tuple[float, float]  # 0 … 1, 95 %, episodes being the unit
+    rate_hz: tuple[float, float, float] | None  # the quantiles 0.1, 0.5 and 0.9 of the control rate over all steps
+    errors: int  # nobody's score
+    retries: int
+    stalled: int  # flights that the host delayed
+    dropped: int  # of these, left unscored
+    broken_pins: int
+    unreadable: int  # decisions without an action
+    refused: int  # of these, refused by the model or withheld by its provider
+    cut_off: int  # of these, cut off at the longest reply that was allowed
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as `bench --json` prints it."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, retried: bool) -> EpisodeScore:
+    """Return what an episode folder tells. Of a damaged log no rates are told."""
+    try:
+        decisions = list(rows(folder / layout.DECISIONS, Decision))
+    except UsageError:
+        decisions = []
+    return EpisodeScore(
+        setting=setting,
+        episode=result.episode,
+        outcome=result.outcome,
+        retried=retried,
+        stalled=result.host_stalls is not UNSET and result.host_stalls > 0,
+        rates_hz=tuple(each.rate_hz for each in decisions if each.rate_hz is not None),
+        broken_pins=broken_pins(flight.latency, decisions),
+        unreadable=sum(map(is_unreadable, decisions)),
+        refused=sum(map(is_refused, decisions)),
+        cut_off=sum(map(is_cut_off, decisions)),
+    )
+
+
+def broken_pins(latency: str, decisions: Iterable[Decision]) -> int:
+    """Return how many replies came later than the rate that is pinned; 0 where none is."""
+    if not latency.startswith(RATE) or len(parts_of(latency)) > 1:  # to which something is added, it is not pinned
+        return 0
+    pinned_s = 1.0 / float(latency.removeprefix(RATE))
+    return sum(each.latency_s is not None and each.latency_s > pinned_s + CLOSE_S for each in decisions)
+
+
+def table(scores: Sequence[EpisodeScore], *, drop_stalled: bool = False) -> list[BenchRow]:
+    """Return the lines: of each setting one per map and cell, in the paper's order, and one of all of them."""
+    found: list[BenchRow] = []
+    for setting in dict.fromkeys(each.setting for each in scores):
+        own = [each for each in scores if each.setting == setting]
+        for group in sorted({cell_of(each.episode) for each in own}, key=cell_order):
+            found.append(_row(setting, group, [s for s in own if cell_of(s.episode) == group], drop_stalled))
+        found.append(_row(setting, "all", own, drop_stalled))
+    return found
+
+
+def _row(setting: str, group: str, scores: Sequence[EpisodeScore], drop_stalled: bool) -> BenchRow:
+    scored = [each for each in scores if each.outcome in SCORED]
+    kept = [each for each in scored if not (drop_stalled and each.stalled)]
+    flights: dict[str, list[bool]] = {}
+    for each in kept:
+        flights.setdefault(each.episode, []).append(each.outcome == "success")
+    known = known_share(list(flights.values()))
+    rates = [rate for each in kept for rate in each.rates_hz]
+    low, middle, high = (round(float(q), 3) for q in np.quantile(rates, QUANTILES)) if rates else (0.0, 0.0, 0.0)
+    return BenchRow(
+        setting=setting,
+        group=group,
+        flights=len(kept),
+        solved=known.successes,
+        share=round(known.share, 4) if kept else None,
+        interval=(round(known.low, 4), round(known.high, 4)),
+        rate_hz=(low, middle, high) if rates else None,
+        errors=len(scores) - len(scored),
+        retries=sum(each.retried for each in scores),
+        stalled=sum(each.stalled for each in scored),
+        dropped=len(scored) - len(kept),
+        broken_pins=sum(each.broken_pins for each in kept),
+        unreadable=sum(each.unreadable for each in kept),
+        refused=sum(each.refused for each in kept),
+        cut_off=sum(each.cut_off for each in kept),
+    )
+
+
+def text(lines: Sequence[BenchRow]) -> str:
+    """Return the lines as text, a block per setting."""
+    said: list[str] = []
+    unread = any(line.unreadable for line in lines)
+    heads = f" {'unreadable':>11} {'refused':>8} {'cut off':>8}" if unread else ""
+    for setting in dict.fromkeys(line.setting for line in lines):
+        said += [setting, f"{'':30} {'solved':>8} {'SR':>6} {'95 %':>13} {'control rate, Hz':>18}{heads}"]
+        said += [_line(line, bool(heads)) for line in lines if line.setting == setting]
+    if heads:
+        said.append("unreadable: replies without an action; of these, refused (by model or provider), and cut off")
+    said.append("control rate: decisions per second of vehicle time, the quantiles 0.1, 0.5 and 0.9 over all steps")
+    return "\n".join(said)
+
+
+def _line(row: BenchRow, replies: bool) -> str:
+    share = "–" if row.share is None else f"{row.share:.1%}"
+    low, high = row.interval
+    within = "–" if row.share is None else f"{low:.1%}–{high:.1%}"
+    rate = "–" if row.rate_hz is None else " ".join(f"{each:.2f}" for each in row.rate_hz)
+    notes = [
+        f"{count} {what}"
+        for count, what in (
+            (row.errors, "broken, not scored"),
+            (row.retries, "flown once more"),
+            (row.stalled, f"delayed by the host{', left out' if row.dropped else ''}"),
+            (row.broken_pins, "replies later than the pinned rate"),
+        )
+        if count
+    ]
+    told = f"  {row.group:28} {f'{row.solved}/{row.flights}':>8} {share:>6} {within:>13} {rate:>18}"
+    told += f" {row.unreadable:>11} {row.refused:>8} {row.cut_off:>8}" if replies else ""
+    return told + ("   " + "; ".join(notes) if notes else "")

@@ -1,0 +1,132 @@
+"""Resets of an autopilot's estimator, as its ODOMETRY tells them.
+
+PX4 adds up all resets of its EKF2 in ODOMETRY.reset_counter (EKF2.cpp, PublishOdometry), and so does our autopilot.
+The counter does not say which quantity was reset. That is read from the jump of the estimate: the difference from
+where its own velocity and body rates lead since the message before.
+"""
+
+import math
+from dataclasses import dataclass
+
+from foundation.frames import Vec3, quat_yaw, rotate, wrap_pi
+from foundation.mavlink import Parser, dialect
+from foundation.run_folder.rows import Reset, ResetQuantity
+
+COUNTS = 256  # reset_counter is a uint8
+MAVLINK2 = 0xFD
+# What an estimate may move by between two messages that are dt seconds apart, beyond what the mean of their rates
+# explains: a multirotor accelerates by 5 m/s² and 30°/s within 0.2 s at most in the flights here. A reset that is
+# smaller has no name.
+LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
+ACCELERATION, TURNING_DEG = 5.0, 30.0  # m/s², °/s of change in the rate of turn
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorReset:
+    """One or more resets between two messages, with the jumps of the estimate, none of which motion explains."""
+
+    count: int
+    quantities: tuple[ResetQuantity, ...]  # those whose jump is too large to be motion
+    yaw_deg: float  # °, + right
+    position_m: float  # m, horizontally
+    height_m: float  # m, + up
+    velocity_mps: float  # m/s, length of the jump
+
+
+@dataclass(frozen=True, slots=True)
+class _Odometry:
+    time_us: int
+    counter: int
+    position_ned: Vec3
+    velocity_ned: Vec3
+    yaw: float  # rad
+    yaw_rate: float  # rad/s, about the vertical
+
+
+class ResetWatch:
+    """Follows one autopilot's bytes."""
+
+    def __init__(self) -> None:
+        self._parser = Parser()
+        self._last: _Odometry | None = None
+
+    @property
+    def sends_counter(self) -> bool:
+        """Whether the autopilot sends the counter at all."""
+        return self._last is not None
+
+    def frame(self, frame: bytes) -> EstimatorReset | None:
+        """Take one message as its bytes; return the reset that it shows."""
+        if frame[0] != MAVLINK2 or int.from_bytes(frame[7:10], "little") != dialect.MAVLINK_MSG_ID_ODOMETRY:
+            return None
+        for message in self._parser.feed(frame):
+            return self.message(message)
+        return None
+
+    def message(self, message: dialect.MAVLink_message) -> EstimatorReset | None:
+        """Take an ODOMETRY; return the reset that it shows."""
+        if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
+            return None
+        new, last = _odometry(message), self._last
+        if last is not None and new.time_us <= last.time_us:
+            return None  # a newer one has overtaken it
+        self._last = new
+        count = (new.counter - last.counter) % COUNTS if last else 0
+        return _reset(last, new, count) if last and count else None
+
+
+def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
+    """Return the row of truth.jsonl that tells a reset at `t` (s of the episode)."""
+    return Reset(
+        t=t,
+        drone=drone,
+        count=reset.count,
+        quantities=reset.quantities,
+        yaw_deg=round(reset.yaw_deg, 2),
+        position_m=round(reset.position_m, 2),
+        height_m=round(reset.height_m, 2),
+        velocity_mps=round(reset.velocity_mps, 2),
+    )
+
+
+def _odometry(message: dialect.MAVLink_message) -> _Odometry:
+    q = (message.q[0], message.q[1], message.q[2], message.q[3])
+    velocity = (message.vx, message.vy, message.vz)
+    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # PX4 tells the frame of the velocity here
+        velocity = rotate(q, velocity)
+    return _Odometry(
+        time_us=message.time_usec,
+        counter=message.reset_counter,
+        position_ned=(message.x, message.y, message.z),
+        velocity_ned=velocity,
+        yaw=quat_yaw(q),
+        yaw_rate=rotate(q, (message.rollspeed, message.pitchspeed, message.yawspeed))[2],
+    )
+
+
+def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
+    dt = (new.time_us - last.time_us) / 1e6
+    turned = 0.5 * (last.yaw_rate + new.yaw_rate) * dt
+    north, east, down = (
+        b - a - 0.5 * (u + v) * dt
+        for a, b, u, v in zip(last.position_ned, new.position_ned, last.velocity_ned, new.velocity_ned, strict=True)
+    )
+    yaw_deg = math.degrees(wrap_pi(new.yaw - last.yaw - turned))
+    velocity_mps = math.dist(new.velocity_ned, last.velocity_ned)
+    position_m = math.hypot(north, east)
+    # a reset of the velocity moves the mean of the two, and must not look like one of the place
+    moved_m = LEAST_M + 0.5 * (ACCELERATION * dt + velocity_mps) * dt
+    jumps: dict[ResetQuantity, bool] = {
+        "yaw": abs(yaw_deg) > LEAST_DEG + TURNING_DEG * dt,
+        "position": position_m > moved_m,
+        "velocity": velocity_mps > LEAST_MPS + ACCELERATION * dt,
+        "height": abs(down) > moved_m,
+    }
+    return EstimatorReset(
+        count=count,
+        quantities=tuple(name for name, jumped in jumps.items() if jumped),
+        yaw_deg=yaw_deg,
+        position_m=position_m,
+        height_m=-down,
+        velocity_mps=velocity_mps,
+    )

@@ -1,0 +1,202 @@
+"""truth.jsonl and flight.tlog, from the truth bus and a telemetry port. Contract: docs/run-folder.md."""
+
+import math
+from collections import deque
+from functools import cached_property
+from pathlib import Path
+from typing import overload
+
+from msgspec import UNSET
+
+from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
+from dronecats.flight.logger.measure import Measure, TruthMeasurement
+from foundation.camera import CameraModel
+from foundation.contact_report import hit_of, seconds_of
+from foundation.frames import Vec3, quat_yaw
+from foundation.mavlink import Parser, dialect, frame_of
+from foundation.protocol import POSE_PERIOD_S
+from foundation.run_folder import layout
+from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, InPicture, Pose
+from foundation.run_folder.writing import LineLog, TelemetryLog
+from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
+
+KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
+
+
+class HeardTruth:
+    """A truth sample that is read when it is wanted: one in twenty-five is."""
+
+    def __init__(self, message: dialect.MAVLink_message, origin: Origin) -> None:
+        self.drone, self.time_us = message.get_srcSystem() - 1, int(message.time_usec)
+        self._message, self._origin = message, origin
+
+    @cached_property
+    def sample(self) -> TruthSample:
+        """Where the vehicle was."""
+        return truth_sample(self._message, self._origin)
+
+
+class Recorder:
+    """Writes what happened. Before `begin` and after `end` only the tlog grows."""
+
+    def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
+        self._origin, self._measure, self._camera = origin, measure, camera
+        self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
+        self._truth_parser = Parser()
+        self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # of each drone
+        self._samples: dict[int, deque[HeardTruth]] = {}
+        self._next_pose: dict[int, int] = {}
+        self._due: deque[HeardTruth] = deque()  # poses to be written once it is known where the others are
+        self._t0_us: int | None = None
+        self._time_us = 0
+
+    @property
+    def drones(self) -> int:
+        """How many drones have been heard."""
+        return len(self._samples)
+
+    def begin(self, t0_us: int, cap_s: float | None = None) -> None:
+        """The episode's clock is zero at this vehicle time; it is flown for `cap_s` seconds at most."""
+        self._t0_us = t0_us
+        sending = {drone for drone, (_, watch) in self._telemetry.items() if watch.sends_counter}
+        resets = True if sending and sending >= set(self._samples) else UNSET
+        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True, resets=resets))
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""
+        if self._t0_us is not None:
+            self._write_poses(waiting=False)
+            self._rows.write(End(t=self._t(self._time_us), reason=reason, error=error))
+            self._t0_us = None
+
+    def close(self) -> None:
+        self._rows.close()
+        self._tlog.close()
+
+    def truth(self, data: bytes) -> None:
+        """Take bytes of the truth bus."""
+        for message in self._truth_parser.feed(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                self._pose(HeardTruth(message, self._origin))
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+                self._frame(message)
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._t0_us is not None:
+                self._contact(message)
+            self._tlog.write(self._time_us, frame_of(message))
+        self._tlog.flush()
+
+    def telemetry(self, data: bytes, drone: int = 0) -> None:
+        """Take bytes of a drone's autopilot; kept raw for the ground-station tools."""
+        if not data:
+            return
+        parser, watch = self._telemetry.setdefault(drone, (Parser(), ResetWatch()))
+        for frame in parser.frames(data):
+            self._tlog.write(self._time_us, frame)
+            reset = watch.frame(frame)
+            if reset is not None and self._t0_us is not None:
+                self._rows.write(reset_row(self._t(self._time_us), drone, reset))
+        self._tlog.flush()
+
+    def _pose(self, sample: HeardTruth) -> None:
+        self._time_us = max(self._time_us, sample.time_us)
+        self._samples.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
+        if self._t0_us is not None:
+            self._keep(sample, self._t0_us)
+            self._write_poses(waiting=True)
+
+    def _keep(self, sample: HeardTruth, t0_us: int) -> None:
+        """Have a pose written every POSE_PERIOD_S."""
+        due = self._next_pose.setdefault(sample.drone, 0)
+        t = (sample.time_us - t0_us) / 1e6
+        if t >= due * POSE_PERIOD_S:
+            self._next_pose[sample.drone] = math.floor(t / POSE_PERIOD_S) + 1
+            self._due.append(sample)
+
+    def _write_poses(self, waiting: bool) -> None:
+        """Write the poses that are due; `waiting` for every drone's sample of that time, unless one has gone silent."""
+        while self._due:
+            time_us = self._due[0].time_us
+            reached = min(samples[-1].time_us for samples in self._samples.values())
+            if waiting and reached < time_us and self._time_us - time_us <= SILENT_US:
+                return
+            self._write_pose(self._due.popleft().sample)
+
+    def _write_pose(self, sample: TruthSample) -> None:
+        m = self._measured(sample)
+        self._rows.write(
+            Pose(
+                t=self._t(sample.time_us),
+                drone=sample.drone,
+                position_ned=_place(sample.position_ned),
+                yaw_deg=_rounded(math.degrees(quat_yaw(sample.attitude))),
+                target_ned=_place(m.target_ned),
+                distance_m=_rounded(m.distance_m),
+                visible=m.visible,
+            )
+        )
+
+    def _frame(self, message: dialect.MAVLink_message) -> None:
+        taken = frame_taken(message)
+        if self._t0_us is None:
+            return
+        heard = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
+        if heard is None:
+            return  # a pose that never reached us: the verdict will find the frame's record missing and say so
+        sample = heard.sample
+        m = self._measured(sample)
+        self._rows.write(
+            FrameTruth(
+                frame_id=taken.frame_id,
+                t=self._t(sample.time_us),
+                drone=sample.drone,
+                position_ned=_place(sample.position_ned),
+                yaw_deg=_rounded(math.degrees(quat_yaw(sample.attitude))),
+                target_ned=_place(m.target_ned),
+                distance_m=_rounded(m.distance_m),
+                distance_box_m=_rounded(m.distance_box_m),
+                visible=m.visible,
+                visible_fraction=_rounded(m.visible_fraction),
+                bearing_deg=_rounded(m.bearing_deg),
+                oracle_depth_m=_rounded(m.oracle_depth_m),
+                target_frd=_place(m.target_frd),
+                target_box=_box(m.target_box),
+            )
+        )
+
+    def _contact(self, message: dialect.MAVLink_message) -> None:
+        t, drone = self._t(self._time_us), message.get_srcSystem() - 1
+        if hit := hit_of(message.text):
+            self._rows.write(Hit(t=t, drone=drone, what=hit.what, closing_speed=hit.closing_speed, crash=hit.crash))
+        elif (seconds := seconds_of(message.text)) is not None:
+            self._rows.write(Clear(t=t, drone=drone, contact_s=seconds))
+
+    def _measured(self, sample: TruthSample) -> TruthMeasurement:
+        others = [nearest(heard, sample.time_us).sample for k, heard in self._samples.items() if k != sample.drone]
+        return self._measure(self._t(sample.time_us), sample, self._camera, others)
+
+    def _t(self, time_us: int) -> float:
+        return round((time_us - (self._t0_us or 0)) / 1e6, 6)
+
+
+# Truth travels with a centimetre's resolution; four digits keep all of it without printing noise.
+
+
+@overload
+def _rounded(value: float) -> float: ...
+@overload
+def _rounded(value: float | None) -> float | None: ...
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(float(value), 4)
+
+
+@overload
+def _place(place: Vec3) -> Vec3: ...
+@overload
+def _place(place: Vec3 | None) -> Vec3 | None: ...
+def _place(place: Vec3 | None) -> Vec3 | None:
+    return None if place is None else (_rounded(place[0]), _rounded(place[1]), _rounded(place[2]))
+
+
+def _box(box: InPicture | None) -> InPicture | None:
+    """A picture's thousandth is a pixel or more; two digits are a hundredth of one."""
+    return None if box is None else (round(box[0], 2), round(box[1], 2), round(box[2], 2), round(box[3], 2))

@@ -1,0 +1,102 @@
+"""The child's side of a supervised process: commands are JSON lines on standard input, answers on standard output.
+
+    python -m dronecats.flight.processes.child MODULE
+
+The first line is the configuration; `{"ready": …}` answers it. `{"alive": true}` is answered with itself between two
+turns, so that a part that hangs is found out. When standard input ends, the parent is gone, and so is the child: no
+process is ever orphaned, not even by a kill -9 of the parent.
+"""
+
+import importlib
+import json
+import os
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol, get_type_hints
+
+import msgspec
+
+from foundation.errors import DronecatsError
+
+
+class Part(Protocol):
+    """What a child process does. Its module offers `create(config) -> Part`, the type of whose argument is declared.
+
+    A part whose commands take long may also have `orphaned()`: called, from another thread, when the parent is gone.
+    """
+
+    def ready(self) -> dict[str, Any]:
+        """Return what the parent has to know, such as the ports that were bound."""
+        ...
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        """Carry out a command and return its answer."""
+        ...
+
+    def turn(self) -> None:
+        """Do a little work, or wait a little for some; called for ever."""
+        ...
+
+    def close(self) -> None: ...
+
+
+def main() -> int:
+    """Run the part whose module is named on the command line."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle: it lands first
+    replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
+
+    def say(value: dict[str, Any]) -> None:
+        replies.write(json.dumps(value) + "\n")
+        replies.flush()
+
+    config = json.loads(sys.stdin.readline() or "{}")
+    try:
+        part: Part = _created(importlib.import_module(sys.argv[1]), config)
+    except DronecatsError as error:
+        say({"error": str(error), "status": error.exit_status})
+        return error.exit_status
+    say({"ready": part.ready()})
+    commands: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(commands, getattr(part, "orphaned", None)), daemon=True).start()
+    try:
+        while True:
+            while not commands.empty():
+                line = commands.get()
+                if line is None:
+                    return 0
+                request = json.loads(line)
+                if "alive" in request:
+                    say(request)
+                    continue
+                say({"done": part.do(request.pop("do"), request)})
+            part.turn()
+    except BrokenPipeError:
+        return 0
+    except DronecatsError as error:
+        say({"error": str(error), "status": error.exit_status})
+        return error.exit_status
+    finally:
+        part.close()
+
+
+def _created(module: Any, config: Any) -> Part:
+    """Return the part that a module creates, of its configuration as its own `create` declares it."""
+    of_type = get_type_hints(module.create)["config"]
+    part: Part = module.create(msgspec.convert(config, of_type))
+    return part
+
+
+def _read(commands: "queue.SimpleQueue[str | None]", orphaned: Callable[[], None] | None) -> None:
+    for line in sys.stdin:
+        commands.put(line)
+    if orphaned:
+        orphaned()
+    commands.put(None)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,50 @@
+"""Runs somebody else's program that must not outlive us: its process group ends when our standard input does.
+
+    python -m dronecats.flight.processes.guard COMMAND [ARGUMENT …]
+
+Standard input is a pipe that whoever started this holds open: it closes however that process ends, a kill -9 included.
+The program's own standard input stays open and empty, since PX4's shell spins on one that has ended. The exit status is
+the program's.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+PATIENCE_S = 3.0  # wall seconds between asking and killing
+
+
+def main() -> int:
+    """Run the command line's program until it ends or standard input does."""
+    program = subprocess.Popen(sys.argv[1:], stdin=subprocess.PIPE, start_new_session=True)
+
+    def let_go() -> None:
+        os.read(0, 1)
+        end(program)
+
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, lambda *_: end(program))
+    threading.Thread(target=let_go, daemon=True).start()
+    status = program.wait()
+    end(program)  # what a wrapper script has left in the background
+    return status if status >= 0 else 128 - status
+
+
+def end(program: "subprocess.Popen[bytes]") -> None:
+    """End the program and all that it has started, politely at first."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(program.pid, signal.SIGTERM)
+        due_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < due_s:
+            program.poll()
+            os.killpg(program.pid, 0)
+            time.sleep(0.05)
+        os.killpg(program.pid, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

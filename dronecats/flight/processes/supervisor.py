@@ -1,0 +1,247 @@
+"""Starts the processes a flight stands on, watches them, and never leaves one behind."""
+
+import contextlib
+import json
+import math
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from dronecats.flight.processes.heartbeat import Heartbeat
+from foundation.errors import DronecatsError, InfrastructureError, UsageError
+from foundation.redaction import keyless_environment
+
+READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
+ANSWER_S = 30.0  # to a command
+# To the question for a sign of life, which every part answers between two turns of some milliseconds. On a busy machine
+# a turn may last seconds. What is silent for this long has lost more of a flight than can be judged: the socket of a
+# listener that does not read overflows sooner. And whoever waits for the process, as an agent for its camera, must not
+# give up first with a sentence that names no process.
+HANG_S = 15.0
+CAUSE_S = 10.0  # the same once something has gone wrong: whoever is silent then is what went wrong
+CLOSE_S = 5.0
+C = TypeVar("C")
+
+
+@dataclass(frozen=True, slots=True)
+class ChildKind(Generic[C]):
+    """What a child process is."""
+
+    name: str  # in sentences, and of its log
+    module: str  # with `create(config) -> Part`; by name, since only the child imports it
+    config: type[C]  # a frozen dataclass of JSON values
+    asks: bool = False  # a model, for which it needs the keys of the environment
+
+
+class ChildProcess:
+    """One supervised process. Raises InfrastructureError, in one sentence, when it is not what it should be."""
+
+    def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = HANG_S) -> None:
+        """`answer_s` without a sign of life, and the process hangs."""
+        self.kind, self.log, self._answer_s = kind.name, log, answer_s
+        with log.open("ab") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "dronecats.flight.processes.child", kind.module],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                env=None if kind.asks else keyless_environment(os.environ),
+                start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone
+            )
+        self._buffer = b""
+        self._answers: deque[dict[str, Any]] = deque()
+        self._heartbeat: Heartbeat | None = None  # from when it is ready: until then it may compile for minutes
+        self._silent_s = 0.0  # for which it was waited in vain; above nothing, it is not waited for again
+        self._say(msgspec.to_builtins(config))
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def ready(self, waiting: Callable[[], None] = lambda: None) -> dict[str, Any]:
+        """Wait until the child is ready and return what it announced; `waiting` is called twice a second."""
+        answer = self._answer(READY_S, waiting)
+        if "ready" not in answer:
+            raise self._fault(answer)
+        self._heartbeat = Heartbeat(self._answer_s)
+        return dict(answer["ready"])
+
+    def do(self, command: str, timeout_s: float | None = ANSWER_S, /, **arguments: Any) -> Any:
+        """Have a command carried out and return its answer; a `timeout_s` of None waits for as long as it lives.
+
+        A process that has been found to hang is not waited for again.
+        """
+        if self._silent_s:
+            raise self._silence(0.0)
+        self._say({"do": command, **arguments})
+        answer = self._answer(math.inf if timeout_s is None else timeout_s, lambda: None)
+        if "done" not in answer:
+            raise self._fault(answer)
+        return answer["done"]
+
+    def check(self) -> None:
+        """Raise InfrastructureError if the process has ended, or answers no more. Never waits.
+
+        Called again and again: it is asked for a sign of life, and the answer is looked for at a later call.
+        """
+        status = self._process.poll()
+        if status is not None:
+            raise self._end(status)
+        beat, now_s = self._heartbeat, time.monotonic()
+        if beat is None:
+            return
+        if beat.is_due(now_s):
+            beat.asked(now_s)
+            self._say({"alive": True})  # one line at a time, so that the pipe is never full
+        elif self._hears(0.0):
+            self._take()
+        if self._silent_s or beat.hangs(now_s):
+            raise self._silence(beat.patience_s)
+
+    def prove_alive(self, within_s: float) -> None:
+        """Raise InfrastructureError if the process has ended, or has owed a sign of life for `within_s`.
+
+        Waits for one that is owed; a process that is well gives it within milliseconds.
+        """
+        self.check()
+        beat = self._heartbeat
+        while beat is not None and beat.owes:
+            if self._hears(0.1):
+                self._take()
+            elif beat.owed_s(time.monotonic()) > within_s:
+                raise self._silence(within_s)
+
+    def kill(self) -> None:
+        """End the process at once, whatever it is doing. May be called from another thread."""
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> None:
+        """End the process: its standard input closes, which it obeys. A deaf one is killed, one that hangs at once."""
+        if self._process.stdin:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+        try:
+            self._process.wait(0.0 if self._silent_s else CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout:
+            self._process.stdout.close()
+
+    def _say(self, value: dict[str, Any]) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(value).encode() + b"\n")
+            self._process.stdin.flush()
+        except OSError:
+            raise self._end(self._process.wait(CLOSE_S)) from None
+
+    def _answer(self, timeout_s: float, waiting: Callable[[], None]) -> dict[str, Any]:
+        waited_s = 0.0
+        while not self._answers:
+            if self._hears(0.5):
+                self._take()
+                continue
+            waited_s += 0.5
+            waiting()
+            if waited_s >= timeout_s:
+                raise self._silence(timeout_s)
+        return self._answers.popleft()
+
+    def _hears(self, timeout_s: float) -> bool:
+        """Return whether something has come within `timeout_s`, if only its end."""
+        assert self._process.stdout is not None
+        return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
+
+    def _take(self) -> None:
+        """Take in what has come: signs of life at once, answers for who asks. Raises InfrastructureError at its end."""
+        assert self._process.stdout is not None
+        data = os.read(self._process.stdout.fileno(), 65536)
+        if not data:
+            raise self._end(self._process.wait(CLOSE_S))
+        *lines, self._buffer = (self._buffer + data).split(b"\n")
+        for answer in map(json.loads, lines):
+            if "alive" not in answer:
+                self._answers.append(answer)
+            elif self._heartbeat is not None:
+                self._heartbeat.answered(time.monotonic())
+
+    def _silence(self, seconds: float) -> InfrastructureError:
+        """Return the error of a process that hangs, and remember that it does, and for how long."""
+        self._silent_s = max(self._silent_s, seconds)
+        return InfrastructureError(f"the {self.kind} process hangs: no answer for {self._silent_s:g} s; see {self.log}")
+
+    def _end(self, status: int) -> InfrastructureError:
+        """Return the error of a process that has ended: in its own last words, where it had some."""
+        if (said := self._last_words()) is not None:
+            return InfrastructureError(f"{self.kind}: {said}")
+        when = " in flight" if self._heartbeat is not None else ""
+        return InfrastructureError(f"the {self.kind} process ended{when} ({_ending(status)}); see {self.log}")
+
+    def _last_words(self) -> str | None:
+        """Return why the process ended, if it has said so; None for one that was killed or that broke."""
+        assert self._process.stdout is not None
+        while self._hears(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
+            self._buffer += data
+        *lines, self._buffer = self._buffer.split(b"\n")
+        self._answers.extend(map(json.loads, lines))
+        return next((str(answer["error"]) for answer in self._answers if "error" in answer), None)
+
+    def _fault(self, answer: dict[str, Any]) -> Exception:
+        text = str(answer.get("error", "an answer it should not give"))
+        return UsageError(text) if answer.get("status") == 2 else InfrastructureError(f"{self.kind}: {text}")
+
+
+class Supervisor:
+    """The children of one flight, closed together, the newest first."""
+
+    def __init__(self, log_dir: Path, answer_s: float = HANG_S) -> None:
+        """`answer_s` without a sign of life, and a child hangs."""
+        self._log_dir, self._answer_s = log_dir, answer_s
+        self.children: list[ChildProcess] = []
+
+    def start(self, kind: ChildKind[C], config: C) -> ChildProcess:
+        child = ChildProcess(kind, config, self._log_dir / f"{kind.name}.log", self._answer_s)
+        self.children.append(child)
+        return child
+
+    def check(self) -> None:
+        """Raise InfrastructureError if any child has ended or hangs. Never waits for one."""
+        for child in self.children:
+            child.check()
+
+    def cause(self, error: DronecatsError, within_s: float = CAUSE_S) -> DronecatsError:
+        """Return the error of a child that has ended, or gives no sign of life `within_s`; `error` if all are well.
+
+        A vehicle that has been silent, or a camera without a picture, is what a process that hangs looks like.
+        """
+        for child in self.children:
+            try:
+                child.prove_alive(within_s)
+            except InfrastructureError as fault:
+                return fault
+        return error
+
+    def close(self) -> None:
+        while self.children:
+            self.children.pop().close()
+
+
+def _ending(status: int) -> str:
+    if status >= 0:
+        return f"exit status {status}"
+    try:
+        return f"killed by {signal.Signals(-status).name}"
+    except ValueError:
+        return f"killed by signal {-status}"

@@ -1,0 +1,210 @@
+"""One episode from the ground to the ground, the same on any autopilot."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
+from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.host_pace import HostPace
+from dronecats.agent.pictures import PicturePath
+from dronecats.flight.run.ascent import StartOffset, ascend, unchecked
+from dronecats.flight.run.landing import finish, tell, tending, unexpected
+from dronecats.flight.run.safety_log import SafetyLog
+from dronecats.flight.spec.flight_spec import Authority
+from dronecats.flight.stages.stage import Stage
+from dronecats.judge.episode import succeeded
+from foundation.errors import BudgetError, DronecatsError, ModelRejectedError
+from foundation.protocol import CAP_S
+from foundation.run_folder import layout
+from foundation.run_folder.reading import read
+from foundation.run_folder.rows import drone_label
+from foundation.setpoints import Hold
+from hil.link.envelope import unwatched
+from hil.link.link import Link, TakeoverError
+from hil.preflight.failsafes import read_failsafe
+
+EVERYTHING = Authority()
+
+
+class StartCheck(Protocol):
+    """Compares the drones with the truth. Raises InfrastructureError for an episode that may not begin."""
+
+    def check_estimates(self, links: Sequence[Link]) -> None:
+        """On the ground, before arming."""
+        ...
+
+    def check_starts(self, links: Sequence[Link]) -> None:
+        """At the start poses, before the first question."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """How the episode ended."""
+
+    reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
+    error: DronecatsError | None
+    sim_seconds: float
+    wall_seconds: float
+    steps: int
+
+
+def fly(
+    stage: Stage,
+    starts: list[StartOffset],
+    make_agent: AgentFactory,
+    folder: Path,
+    *,
+    seed: tuple[int, ...] = (0,),
+    full: bool = False,
+    cap_s: float = CAP_S,
+    authority: Authority = EVERYTHING,
+    pictures: PicturePath | None = None,
+    check: Callable[[], None] = lambda: None,
+    on_step: Callable[[Decision], None] = lambda decision: None,
+    say: Callable[[str], None] = lambda line: None,
+    true_start: StartCheck | None = None,
+) -> Flown:
+    """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
+
+    `pictures`: what is done to those of the camera on purpose. `true_start` decides whether the episode may begin.
+    `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
+    Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
+    """
+    log = DecisionLog(folder / layout.DECISIONS)
+    agent: Agent | None = None
+    reason, error = "cap", None  # type: str, DronecatsError | None
+    began_s: float | None = None
+    watch = VerdictWatch(folder, full)
+    safety = SafetyLog(folder / layout.SAFETY, stage.links, say)
+    try:
+        for link in stage.links:
+            link.on_wait = tending(stage.links, link, stage.check)
+        for drone, link in enumerate(stage.links):
+            link.on_silence = partial(_warn_of_silence, say, f"{drone_label(drone)}: " if len(stage.links) > 1 else "")
+        if authority.dry or not authority.arm:
+            take_over(stage.links, authority, say)
+        else:
+            ascend(stage.links, starts, say, true_start.check_estimates if true_start else unchecked)
+        if true_start:
+            true_start.check_starts(stage.links)
+        for link in stage.links:
+            link.settle_envelope()
+            if link.limits and (what := unwatched(link.state, link.limits)):
+                say(f"      envelope: {what}")
+        agent = _begin(stage, make_agent, folder, log, on_step, check, cap_s, seed, pictures)
+        began_s = time.monotonic()  # the wall time of the flight is one of its results
+        agent.fly(cap_s, watch.decided)
+        reason = "decided" if watch.success else "cap"
+    except KeyboardInterrupt:
+        reason = "interrupted"
+    except TakeoverError as taken:
+        reason, error = "takeover", taken
+    except BudgetError as spent:
+        reason, error = "budget", spent
+    except ModelRejectedError as rejected:
+        reason, error = "rejected", rejected
+    except DronecatsError as fault:
+        reason, error = "error", fault
+    except Exception as bug:
+        reason, error = "error", unexpected(bug, folder)
+    if error is not None:
+        tell(say, f"the flight ends: {error}")  # at once: landing and closing take seconds
+    flown_s = agent.now_s if agent else 0.0
+    wall_s = time.monotonic() - began_s if began_s is not None else 0.0
+    stage.mend()
+    error = finish(stage, reason, error, authority.then, say)
+    safety.sum_up()
+    log.close()
+    ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
+    return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
+
+
+def _warn_of_silence(say: Callable[[str], None], whose: str, seconds: float) -> None:
+    """Say how much time was lost; in the record it is the `host_lag_s` of the decision under way."""
+    tell(say, f"      {whose}no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
+
+
+def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:
+    """Connect to vehicles that a person has in hand, and unless nothing is to move wait until they hand over."""
+    for link in links:
+        link.connect()
+        if not authority.dry:
+            link.failsafe = read_failsafe(link)
+            say(f"{link.firmware or 'the vehicle'}: waiting for a person to arm …")
+            link.await_handover(say)
+
+
+def _begin(
+    stage: Stage,
+    make_agent: AgentFactory,
+    folder: Path,
+    log: DecisionLog,
+    on_step: Callable[[Decision], None],
+    check: Callable[[], None],
+    cap_s: float,
+    seed: tuple[int, ...],
+    pictures: PicturePath | None,
+) -> Agent:
+    for link in stage.links:
+        if not link.streaming:  # one that we have brought to its start pose goes on being held there
+            link.fly(Hold())
+        link.start_offboard()
+    t0_us = max(link.time_us for link in stage.links)
+    stage.begin(t0_us, cap_s)
+    for link in stage.links:  # so that the first frame is younger than the episode
+        link.wait(0.1)
+    for link in stage.links:  # from now on the agent ticks them all in turn
+        link.on_wait = stage.check
+
+    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # wall time is the subject: who was late
+
+    def on_tick() -> None:
+        stage.check()
+        check()
+        if host:
+            host.tick(max(link.time_us for link in stage.links) / 1e6)
+
+    return make_agent(
+        Cockpit(
+            aircraft=stage.links,
+            camera=stage.camera,
+            camera_model=stage.camera_model,
+            log=log,
+            frames_dir=folder / layout.FRAMES,
+            commander_log=folder / layout.COMMANDER,
+            executor=stage.executor,
+            t0_us=t0_us,
+            seed=seed,
+            on_step=on_step,
+            on_tick=on_tick,
+            pictures=pictures,
+            host=host,
+        )
+    )
+
+
+class VerdictWatch:
+    """Looks, after each declaration, whether the verdict is decided: what the first qualifying one settles is settled.
+
+    And again at each decision until the logger has measured it, which in real time it may do later. It reads the
+    logger's files with the verifier's own function. The agent learns nothing of it but that time is up.
+    """
+
+    def __init__(self, folder: Path, full: bool) -> None:
+        self._folder, self._full = folder, full
+        self._unsettled = False
+        self.success = False
+
+    def decided(self, decision: Decision) -> bool:
+        """Return whether the flight may end."""
+        self._unsettled |= decision.declares
+        if self._full or not self._unsettled:
+            return False
+        succeeds = succeeded(read(self._folder))
+        self.success, self._unsettled = bool(succeeds), succeeds is None
+        return self.success

@@ -1,0 +1,88 @@
+"""What makes two flights of one kind: the sources that flew and judged them, the protocol, the very record and frames.
+
+Digests are SHA-256 in hexadecimal. A report does not pool what differs in them (docs/run-folder.md).
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+import foundation
+from dronecats.flight.run import source_digest
+from foundation import protocol
+from foundation.errors import UsageError
+from foundation.json_file import write_json
+from foundation.run_folder import layout
+from foundation.run_folder.reading import exchanges, rows
+from foundation.run_folder.rows import Decision, EpisodeIdentity
+from foundation.run_folder.writing import as_json
+
+ROOT = Path(foundation.__file__).resolve().parents[1]
+SOURCES = (".py", ".toml", ".txt", ".npz")
+FOLDERS = (
+    *("foundation", "vehicles", "autopilot", "episodes", "hil", "dronecats/agent", "dronecats/pilots"),
+    *(f"dronecats/flight/{name}" for name in ("logger", "processes", "run", "sitl", "spec", "stages")),
+)
+JUDGE = "dronecats/judge"  # its own files only: metrics and statistics decide nothing
+
+
+@cache
+def code_digest() -> str:
+    """Return the digest of every source that decides what is flown and how it is judged.
+
+    What asks for flights and reads them back (command line, campaigns, metrics, reports) is not among them. Moving a
+    file or changing a comment changes nothing: `dronecats.flight.run.source_digest`.
+    """
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")] + list((ROOT / JUDGE).iterdir())
+    return source_digest.digest([path for path in paths if path.suffix in SOURCES])
+
+
+def protocol_numbers() -> dict[str, float | str]:
+    """Return what `foundation.protocol` fixes, by name."""
+    told: Mapping[str, object] = vars(protocol)
+    return {
+        name: value for name, value in sorted(told.items()) if name.isupper() and isinstance(value, float | int | str)
+    }
+
+
+def suite_digest(records: Iterable[tuple[str, str]]) -> str:
+    """Return the digest of a suite: the pairs (id, record as its file would hold it) in the order of their ids."""
+    state = hashlib.sha256()
+    for name, text in sorted(records):
+        state.update(f"{name} {hashlib.sha256(text.encode()).hexdigest()}\n".encode())
+    return state.hexdigest()
+
+
+def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
+    """Return what was flown in an episode folder. `pace`: of a flight in real time. Raises OSError."""
+    pictures = sorted((folder / layout.FRAMES).glob("*.jpg"))
+    frames = hashlib.sha256()
+    for picture in pictures:
+        frames.update(picture.read_bytes())
+    record = folder / layout.EPISODE
+    identity = EpisodeIdentity(
+        code_sha256=code_digest(),
+        record_sha256=hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else None,
+        frames=len(pictures),
+        frames_sha256=frames.hexdigest() if pictures else None,
+        served=_served(folder),
+        **({"pace": dict(pace)} if pace else {}),
+    )
+    return identity
+
+
+def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
+    """Write identity.json and return what it holds. Raises OSError."""
+    identity = identify(folder, pace)
+    write_json(folder / layout.IDENTITY, as_json(identity))
+    return identity
+
+
+def _served(folder: Path) -> tuple[str, ...]:
+    try:
+        told = [decision.served for decision in rows(folder / layout.DECISIONS, Decision)]
+        told += [exchange.served for exchange in exchanges(folder)]
+    except UsageError:  # damage has its own place to be told: the verdict
+        return ()
+    return tuple(dict.fromkeys(each for each in told if isinstance(each, str)))

@@ -1,0 +1,187 @@
+"""The pilot that a flight asks for, opened: a model, a built-in pilot that is served like one, or the oracle."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
+from dronecats.agent.command_prompt import CommandPrompt
+from dronecats.agent.commander import CommandQuestions
+from dronecats.agent.decider import Questions
+from dronecats.agent.hierarchy import Hierarchy
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.models.model import Model
+from dronecats.agent.models.open import open_model
+from dronecats.agent.models.replay import ReplayModel
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.flight.processes.supervisor import ChildKind, Supervisor
+from dronecats.flight.run.accounts import accounted
+from dronecats.flight.run.agents import agent_maker
+from dronecats.flight.spec.flight import Flight
+from dronecats.flight.stages.parts import COMMANDER, PILOT
+from dronecats.flight.stages.stage import Stage
+from dronecats.pilots import roster
+from dronecats.pilots.config import PilotConfig
+from dronecats.pilots.server import PilotServer
+
+
+def questions_of(flight: Flight, model: Model) -> Questions:
+    """Return how a flight's pilot is asked."""
+    spec = flight.spec
+    served = spec.model is not None and spec.replay is None
+    waits = spec.simulated is not None and spec.simulated.speed is None
+    return Questions(
+        model,
+        flight.prompt,
+        flight.instruction,
+        flight.latency,
+        axis_order=asked.axis_order if (asked := spec.model or spec.outside) else "xy",
+        parser=spec.parser,
+        patience_s=spec.patience_s,
+        beside=served and waits and spec.command == "flat",  # several at a time would be asked in no certain order
+        last_reply=flight.scored,  # where nothing is scored, nothing is worth staying up for
+    )
+
+
+def papers_agent(flight: Flight, model: Model) -> AgentFactory:
+    """Return what makes the paper's agent: one decider for all drones, which asks the model; or one for each."""
+    return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
+
+
+def groups_of(flight: Flight) -> list[list[int]] | None:
+    """Return the drones that are decided for together, None where all are."""
+    if flight.record is None or flight.spec.command != "solo":
+        return None
+    return [[drone] for drone in range(len(flight.record.starts))]
+
+
+def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFactory:
+    """Return what makes a hierarchy: a pilot of the model for each drone, and a commander over them."""
+    questions = questions_of(flight, model)
+    return partial(
+        Hierarchy,
+        questions,
+        CommandQuestions(
+            commander,
+            CommandPrompt.load(),
+            flight.instruction,
+            flight.latency,
+            patience_s=questions.patience_s,
+            last_reply=questions.last_reply,
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class OpenPilot:
+    """A model that can be asked, and in a hierarchy the one that commands it."""
+
+    model: Model
+    begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
+    check: Callable[[], None] = lambda: None  # raises InfrastructureError when what serves it is gone
+    spent: Callable[[], str] = lambda: ""  # what the run has cost so far, in a few words; nothing where nobody is paid
+    commander: Model | None = None
+
+    def agent(self, flight: Flight) -> AgentFactory:
+        """Return what makes the flight's agent of it; of the paper's, where there is a commander, that hierarchy's."""
+        maker = agent_maker(flight.spec.agent)
+        if self.commander is not None and maker is papers_agent:
+            make = commanded_agent(flight, self.model, self.commander)
+        else:
+            make = maker(flight, self.model)
+
+        def begin(cockpit: Cockpit) -> Agent:
+            self.begin(cockpit.t0_us)
+            return make(cockpit)
+
+        return begin
+
+
+@contextmanager
+def opened(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
+    """Open a pilot that needs no truth; `folder` takes its log. Raises UsageError, InfrastructureError."""
+    with _piloted(flight, stage, folder) as pilot, commanded(flight, stage, folder, pilot) as whole:
+        yield whole
+
+
+@contextmanager
+def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
+    spec = flight.spec
+    if spec.replay:
+        yield OpenPilot(ReplayModel(spec.replay))
+    elif flight.outside is not None:
+        yield OpenPilot(flight.outside)
+    elif spec.model:
+        with accounted(spec.model, spec.accounts, folder.parent) as asked:
+            yield OpenPilot(asked.model, spent=asked.spent)
+    else:
+        assert spec.pilot is not None  # a flight has one of the two
+        with _served(spec.pilot, stage, folder) as pilot:
+            yield pilot
+
+
+@contextmanager
+def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> Iterator[OpenPilot]:
+    """Open the commander of a flight's pilot, if there is one. Raises UsageError, InfrastructureError."""
+    spec = flight.spec
+    if spec.command != "hierarchical":
+        yield pilot
+        return
+    scripted = spec.scripted_commander
+    if spec.replay:
+        yield replace(pilot, commander=ReplayModel(spec.replay, "commander"))
+        return
+    if scripted is None and spec.commander is None:
+        yield replace(pilot, commander=pilot.model)
+        return
+
+    with _served(scripted, stage, folder, COMMANDER) if scripted else _asked(flight, folder) as commander:
+
+        def check() -> None:
+            pilot.check()
+            commander.check()
+
+        yield replace(pilot, commander=commander.model, check=check, spent=lambda: pilot.spent() or commander.spent())
+
+
+@contextmanager
+def _asked(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
+    """Open the model that commands, on the ledger of the one that is commanded: what it has spent is of both."""
+    assert flight.spec.commander is not None
+    with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as asked:
+        yield OpenPilot(asked.model, spent=asked.spent)
+
+
+@contextmanager
+def _endpoint(spec: ModelSpec) -> Iterator[OpenPilot]:
+    model = open_model(spec)
+    try:
+        yield OpenPilot(model)
+    finally:
+        model.close()
+
+
+@contextmanager
+def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] = PILOT) -> Iterator[OpenPilot]:
+    """Serve a built-in pilot: by a thread where the clock waits, and by a process of its own where it does not."""
+    if stage.lockstep:
+        server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
+        try:
+            with _endpoint(_local(name, server.base_url)) as pilot:
+                yield pilot
+        finally:
+            server.close()
+        return
+    supervisor = Supervisor(folder)
+    try:
+        url = supervisor.start(kind, PilotConfig(pilot=name)).ready()["base_url"]
+        with _endpoint(_local(name, url)) as pilot:
+            yield OpenPilot(pilot.model, check=supervisor.check)
+    finally:
+        supervisor.close()
+
+
+def _local(name: str, base_url: str) -> ModelSpec:
+    return ModelSpec(provider="local", name=name, base_url=base_url)

@@ -1,0 +1,101 @@
+"""Compares an autopilot's estimate and the start pose with the truth before an episode begins.
+
+A flight that would begin elsewhere than its record, or on an autopilot that does not know its heading, is a fault of
+the infrastructure. No verdict says anything about its pilot.
+"""
+
+import math
+from collections.abc import Sequence
+from types import TracebackType
+
+from dronecats.flight.sitl.placement import Placement
+from dronecats.flight.sitl.scenario import origin
+from dronecats.flight.stages.stage import TruthfulStage
+from episodes.world.world import World
+from foundation.errors import InfrastructureError
+from foundation.frames import Vec3, ned_to_geodetic, quat_from_euler, quat_to_euler, rotate_inverse, wrap_pi
+from foundation.run_folder.rows import drone_label
+from foundation.truth import NewestTruth, TruthSample
+from hil.link.link import Link
+from hil.link.telemetry import VehicleState
+
+HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # of an estimate, before arming; a place horizontally
+START_M, START_DEG = 1.0, 5.0  # of a start pose, before the first question
+DOWN = (0.0, 0.0, 1.0)
+
+
+class TrueStart:
+    """Knows the truth of a stage. It speaks to nobody but by raising."""
+
+    def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
+        """`placement` moves what the autopilot says onto the map; None: it is there."""
+        self._record, self._placement = world.record, placement or Placement(origin(world), (0.0, 0.0, 0.0), 0.0)
+        self._truth = NewestTruth(origin(world))
+        self._tap = stage.tap(self._truth.feed)
+
+    def __enter__(self) -> "TrueStart":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self._tap.close()
+
+    def check_estimates(self, links: Sequence[Link]) -> None:
+        """Compare what the autopilots believe with the truth. Raises InfrastructureError."""
+        for drone, link in enumerate(links):
+            self._refuse(drone, estimate_faults(link.state, self._sample(drone), self._placement))
+
+    def check_starts(self, links: Sequence[Link]) -> None:
+        """Compare where the drones are with the record's starts. Raises InfrastructureError."""
+        for drone, start in enumerate(self._record.starts[: len(links)]):
+            faults = start_faults(self._sample(drone), start.position_ned, math.radians(start.yaw_deg))
+            self._refuse(drone, faults)
+
+    def _sample(self, drone: int) -> TruthSample:
+        self._tap.drain()
+        sample = self._truth.of(drone)
+        if sample is None:
+            raise InfrastructureError(f"no truth of {drone_label(drone)} is heard, so its start cannot be checked")
+        return sample
+
+    def _refuse(self, drone: int, faults: list[str]) -> None:
+        if faults:
+            whose = f"{drone_label(drone)}: " if len(self._record.starts) > 1 else ""
+            raise InfrastructureError(f"the episode does not begin: {whose}{', '.join(faults)}; fly it again")
+
+
+def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement) -> list[str]:
+    """Return in words what an autopilot that stands on the ground believes too wrongly; empty when it may fly."""
+    faults = []
+    if state.euler is not None:
+        roll, pitch, yaw = state.euler
+        heading = math.degrees(abs(wrap_pi(yaw + placement.turn - quat_to_euler(true.attitude)[2])))
+        believed = rotate_inverse(quat_from_euler(roll, pitch, yaw), DOWN)
+        level = math.degrees(_angle(believed, rotate_inverse(true.attitude, DOWN)))
+        faults += _beyond("the autopilot's heading is", heading, HEADING_DEG, "°")
+        faults += _beyond("the autopilot's level is", level, LEVEL_DEG, "°")
+    if state.position_ned is not None and state.origin is not None:
+        place = placement.on_map(ned_to_geodetic(*state.origin, *state.position_ned))
+        faults += _beyond("the autopilot's position is", math.dist(place[:2], true.position_ned[:2]), PLACE_M, " m")
+    return faults
+
+
+def start_faults(true: TruthSample, position_ned: Vec3, yaw: float) -> list[str]:
+    """Return in words how far a drone is from where its episode begins; empty when it may begin there."""
+    away_m = math.dist(true.position_ned, position_ned)
+    turned = math.degrees(abs(wrap_pi(quat_to_euler(true.attitude)[2] - yaw)))
+    low_m = true.position_ned[2] - position_ned[2]
+    where = f"{abs(low_m):.2f} m too {'low' if low_m > 0 else 'high'}, in all"
+    return [
+        *_beyond(f"the drone is {where}" if abs(low_m) > START_M else "the drone is", away_m, START_M, " m"),
+        *_beyond("the drone's nose is", turned, START_DEG, "°"),
+    ]
+
+
+def _beyond(what: str, error: float, most: float, unit: str) -> list[str]:
+    digits = 1 if unit == "°" else 2
+    return [] if error <= most else [f"{what} {error:.{digits}f}{unit} off (at most {most:g}{unit})"]
+
+
+def _angle(a: Vec3, b: Vec3) -> float:
+    """Return the angle (rad) between two unit vectors."""
+    return math.acos(max(-1.0, min(1.0, sum(x * y for x, y in zip(a, b, strict=True)))))

@@ -1,0 +1,87 @@
+"""The simulator of `dronecats sitl --hitl`: one vehicle, one board, and MAVLink clients on PX4's ports."""
+
+from collections.abc import Callable
+from typing import Any
+
+from dronecats.flight.sitl.board.vehicle import BoardVehicle
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.pace import PaceReport
+from dronecats.flight.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, truth_port
+from dronecats.flight.sitl.scenario import built_of, load_world
+from dronecats.flight.sitl.simulation import Simulation
+from dronecats.flight.sitl.sockets import UdpPort
+from foundation.mavlink import Packer
+from foundation.truth import TRUTH_COMPONENT
+from hil.link.transport import connect
+from hil.simulator.board import BoardLine, sensor_period_us
+
+
+class BoardSimulator:
+    """One turn is one tick. What the board says goes to both ports, what their clients say goes to the board."""
+
+    def __init__(self, config: SimulatorConfig, say: Callable[[str], None]) -> None:
+        """Raises UsageError, LinkError."""
+        url, instance = config.hitl or "", config.instance or 0
+        period_us = sensor_period_us(url)
+        self._line = BoardLine(lambda: connect(url), Packer(1, TRUTH_COMPONENT))
+        self.simulation: Simulation[BoardVehicle] = built_of(
+            lambda *arguments, **physics: BoardVehicle(*arguments, line=self._line, period_us=period_us, **physics),
+            load_world(config.episode),
+            airframe=config.airframe,
+            seed=config.seed,
+            count=1,
+            payload_kg=config.payload_kg,
+            conditions=config.conditions,
+        )
+        self._vehicle = self.simulation.vehicles[0]
+        self._vehicle.plant.advance(0)  # compiles, on the first run of an installation
+        self._truth = truth_port(self.simulation, instance)
+        self._unsent: dict[str, bytearray] = {"agent": bytearray(), "ground station": bytearray()}
+        self._ports = [
+            self._port("agent", AGENT_LOCAL + instance, AGENT_PORT + instance),
+            self._port("ground station", GCS_LOCAL + instance, GCS_PORT),
+        ]
+        self._say, self._said = say, ""
+        self.pace = PaceReport(self._vehicle.keeper)
+
+    def _port(self, name: str, local: int, remote: int) -> UdpPort:
+        def take() -> bytes:
+            data = bytes(self._unsent[name])
+            self._unsent[name].clear()
+            return data
+
+        return UdpPort((LOOPBACK, local), (LOOPBACK, remote), take, self._line.give)
+
+    def ready(self) -> dict[str, Any]:
+        self._vehicle.keeper.restart()
+        return {"truth": self._truth.port}
+
+    def turn(self) -> None:
+        self._truth.exchange()
+        self.simulation.advance()
+        self._truth.exchange()
+        said = self._line.take()
+        for unsent in self._unsent.values():
+            unsent += said
+        for port in self._ports:
+            port.exchange()
+        self._report()
+
+    def close(self) -> None:
+        for port in (*self._ports, self._truth):
+            port.close()
+        self._vehicle.close()
+
+    def _report(self) -> None:
+        """Say how it stands with the board when that has changed."""
+        if self._vehicle.flown:
+            state = "the board takes the simulated sensors and drives the rotors"
+        elif self._line.in_hil:
+            state = "the board is in HIL mode and sends no motor outputs yet"
+        elif self._line.present:
+            state = "the board is not in HIL mode: set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart it"
+        else:
+            state = "no board is heard"
+        if state != self._said:
+            self._said = state
+            self._say(f"{state}, at {self._vehicle.time_us / 1e6:.1f} s")

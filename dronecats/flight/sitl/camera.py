@@ -1,0 +1,170 @@
+"""The simulated forward camera: newest truth in, frames out, and word to the logger of each frame taken."""
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.flight.sitl.scenario import origin
+from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
+from episodes.camera.optics.options import Optics
+from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.world.fleet import DronePose
+from episodes.world.world import World
+from foundation.camera import CameraModel, Frame
+from foundation.errors import CameraError
+from foundation.frames import Vec3, quat_conjugate, quat_multiply
+from foundation.mavlink import Packer, dialect
+from foundation.truth import KEPT, FrameTaken, NewestTruth, TruthSample, frame_message
+
+CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
+STALE_S = 0.5  # samples farther apart say nothing about rates
+_warm: set[type] = set()  # the kinds of renderers that have drawn in this process
+_warm_lock = threading.Lock()
+
+
+class WorldCamera:
+    """Renders what each drone sees from where it really is. Fed with the bytes of the truth bus."""
+
+    def __init__(
+        self,
+        world: World,
+        camera: CameraModel,
+        announce: Callable[[bytes], None],
+        *,
+        rendered: bool = True,
+        optics: Optics | None = None,
+        seed: int = 0,
+        kept: int = KEPT,
+    ) -> None:
+        """`rendered` False: every frame is plain grey, taken and announced like any other.
+
+        `optics` changes the pictures and nothing else; None is the benchmark's camera. `seed` tells flights of one
+        episode apart: what is random in their pictures. `kept`: samples of the truth of each drone that `at` can go
+        back to.
+        """
+        self.world, self.camera = world, camera
+        self._announce = announce
+        self._seed = (world.record.seed, seed)
+        self._renderer: Renderer | OpticalRenderer | None = None
+        if rendered:
+            self._renderer = OpticalRenderer(world.filmed, camera, optics) if optics else Renderer(world.filmed, camera)
+        self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
+        self._origin = origin(world)
+        self._packer = Packer(1, CAMERA_COMPONENT)
+        self._truth = NewestTruth(self._origin, kept)
+        self._before: dict[int, tuple[TruthSample, TruthSample]] = {}  # drone → the two newest samples
+        self._t0_us: int | None = None
+        self._frames = 0
+        self._lock = threading.Lock()  # frames are asked for by server threads, one is drawn at a time
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes of the truth bus."""
+        self._truth.feed(data)
+        if isinstance(self._renderer, OpticalRenderer):
+            self._remember()
+
+    def _remember(self) -> None:
+        """Keep the sample before the newest, from which the body rates are known."""
+        with self._lock:
+            for drone in range(len(self.world.record.starts)):
+                sample = self._truth.of(drone)
+                if sample is not None:
+                    _, last = self._before.get(drone, (sample, sample))
+                    if sample.time_us != last.time_us:
+                        self._before[drone] = (last, sample)
+                    else:
+                        self._before.setdefault(drone, (sample, sample))
+
+    def begin(self, t0_us: int) -> None:
+        """From this vehicle time on the target moves."""
+        self._t0_us = t0_us
+
+    def warm_up(self) -> None:
+        """Render once, for nobody: what has to be compiled is compiled now, once for all cameras of a process."""
+        with _warm_lock:
+            kind = type(self._renderer)
+            if kind in _warm:
+                return
+            _warm.add(kind)
+        spawn = self.world.scene.spawn_ned
+        place = (spawn[0], spawn[1], spawn[2] - 2.0)
+        with self._lock:
+            if self._renderer:
+                self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0)
+
+    def newest(self, drone: int = 0) -> Frame:
+        """Return a frame of the newest truth, of a fleet the newest that is known of all of it.
+
+        Raises CameraError while nothing is known of the drone.
+        """
+        with self._lock:
+            return self._taken(drone, self._truth.together(drone))
+
+    def at(self, time_us: int, drone: int = 0) -> Frame:
+        """Return a frame of a moment ago (µs, vehicle clock): of the first truth at that time or after it.
+
+        Raises CameraError while nothing is known of the drone.
+        """
+        with self._lock:
+            known = self._truth.at(drone, time_us)
+            if known and isinstance(self._renderer, OpticalRenderer):
+                self._before[drone] = self._truth.before(known[0]), known[0]
+            return self._taken(drone, known)
+
+    def _taken(self, drone: int, known: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
+        """Return a frame of a sample and the others' of its time, and say that it was taken."""
+        if known is None:
+            raise CameraError(f"the camera has not heard where drone {drone + 1} is")
+        sample, others = known
+        t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
+        image = self._picture(sample, others, t_s, self._frames)
+        taken = FrameTaken(drone, self._frames, sample.time_us)
+        self._frames += 1
+        self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
+        return Frame(taken.frame_id, drone, taken.time_us, image)
+
+    def _picture(
+        self, sample: TruthSample, others: Mapping[int, TruthSample], t_s: float, frame_id: int
+    ) -> NDArray[np.uint8]:
+        """Return what the camera sees from `sample` with the other drones where they are and the target at `t_s`."""
+        if self._renderer is None:
+            return self._grey
+        if isinstance(self._renderer, Renderer):
+            pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
+            return self._renderer.picture(pose, self.world.moved(t_s, _after(others, 0.0)))
+        rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
+        motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
+        return self._renderer.picture(
+            motion,
+            lambda t: self.world.moved(max(0.0, t), _after(others, t - t_s)),
+            (*self._seed, sample.drone, frame_id),
+        )
+
+    def close(self) -> None:
+        """Let the renderer's threads go; no frame is asked for afterwards."""
+        if self._renderer:
+            self._renderer.close()
+
+
+def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, DronePose]:
+    """Return where drones are a little later, at constant velocity."""
+    poses = {}
+    for number, sample in drones.items():
+        (n, e, d), (vn, ve, vd) = sample.position_ned, sample.velocity_ned
+        poses[number] = DronePose((n + vn * seconds, e + ve * seconds, d + vd * seconds), sample.attitude)
+    return poses
+
+
+def rates_between(before: TruthSample, after: TruthSample) -> Vec3:
+    """Return the mean body rates (rad/s, FRD) from one sample to the next; zero when they are one and the same."""
+    seconds = (after.time_us - before.time_us) / 1e6
+    if not 0.0 < seconds < STALE_S:
+        return (0.0, 0.0, 0.0)
+    w, x, y, z = quat_multiply(quat_conjugate(before.attitude), after.attitude)
+    half = math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+    scale = math.copysign(2.0 * half / (math.sin(half) * seconds), w) if half > 1e-9 else 0.0
+    return (scale * x, scale * y, scale * z)

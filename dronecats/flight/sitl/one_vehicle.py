@@ -1,0 +1,39 @@
+"""One vehicle in lockstep, flown by our autopilot or by a real PX4: for measurements that need no episode."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig
+from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.flight.sitl.lockstep import Lockstep
+from dronecats.flight.sitl.px4.lockstep import Px4Lockstep
+from dronecats.flight.sitl.px4.simulator import Px4Simulator
+from dronecats.flight.sitl.scenario import build
+from episodes.world.world import World
+
+
+@contextmanager
+def one_vehicle(
+    world: World,
+    *,
+    airframe: str = AIRFRAME,
+    seed: int = 0,
+    conditions: FlightConditions = AS_EVER,
+    px4: str | None = None,
+    log_dir: Path | None = None,
+) -> Iterator[Lockstep | Px4Lockstep]:
+    """Stand the record's first drone in its world, under our autopilot or the PX4 that the command `px4` starts.
+
+    log_dir: an existing folder for what PX4 prints; None: it is not kept.
+    Raises UsageError for an airframe or command that cannot fly, InfrastructureError where PX4 ends.
+    """
+    if px4 is None:
+        yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, conditions=conditions))
+        return
+    config = SimulatorConfig(
+        episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1, conditions=conditions, px4=px4,
+        log_dir=str(log_dir) if log_dir else None,
+    )  # fmt: skip
+    with closing(Px4Simulator(config, say=lambda line: None, world=world)) as simulator:
+        yield Px4Lockstep(simulator)

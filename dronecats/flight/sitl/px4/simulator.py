@@ -1,0 +1,233 @@
+"""The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
+
+import shutil
+import socket
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Unpack
+
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.host_stalls import Staller
+from dronecats.flight.sitl.pace import PaceReport, RateKeeper
+from dronecats.flight.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
+from dronecats.flight.sitl.px4.process import INSTANCE, Px4Process
+from dronecats.flight.sitl.px4.vehicle import Px4Vehicle
+from dronecats.flight.sitl.scenario import built_of, load_world, noise_seed
+from dronecats.flight.sitl.simulation import TICK_US, Simulation
+from dronecats.flight.sitl.vehicle import BootPose, Physics
+from episodes.world.world import World
+from foundation.airframe import Airframe
+from foundation.errors import InfrastructureError, UsageError
+from foundation.run_folder.layout import onboard_log_name
+from hil.simulator.server import PORT, SimulatorServer
+from vehicles import airframe as airframes
+from vehicles import fault_script
+
+INSTANCES = 10  # of which each has an offboard port of its own
+UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
+ULOGS = "log/*/*.ulg"  # in the folder in which a PX4 runs, by date
+IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
+
+
+def free_servers(count: int) -> list[SimulatorServer]:
+    """Return the servers of the first `count` neighbouring instances of PX4 whose ports are free.
+
+    The servers hold their TCP ports from now on, so that another flight that starts chooses other instances.
+    Raises UsageError when there are not as many.
+    """
+    for first in range(INSTANCES - count + 1):
+        servers: list[SimulatorServer] = []
+        for instance in range(first, first + count):
+            server = _free_server(instance)
+            if server is None:
+                break
+            servers.append(server)
+        if len(servers) == count:
+            return servers
+        for server in servers:
+            server.close()
+    raise UsageError(
+        f"PX4's instances 0 to {INSTANCES - 1} have no {count} neighbours with free ports (TCP {PORT} to"
+        f" {PORT + INSTANCES - 1}); stop another simulator or PX4"
+    )
+
+
+def _free_server(instance: int) -> SimulatorServer | None:
+    """Return the server of an instance, None when one of the instance's ports is in use."""
+    try:
+        server = SimulatorServer(PORT + instance)
+    except UsageError:
+        return None
+    try:
+        for port in UDP_PORTS:
+            with socket.socket(type=socket.SOCK_DGRAM) as trial:
+                trial.bind(("", port + instance))
+    except OSError:
+        server.close()
+        return None
+    return server
+
+
+def _servers(config: SimulatorConfig, count: int) -> list[SimulatorServer]:
+    """Return where the PX4s connect. Raises UsageError."""
+    if config.instance is None and INSTANCE in (config.px4 or ""):
+        return free_servers(count)
+    instead = f"write {INSTANCE} into --px4" if config.instance is None else "choose another --instance"
+    return [SimulatorServer(PORT + (config.instance or 0) + k, instead=instead) for k in range(count)]
+
+
+def _state_name(index: int) -> str:
+    """Return the name of the folder in which a vehicle's PX4 runs."""
+    return f"vehicle-{index + 1}"
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+
+
+class Px4Simulator:
+    """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
+
+    def __init__(self, config: SimulatorConfig, say: Callable[[str], None] = _say, world: World | None = None) -> None:
+        """An instance of None is a free one when the command says where it goes, and otherwise 0; without a folder for
+        its state PX4 has a temporary one. `say` gets a line for whoever looks on; `world` saves loading the episode's.
+        Raises UsageError.
+        """
+        world = world or load_world(config.episode)
+        script, command = config.faults, config.px4
+        rotors = len(airframes.quadrotor(airframes.load(config.airframe)).rotors)
+        self._say, self._restarts = say, config.restart
+        self.speed: float | None = config.speed
+        with ExitStack() as parts:
+            self._passing = parts.enter_context(TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True))
+            self._servers = _servers(config, config.count or len(world.record.starts))
+            for server in self._servers:
+                parts.callback(server.close)
+            self.instance = self._servers[0].port - PORT
+            self.simulation: Simulation[Px4Vehicle] = built_of(
+                self._vehicle,
+                world,
+                airframe=config.airframe,
+                seed=config.seed,
+                count=config.count,
+                payload_kg=config.payload_kg,
+                conditions=config.conditions,
+                disturbed=config.disturbed,
+                faults=fault_script.load(Path(script), rotors) if script else (),
+            )
+            self.vehicles = self.simulation.vehicles
+            for vehicle in self.vehicles:
+                vehicle.plant.advance(0)  # compiles, on the first run of an installation
+            self._truth = truth_port(self.simulation, config.instance)
+            parts.callback(self._truth.close)
+            self._in_step = [False] * len(self.vehicles)
+            self._started_at = [0] * len(self.vehicles)
+            self._processes: list[Px4Process] = []
+            self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
+            if config.keep_ulogs:
+                parts.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
+            if command is not None:
+                for vehicle in self.vehicles:
+                    self._processes.append(self._px4(command, vehicle.index, config))
+                    parts.callback(self._processes[-1].close)
+            self._parts = parts.pop_all()
+        self._reset_pace()
+        if command is None:
+            ports = ", ".join(str(server.port) for server in self._servers)
+            say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
+
+    def _vehicle(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> Px4Vehicle:
+        return Px4Vehicle(index, airframe, pose, server=self._servers[index], **physics)
+
+    def _px4(self, command: str, index: int, config: SimulatorConfig) -> Px4Process:
+        name = _state_name(index)
+        folder = Path(config.state_dir or self._passing).absolute() / name
+        log = Path(config.log_dir).absolute() / f"px4-{name}.log" if config.log_dir else folder / "px4.log"
+        return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
+
+    def _keep_ulogs(self, kept: Path, states: Path) -> None:
+        """Copy the newest log of every PX4, all of which have ended."""
+        for vehicle in self.vehicles:
+            logs = sorted((states / _state_name(vehicle.index)).glob(ULOGS), key=lambda log: log.stat().st_mtime)
+            if not logs:
+                self._say(f"vehicle {vehicle.index + 1}: PX4 wrote no log")
+                continue
+            shutil.copyfile(logs[-1], kept / onboard_log_name(vehicle.index))
+
+    def _reset_pace(self) -> None:
+        self._keeper = RateKeeper(TICK_US / 1e6 / (self.speed or 1.0))
+        self.pace = PaceReport(self._keeper)
+        self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
+
+    def summary(self) -> str:
+        """Return how much vehicle time has passed since PX4 came, and how fast."""
+        seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
+        return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
+
+    @property
+    def all_there(self) -> bool:
+        """Whether every vehicle has had a PX4; until then no time passes for any of them."""
+        return all(vehicle.server.connections for vehicle in self.vehicles)
+
+    def ready(self) -> dict[str, Any]:
+        self._reset_pace()
+        agent = [AGENT_PORT + self.instance + vehicle.index for vehicle in self.vehicles]
+        px4 = [vehicle.server.port for vehicle in self.vehicles]
+        return {"agent": agent, "log": [], "truth": self._truth.port, "px4": px4}
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "begin":
+            self.simulation.begin(arguments["t0_us"])
+            self._staller.begin(arguments["t0_us"])
+        if command == "pace":
+            return self._keeper.figures()
+        if command == "in step":
+            return all(self._in_step)
+        return None
+
+    def turn(self) -> None:
+        self._look_after()
+        if not self.all_there:
+            for vehicle in self.vehicles:
+                vehicle.server.accept()
+            time.sleep(IDLE_S)
+            self._reset_pace()
+            return
+        self._truth.exchange()
+        self.simulation.advance()
+        self._truth.exchange()
+        self._staller.turn(self.simulation.time_us)
+        if self.speed is not None:
+            self._keeper.wait()
+
+    def orphaned(self) -> None:
+        """Give up every wait: nobody needs this any more."""
+        for vehicle in self.vehicles:
+            vehicle.released = True
+
+    def close(self) -> None:
+        self._parts.close()
+
+    def _look_after(self) -> None:
+        """Say what has changed between us and the PX4s; start one that has ended anew, or raise InfrastructureError."""
+        for k, vehicle in enumerate(self.vehicles):
+            if vehicle.in_step != self._in_step[k]:
+                self._in_step[k] = vehicle.in_step
+                lost = "does not answer" if vehicle.server.connected else "has gone"
+                change = "is in step" if vehicle.in_step else f"{lost} and the rotors stand"
+                self._say(f"vehicle {k + 1}: PX4 {change}, at {vehicle.time_us / 1e6:.1f} s")
+        for k, process in enumerate(self._processes):
+            status = process.poll()
+            if status is None:
+                continue
+            if not self._restarts or self.vehicles[k].answers == self._started_at[k]:
+                what = f"PX4 ended with exit status {status}; what it said is in {process.log}"
+                self._say(what)
+                raise InfrastructureError(what)
+            self._say(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
+            self._started_at[k] = self.vehicles[k].answers
+            process.restart()

@@ -1,0 +1,90 @@
+"""The simulator as a process: vehicles and autopilots in real time, MAVLink on UDP, the truth on a bus beside it."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+from dronecats.flight.processes.child import Part
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.host_stalls import Staller
+from dronecats.flight.sitl.pace import PaceReport, RateKeeper
+from dronecats.flight.sitl.ports import Ports
+from dronecats.flight.sitl.scenario import build, load_world, noise_seed
+from dronecats.flight.sitl.simulation import TICK_US
+from foundation.signing import load_key, timestamp
+from vehicles import airframe as airframes
+from vehicles import fault_script
+
+WORK_SHARE = 0.1  # of a tick, twice in each, for what clients send
+
+
+class Simulator:
+    """Part of a real-time flight: one turn is one tick of the simulation."""
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        world = load_world(config.episode)
+        script = config.faults
+        rotors = len(airframes.load(config.airframe).rotors)
+        self.simulation = build(
+            world,
+            airframe=config.airframe,
+            seed=config.seed,
+            count=config.count,
+            state_dir=Path(config.state_dir) if config.state_dir else None,
+            payload_kg=config.payload_kg,
+            conditions=config.conditions,
+            disturbed=config.disturbed,
+            faults=fault_script.load(Path(script), rotors) if script else (),
+        )
+        if config.least_charge is not None:
+            for vehicle in self.simulation.vehicles:
+                vehicle.plant.keep_charge(config.least_charge)
+        self.simulation.advance()  # compiles, on the first run of an installation
+        self.ports = Ports(self.simulation, config.instance)
+        if config.sign is not None:
+            key, now = load_key(Path(config.sign)), timestamp(time.time())  # the calendar, as a PX4 has it from its key
+            for vehicle in self.simulation.vehicles:
+                vehicle.sign(key, now)
+        self.speed = 1.0 if config.speed is None else config.speed
+        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+        self.pace = PaceReport(self._keeper)
+        self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
+
+    def ready(self) -> dict[str, Any]:
+        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
+        self.pace = PaceReport(self._keeper)
+        return {
+            "agent": [port.port for port in self.ports.agent],
+            "log": [port.port for port in self.ports.log],
+            "truth": self.ports.truth.port,
+        }
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "begin":
+            self.simulation.begin(arguments["t0_us"])
+            self._staller.begin(arguments["t0_us"])
+        if command == "pace":
+            return self._keeper.figures()
+        return None
+
+    def turn(self) -> None:
+        work_s = WORK_SHARE * self._keeper.period_s
+        self.ports.exchange(work_s)
+        self.simulation.advance()
+        self.ports.exchange(work_s)
+        self._staller.turn(self.simulation.time_us)
+        self._keeper.wait()
+
+    def close(self) -> None:
+        for vehicle in self.simulation.vehicles:
+            vehicle.close()
+        self.ports.close()
+
+
+def create(config: SimulatorConfig) -> Part:
+    """Return the simulator of an episode's vehicles, under our autopilot or a PX4 each. Raises UsageError."""
+    if config.autopilot == "px4":
+        from dronecats.flight.sitl.px4.simulator import Px4Simulator
+
+        return Px4Simulator(config)
+    return Simulator(config)

@@ -1,0 +1,181 @@
+"""What a spec comes to: everything that it names looked up and checked, before anything is started."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dronecats.agent.latency import Latency, latency
+from dronecats.agent.models.budget import Budget, cost_limit, token_limit
+from dronecats.agent.models.cache import ReplyCache
+from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.model import Model
+from dronecats.agent.models.open import open_model
+from dronecats.agent.prompt import Prompt
+from dronecats.flight.spec.flight_spec import ON_CLUSTER, FlightSpec
+from dronecats.flight.spec.free_flight import free_flight
+from dronecats.pilots import roster
+from episodes import maps
+from episodes.camera.optics.file import optics_of
+from episodes.camera.optics.options import Optics
+from episodes.records import catalogue
+from episodes.records import record as records
+from episodes.records.record import EpisodeRecord
+from foundation import extras
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.protocol import CAP_S
+from vehicles import airframe as airframes
+from vehicles.payload import laden
+
+SEED_MAX = 2**31 - 1
+SPEEDS = (0.01, 100.0)  # × real time
+PATIENCE_S = (1.0, CAP_S)
+_CAMERA = CameraModel()
+CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A flight that can be flown as far as anybody knows."""
+
+    spec: FlightSpec
+    record: EpisodeRecord | None  # None: a connected vehicle without our world
+    prompt: Prompt
+    latency: Latency
+    optics: Optics | None
+    outside: Model | None = None  # who answers, where that is somebody outside
+
+    @property
+    def instruction(self) -> str:
+        """What the pilot is told."""
+        return self.record.instruction if self.record else self.spec.instruction or ""
+
+    @property
+    def scored(self) -> bool:
+        """Whether the truth is measured, and a verdict is to be had."""
+        return not self.spec.connected or self.spec.connected.truth is not None
+
+    @property
+    def seed(self) -> tuple[int, ...]:
+        """Of everything that the agent draws: the record's, and this flight's."""
+        return (self.record.seed if self.record else 0, self.spec.seed)
+
+    @property
+    def camera(self) -> dict[str, Any] | None:
+        """What run.json says of a camera of our world: its geometry, and what is not as in the benchmark."""
+        if self.spec.simulated and not self.spec.simulated.rendered:
+            return None
+        return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
+
+
+def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
+    """Return the flight of a spec; no model is asked anything yet. Raises UsageError.
+
+    `outside` answers where the spec says that somebody outside does.
+    """
+    if spec.outside is not None and outside is None and not spec.replay:
+        raise UsageError(f"only {spec.outside.harness} can ask {spec.outside.name}; --model replay:RUN flies it again")
+    _check_numbers(spec)
+    if spec.simulated or (spec.connected and spec.connected.truth):
+        extras.require("numba", "embreex")
+    _check_accounts(spec)
+    if spec.pilot and not spec.replay:
+        roster.check(spec.pilot)
+    if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
+        raise UsageError(
+            f"--command {spec.command} asks for each drone alone, and {spec.pilot} counts its questions, not whose they"
+            " are; choose vision, oracle, noisy or a model"
+        )
+    if spec.scripted_commander:
+        roster.check_commander(spec.scripted_commander)
+    if spec.drones is not None and not spec.simulated:
+        raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
+    simulated = spec.simulated
+    if simulated:
+        laden(airframes.load(simulated.airframe), spec.disturbances.vehicle.payload_kg)
+        looks = spec.model or spec.outside or spec.commander or roster.looks(spec.pilot or "")
+        if not (simulated.rendered or spec.replay) and looks:
+            raise UsageError(
+                "only oracle, noisy, blind and failing pilots fly without rendering; every other looks at the frames"
+            )
+        if simulated.px4 and simulated.autopilot != "px4":
+            raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+        if simulated.autopilot == "px4":
+            airframes.quadrotor(airframes.load(simulated.airframe))
+    policy = latency(spec.latency, spec.latency_trace)
+    if policy.charge is None and simulated and simulated.speed is None:
+        raise UsageError(
+            "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
+        )
+    record = _record(spec)
+    if spec.pilot and not spec.replay:
+        roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])
+    for asked in () if spec.replay else filter(None, (spec.model, spec.commander)):
+        open_model(asked).close()
+    return Flight(
+        spec=spec,
+        record=record,
+        prompt=Prompt.load() if spec.prompt is None else Prompt.of(spec.prompt, "the prompt"),
+        latency=policy,
+        optics=optics_of(simulated.optics, "optics") if simulated and simulated.optics else None,
+        outside=outside,
+    )
+
+
+def _check_numbers(spec: FlightSpec) -> None:
+    if not 0 <= spec.seed <= SEED_MAX:
+        raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {spec.seed}")
+    if not (math.isfinite(spec.seconds) and 0.0 < spec.seconds <= CAP_S):
+        raise UsageError(f"--seconds wants more than 0 and at most {CAP_S:g}, got {spec.seconds:g}")
+    if spec.stop_unreadable is not None and spec.stop_unreadable < 1:
+        raise UsageError(f"--stop-unreadable wants a whole number from 1, got {spec.stop_unreadable}")
+    least, most = PATIENCE_S
+    if spec.patience_s is not None and not least <= spec.patience_s <= most:
+        raise UsageError(f"--patience wants {least:g} to {most:g} seconds, got {spec.patience_s:g}")
+    slowest, fastest = SPEEDS
+    speed = spec.simulated.speed if spec.simulated else None
+    if speed is not None and not slowest <= speed <= fastest:
+        raise UsageError(f"--speed wants max or a factor from {slowest:g} to {fastest:g}, got '{speed:g}'")
+
+
+def _check_accounts(spec: FlightSpec) -> None:
+    accounts = spec.accounts
+    if accounts.cost_limit_usd is not None:
+        cost_limit(accounts.cost_limit_usd)
+    if accounts.token_limit is not None:
+        token_limit(accounts.token_limit)
+    asked = [model for model in (spec.model, spec.commander) if model]
+    if not asked or spec.replay:
+        given = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
+        if stray := next((name for field, name in given.items() if getattr(accounts, field) is not None), None):
+            raise UsageError(f"--{stray} goes with --model PROVIDER/NAME: nobody else is paid; leave it out")
+        return
+    for model in asked:
+        Budget(accounts.cost_limit_usd).check_prices(model)
+    if accounts.ledger is not None and not accounts.ledger.startswith(ON_CLUSTER):
+        Ledger(Path(accounts.ledger)).close()
+    if accounts.cache is not None:
+        ReplyCache(Path(accounts.cache)).close()
+
+
+def _record(spec: FlightSpec) -> EpisodeRecord | None:
+    if spec.map is not None:
+        return free_flight(spec.map, spec.instruction or "")
+    if spec.episode is not None:
+        record = catalogue.load(spec.episode)
+    elif spec.record is not None:
+        record = records.parse(json.dumps(spec.record), "the flight's record")
+    else:
+        return None
+    if spec.drones is None:
+        return record
+    from episodes.records.formation import flown_by  # checks records, which needs what simulating needs
+
+    return flown_by(record, spec.drones)
+
+
+def map_digest(record: EpisodeRecord | None) -> str | None:
+    """Return what a map of one's own is told by, None for one that ships."""
+    return maps.digest(record.map) if record else None

@@ -1,0 +1,63 @@
+"""A vehicle that somebody else started: its link, its camera, and a logger of what it says of itself."""
+
+from pathlib import Path
+
+from dronecats.agent.executors import DaemonExecutor
+from dronecats.flight.logger.config import EstimateLoggerConfig
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.stages import parts
+from foundation.errors import DronecatsError
+from foundation.mavlink import dialect
+from hil.cameras.patient import PatientCamera
+from hil.link.link import Link
+from hil.link.transport import connect
+
+
+class ConnectedStage:
+    """The link's bytes are copied to the logger, which is a process of its own here as well."""
+
+    lockstep = False
+    speed = 1.0  # a vehicle whose clock is its own
+
+    def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
+        """`folder` is the episode's, for the logs. Raises InfrastructureError."""
+        self._supervisor = Supervisor(folder)
+        self.executor = DaemonExecutor()
+        self.links = [link]
+        self.camera, self.camera_model = camera, camera.model
+        try:
+            self._logger = self._supervisor.start(parts.ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
+            self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
+            link.listeners.append(self._to_logger)
+        except BaseException:
+            self.close()
+            raise
+
+    def _to_logger(self, message: dialect.MAVLink_message) -> None:
+        self._copy.send(bytes(message.get_msgbuf()))
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+    def mend(self) -> None:
+        """Nothing is disturbed on purpose here."""
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def check_vehicles(self) -> None:
+        """Nothing here simulates the vehicle."""
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
+
+    def close(self) -> None:
+        for link in self.links:
+            link.close()
+        self.camera.close()
+        if hasattr(self, "_copy"):
+            self._copy.close()
+        self._supervisor.close()

@@ -1,0 +1,137 @@
+"""Everything in one process on one clock that waits for whoever is slowest."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+
+from dronecats.agent.executors import InlineExecutor
+from dronecats.flight.logger.recorder import Recorder
+from dronecats.flight.logger.telemetry import subscribe
+from dronecats.flight.logger.world_measure import measured_in
+from dronecats.flight.sitl.camera import WorldCamera
+from dronecats.flight.sitl.lockstep import Lockstep
+from dronecats.flight.sitl.px4.lockstep import Px4Lockstep
+from dronecats.flight.sitl.px4.simulator import Px4Simulator
+from dronecats.flight.sitl.scenario import build, origin
+from dronecats.flight.sitl.simulation import SimulatedVehicle
+from dronecats.flight.sitl.vehicle_port import VehiclePort
+from dronecats.flight.spec.flight import Flight
+from dronecats.flight.spec.flight_spec import Simulated
+from dronecats.flight.stages.disturbed import DisturbedLinks
+from dronecats.flight.stages.parts import conditions_of, simulator_config, truth_kept
+from episodes.world.world import World
+from foundation.camera import CameraModel
+from foundation.errors import DronecatsError
+from foundation.mavlink import dialect
+from hil.link.link import Link
+
+SPARE_S = 1.0  # s after its cap for which an agent that hears nothing is left waiting for it
+
+
+class LockstepStage:
+    """The same parts as in real time, without the sockets between them."""
+
+    lockstep = True
+    speed = None
+
+    def __init__(self, flight: Flight, simulated: Simulated, folder: Path, world: World) -> None:
+        """`folder` is the episode's, for the logs. Raises UsageError, InfrastructureError."""
+        spec, camera = flight.spec, CameraModel()
+        self.camera_model = camera
+        self._px4: Px4Simulator | None = None
+        clock: Lockstep | Px4Lockstep
+        ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with our autopilot
+        if simulated.autopilot == "px4":
+            self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
+            clock = Px4Lockstep(self._px4)
+        else:
+            faults = spec.disturbances.vehicle
+            clock = Lockstep(
+                build(
+                    world,
+                    airframe=simulated.airframe,
+                    seed=spec.seed,
+                    payload_kg=faults.payload_kg,
+                    disturbed=conditions_of(faults),
+                )
+            )
+            ours = clock.simulation.vehicles
+        self._clock, self._simulation = clock, clock.simulation
+        self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
+        clock.follow(self._recorder.truth)
+        for vehicle in ours:
+            port = vehicle.open_port("minimal")
+            subscribe(port.receive, vehicle.index + 1)
+            clock.followers.append(partial(self._log, port, vehicle.index))
+        self.camera = WorldCamera(
+            world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics,
+            seed=spec.seed, kept=truth_kept(spec.disturbances.frame),
+        )  # fmt: skip
+        announce = clock.follow(self.camera.feed)
+        self.camera.warm_up()
+        drones = range(len(self._simulation.vehicles))
+        self._disturbed = disturbed = DisturbedLinks(flight)
+        if disturbed.wired:
+            wires = [clock.wire(index, disturbed.seed(index)) for index in drones]
+            self.links = [
+                Link(wire, silence_s=disturbed.silence_s, limits=spec.envelope, simulated=True) for wire in wires
+            ]
+            disturbed.take(self.links, wires)
+        else:
+            self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
+            disturbed.take(self.links, ())
+        if self._px4:
+            for drone, link in enumerate(self.links):
+                link.listeners.append(partial(self._keep, drone))
+        self.executor: Executor = InlineExecutor()
+
+    def _log(self, port: VehiclePort, drone: int) -> None:
+        self._recorder.telemetry(port.take(), drone)
+
+    def _keep(self, drone: int, message: dialect.MAVLink_message) -> None:
+        self._recorder.telemetry(bytes(message.get_msgbuf()), drone)
+
+    def tap(self, feed: Callable[[bytes], None]) -> "FedTap":
+        """Have the truth bus fed to somebody after every tick."""
+        self._clock.follow(feed)
+        return FedTap()
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._simulation.begin(t0_us)
+        self._recorder.begin(t0_us, cap_s)
+        self.camera.begin(t0_us)
+        self._disturbed.begin(cap_s + SPARE_S)
+
+    def mend(self) -> None:
+        self._disturbed.mend()
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._recorder.end(reason, error)
+
+    def check(self) -> None:
+        """One process: what breaks raises by itself."""
+
+    def check_vehicles(self) -> None:
+        """One process: what breaks raises by itself."""
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return error
+
+    def close(self) -> None:
+        self._recorder.close()
+        self.camera.close()
+        if self._px4:
+            for link in self.links:
+                link.close()
+            self._px4.close()
+
+
+class FedTap:
+    """The end of a bus that is read at every tick."""
+
+    def drain(self) -> None:
+        """It has come."""
+
+    def close(self) -> None:
+        pass

@@ -1,0 +1,191 @@
+"""Every part a process of its own, the vehicle's clock paced by the wall's."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from dronecats.agent.executors import DaemonExecutor
+from dronecats.flight.logger.config import LoggerConfig
+from dronecats.flight.processes.bus_listener import Listener
+from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.config import CameraConfig
+from dronecats.flight.spec.flight import Flight
+from dronecats.flight.spec.flight_spec import Simulated
+from dronecats.flight.stages import parts
+from dronecats.flight.stages.disturbed import DisturbedLinks
+from dronecats.flight.stages.parts import simulator_config, truth_kept
+from foundation.camera import CameraModel
+from foundation.errors import DronecatsError
+from hil.cameras.snapshot import HttpCamera
+from hil.impairment.one_way import PERFECT
+from hil.impairment.wire import ImpairedWire
+from hil.link.link import Link
+from hil.link.transport import Transport, UdpTransport, connect
+
+
+class RealtimeStage:
+    """Simulator, camera and logger as supervised processes, on ports that the system chose."""
+
+    lockstep = False
+
+    def __init__(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
+        """`folder` is the episode's, with its record. Raises UsageError, InfrastructureError."""
+        self._supervisor = Supervisor(folder)
+        self.speed = simulated.speed
+        self._copies: list[Copy] = []
+        self._wires: list[ImpairedWire] = []
+        self.executor = DaemonExecutor()
+        self.camera_model = CameraModel()
+        try:
+            self._start(flight, simulated, folder, say)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
+        patience, px4 = Patience(say), simulated.autopilot == "px4"
+        config = simulator_config(flight.spec, simulated, folder)
+        simulator = self._simulator = self._supervisor.start(parts.SIMULATOR, config)
+        ports = simulator.ready(patience)
+        self._truth = f"udpout://127.0.0.1:{ports['truth']}"
+        direction = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
+        self._disturbed = DisturbedLinks(flight)
+        self.links = [
+            Link(
+                self._transport(f"{direction}://127.0.0.1:{port}", drone, speaks_first=px4),
+                silence_s=self._disturbed.silence_s,
+                limits=flight.spec.envelope,
+                simulated=True,
+            )
+            for drone, port in enumerate(ports["agent"])
+        ]
+        self._disturbed.take(self.links, self._wires)
+        camera = self._camera_process = self._supervisor.start(
+            parts.CAMERA,
+            CameraConfig(
+                episode=config.episode,
+                airframe=config.airframe,
+                truth=self._truth,
+                optics=simulated.optics,
+                seed=config.seed,
+                kept=truth_kept(flight.spec.disturbances.frame),
+            ),
+        )
+        if px4:
+            self._await_px4(ports["px4"], say)
+            self._copies = [Copy(link) for link in self.links]
+        log = [copy.port for copy in self._copies] or ports["log"]
+        self._logger = self._supervisor.start(
+            parts.LOGGER,
+            LoggerConfig(
+                episode=config.episode,
+                airframe=config.airframe,
+                folder=str(folder),
+                truth=self._truth,
+                telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in log),
+            ),
+        )
+        self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
+        self._logger.ready(patience)
+        for copy in self._copies:
+            copy.begin()
+
+    def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
+        """Return the agent's end of a vehicle's MAVLink, over a wire in between where that is to be disturbed."""
+        if not self._disturbed.wired:
+            return connect(url)
+        ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
+        other = connect(f"udpout://127.0.0.1:{ends.port}")
+        # whoever speaks first on the vehicle's own port does so on ours
+        agent, near = (ends, other) if speaks_first else (other, ends)
+        speed = self.speed or 1.0
+        seed = self._disturbed.seed(drone)
+        wire = ImpairedWire(near, connect(url), PERFECT, PERFECT, seed, lambda: time.monotonic() * speed)
+        self._wires.append(wire.start())
+        return agent
+
+    def tap(self, feed: Callable[[bytes], None]) -> Listener:
+        """Have the truth bus fed to somebody, who reads it."""
+        return Listener(self._truth, feed)
+
+    def _await_px4(self, ports: list[int], say: Callable[[str], None]) -> None:
+        """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
+
+        Raises InfrastructureError when one that we have started ends.
+        """
+        say(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
+        while not self._simulator.do("in step"):
+            self._supervisor.check()
+            time.sleep(0.1)
+        for link in self.links:
+            while not link.transport.receive(0.5):
+                self._supervisor.check()
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._simulator.do("begin", t0_us=t0_us)
+        self._camera_process.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+        self._disturbed.begin()
+
+    def mend(self) -> None:
+        self._disturbed.mend()
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def pace(self) -> dict[str, float]:
+        """Return how well the simulator has held real time (`RateKeeper.figures`). Raises InfrastructureError."""
+        return dict(self._simulator.do("pace"))
+
+    def check(self) -> None:
+        self._supervisor.check()
+        for wire in self._wires:
+            wire.check()
+
+    def check_vehicles(self) -> None:
+        self._simulator.check()
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
+
+    def close(self) -> None:
+        if hasattr(self, "camera"):
+            self.camera.close()
+        for part in (*getattr(self, "links", []), *self._wires, *self._copies):
+            part.close()
+        self._supervisor.close()
+
+
+class Copy:
+    """Copies what a link hears to the logger, since PX4 has no MAVLink port to spare that sends what is asked of it."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._socket = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
+
+    @property
+    def port(self) -> int:
+        """Where the logger has to say hello."""
+        return self._socket.port
+
+    def begin(self) -> None:
+        """From now on, to the logger, which has said hello."""
+        self._socket.receive(1.0)
+        self._link.listeners.append(lambda message: self._socket.send(bytes(message.get_msgbuf())))
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Patience:
+    """Says once why nothing happens, when nothing happens for a while."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say, self._waits = say, 0
+
+    def __call__(self) -> None:
+        self._waits += 1
+        if self._waits == 6:
+            from dronecats.flight.sitl import compile_ahead
+
+            self._say(f"starting the simulator and the camera{compile_ahead.duration()} …")

@@ -1,0 +1,155 @@
+"""How much the verdict hangs on its rule: the alternatives that the paper's replaced, and what each would turn.
+
+Paper, appendix "Verifier Audit".
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dronecats.judge.diagnostics import hold
+from dronecats.judge.measured import declarations
+from dronecats.judge.metrics.deliberation import Deliberation, StepOutlook, deliberation, outlooks
+from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
+from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
+from dronecats.judge.metrics.strictness import Strictness, strictness
+from dronecats.judge.verdict import judge
+from foundation.errors import UsageError
+from foundation.protocol import CAP_S, RADIUS_M
+
+HELD_S = 10.0  # s
+MOVING = ("tracking", "search-and-track")  # the cells that were once graded by a dwell
+Rule = Callable[[FlownEpisode], bool | None]  # whether it would be a success; None: not known, or not meant for it
+
+
+def last_alone(flown: FlownEpisode) -> bool | None:
+    """Return whether the last declaration qualifies; None where the flight was cut off before it could be made."""
+    if flown.verdict.censored:
+        return None
+    return flown.declarations[-1].qualifies(flown.delta_m) if flown.declarations else False
+
+
+def ten_seconds(flown: FlownEpisode) -> bool | None:
+    """Return whether a drone was within the radius with the target in view for ten unbroken seconds, declared or not.
+
+    None of the cells whose target stands, and where the flight was cut off before it could be.
+    """
+    held_s = hold(flown.logs, flown.delta_m, flown.cap_s) if flown.cell in MOVING else None
+    if held_s is None:
+        return None
+    return True if held_s >= HELD_S else None if flown.verdict.censored else False
+
+
+def without_cap(flown: FlownEpisode) -> bool | None:
+    """Return whether any declaration qualifies, however late."""
+    return judge(declarations(flown.logs, float("inf")), None, flown.delta_m, float("inf")).success
+
+
+RULES: Mapping[str, tuple[str, Rule]] = {
+    "first": ("the first declaration alone", success_at_first),
+    "last": ("the last declaration alone", last_alone),
+    "dwell": ("ten unbroken seconds within the radius in view (moving targets)", ten_seconds),
+    "proximity": ("any entry into the radius", oracle_success),
+    "no_cap": ("declarations after the cap, too", without_cap),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeAudit:
+    """One episode under every rule."""
+
+    success: bool | None  # as the criterion has it; None: nobody's score
+    rules: Mapping[str, bool | None]  # by the names of RULES
+    declarations: int  # within the cap
+    false_declarations: int  # of these, those that are known not to qualify
+    late: int  # declarations after the cap
+    strict: Strictness
+    steps: tuple[StepOutlook, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Flips:
+    """What a rule would turn."""
+
+    told: int  # scored episodes of which it can tell
+    successes: int  # of these, by the criterion
+    lost: int  # of the successes, those that it would make failures
+    gained: int  # of the failures, those that it would make successes
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """Many episodes."""
+
+    episodes: int
+    scored: int
+    successes: int
+    declarations: int
+    false_declarations: int
+    late_declarations: int
+    late_episodes: int  # that have some
+    silent_failures: int  # failures without a declaration
+    silent_entered: int  # of these, those that entered the radius
+    flips: Mapping[str, Flips]  # by the names of RULES
+    think: Deliberation
+    steps: int  # decisions
+    mended: int  # of these, those whose reply was mended
+    changed: int  # of these, those that strict parsing takes otherwise
+    strict: Flips  # strict parsing of what was mended
+
+
+def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> EpisodeAudit | None:
+    """Return one episode folder under every rule; None of damaged logs."""
+    try:
+        return audit_of(flown_episode(folder, delta_m, cap_s))
+    except UsageError:
+        return None
+
+
+def audit_of(flown: FlownEpisode) -> EpisodeAudit:
+    """Return one episode under every rule."""
+    return EpisodeAudit(
+        success=flown.verdict.success if flown.scored else None,
+        rules={name: rule(flown) if flown.scored else None for name, (_, rule) in RULES.items()},
+        declarations=len(flown.declarations),
+        false_declarations=sum(d.qualifies(flown.delta_m) is False for d in flown.declarations),
+        late=flown.verdict.declarations_after_cap,
+        strict=strictness(flown),
+        steps=tuple(outlooks(flown)) if flown.scored else (),
+    )
+
+
+def audit(episodes: Iterable[EpisodeAudit | None]) -> Audit:
+    """Return these episodes together; None stands for one that is damaged."""
+    all_told = list(episodes)
+    told = [each for each in all_told if each is not None]
+    scored = [each for each in told if each.success is not None]
+    silent = [each for each in scored if not each.success and each.declarations == 0]
+    return Audit(
+        episodes=len(all_told),
+        scored=len(scored),
+        successes=sum(each.success is True for each in scored),
+        declarations=sum(each.declarations for each in scored),
+        false_declarations=sum(each.false_declarations for each in scored),
+        late_declarations=sum(each.late for each in scored),
+        late_episodes=sum(each.late > 0 for each in scored),
+        silent_failures=len(silent),
+        silent_entered=sum(each.rules["proximity"] is True for each in silent),
+        flips={name: flips((each.success, each.rules[name]) for each in scored) for name in RULES},
+        think=deliberation(step for each in scored for step in each.steps),
+        steps=sum(each.strict.steps for each in scored),
+        mended=sum(each.strict.mended for each in scored),
+        changed=sum(each.strict.changed for each in scored),
+        strict=flips((each.success, each.strict.success) for each in scored),
+    )
+
+
+def flips(pairs: Iterable[tuple[bool | None, bool | None]]) -> Flips:
+    """Return what a rule turns, of (success by the criterion, success by the rule)."""
+    told = [(was, would) for was, would in pairs if was is not None and would is not None]
+    return Flips(
+        told=len(told),
+        successes=sum(was for was, _ in told),
+        lost=sum(was and not would for was, would in told),
+        gained=sum(would and not was for was, would in told),
+    )

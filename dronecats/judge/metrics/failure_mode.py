@@ -1,0 +1,145 @@
+"""What an episode was lost by: the paper's modes and thresholds, of which each scored episode has exactly one.
+
+Paper, "Failure Taxonomy" and appendix "Additional Results". The paper leaves open which mode counts where several do;
+here the first of MODES that holds, in the order in which the appendix names them, after success. Whoever could not move
+is looked at before what a moving drone may have done wrong, and after the declarations: the appendix has it within the
+timed-out band, which `band` puts it back into. It is a fault of the simulation, so whoever hovers because he was
+told nothing else is not meant.
+
+Of a fleet the drones are pooled as its criterion pools them: declarations, arrival and closing are the best drone's,
+and so is the share of steps with the target ahead; it oscillated, or did not move, where every drone did.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.metrics.stuck import STUCK_M, is_stuck
+from foundation.protocol import BRAKE_M, NEAR_M, NEAR_SCALE, STRIDE_MAX_M
+from foundation.run_folder.rows import Pose
+
+FailureMode = Literal[
+    "success", "declared", "arrived", "did not move", "never grounded", "oscillated", "never closed", "timed out"
+]
+MODES: dict[FailureMode, str] = {  # in the order in which they are asked for
+    "success": "a declaration qualifies",
+    "declared": "arrival was declared, and no declaration qualifies",
+    "arrived": "a drone came within the radius, and none declared",
+    "did not move": "the track, less a hover's wander, is under 5 m, though strides of as much were told: our fault",
+    "never grounded": "the target was within 45° of the nose in fewer than 10 % of the steps",
+    "oscillated": "the path is more than eight times as long as the way that it came, with 720° of turning or more",
+    "never closed": "less than 30 % of the start distance was closed",
+    "timed out": "none of these",
+}
+HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # of the camera; share of the steps
+WANDERED, TURNED_DEG = 8.0, 720.0  # path over net displacement; accumulated yaw
+CLOSED = 0.30  # of the start distance
+
+
+@dataclass(frozen=True, slots=True)
+class Wandering:
+    """How one drone's trace runs, within the cap."""
+
+    path_m: float  # m, along the poses
+    net_m: float  # m, from the first pose to the last
+    turned_deg: float  # °, of yaw, either way added up
+
+    @property
+    def oscillated(self) -> bool:
+        """Whether it went to and fro."""
+        return self.path_m > WANDERED * self.net_m and self.turned_deg >= TURNED_DEG
+
+
+def failure_mode(flown: FlownEpisode) -> FailureMode | None:
+    """Return the first of MODES that holds; None of what is nobody's score."""
+    if not flown.scored:
+        return None
+    return next(mode for mode, holds in _HOLDS if holds(flown))
+
+
+def band(mode: FailureMode) -> FailureMode:
+    """Return the mode as the paper's bars have it, in which whoever did not move is among the timed out."""
+    return "timed out" if mode == "did not move" else mode
+
+
+def share_ahead(flown: FlownEpisode) -> float | None:
+    """Return the share of the steps with the target within 45° of the nose, hidden or not; of a fleet the best drone's.
+
+    Of the steps whose picture the logger has a bearing of. None without any.
+    """
+    ahead: dict[int, list[bool]] = {}
+    for step in flown.steps:
+        bearing_deg = step.truth.bearing_deg if step.truth else None
+        if step.counts and bearing_deg is not None:
+            ahead.setdefault(step.decision.drone, []).append(abs(bearing_deg) <= HALF_FOV_DEG)
+    return max((sum(told) / len(told) for told in ahead.values()), default=None)
+
+
+def stride(depth_m: float) -> float:
+    """Return how far (m) a go of this depth is flown. Paper, "Executing go"."""
+    if depth_m < BRAKE_M:
+        return 0.0
+    return min(depth_m, STRIDE_MAX_M) * (NEAR_SCALE if depth_m < NEAR_M else 1.0)
+
+
+def wandering(poses: Sequence[Pose]) -> Wandering:
+    """Return how one drone's poses run, in the order of their times."""
+    yaws = [pose.yaw_deg for pose in poses if pose.yaw_deg is not None]
+    return Wandering(
+        path_m=sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses)),
+        net_m=math.dist(poses[0].position_ned, poses[-1].position_ned),
+        turned_deg=sum(abs(math.remainder(b - a, 360.0)) for a, b in pairwise(yaws)),
+    )
+
+
+def wanderings(flown: FlownEpisode) -> list[Wandering]:
+    """Return the same of every drone that has a trace within the cap."""
+    traces: dict[int, list[Pose]] = {}
+    for pose in sorted(flown.logs.poses, key=lambda pose: pose.t):
+        if pose.t <= flown.cap_s:
+            traces.setdefault(pose.drone, []).append(pose)
+    return [wandering(trace) for _, trace in sorted(traces.items())]
+
+
+def _arrived(flown: FlownEpisode) -> bool:
+    told = flown.verdict.diagnostics
+    return told is not None and told.oracle_success is True
+
+
+def _did_not_move(flown: FlownEpisode) -> bool:
+    told_m: dict[int, float] = {}
+    for step in flown.steps:
+        if step.counts and step.go:
+            told_m[step.decision.drone] = told_m.get(step.decision.drone, 0.0) + stride(step.go.depth_m)
+    stuck = is_stuck(pose for pose in flown.logs.poses if pose.t <= flown.cap_s)
+    return stuck and max(told_m.values(), default=0.0) >= STUCK_M
+
+
+def _never_grounded(flown: FlownEpisode) -> bool:
+    share = share_ahead(flown)
+    return share is not None and share < GROUNDED
+
+
+def _oscillated(flown: FlownEpisode) -> bool:
+    traces = wanderings(flown)
+    return bool(traces) and all(trace.oscillated for trace in traces)
+
+
+def _never_closed(flown: FlownEpisode) -> bool:
+    told = flown.verdict.diagnostics
+    return told is not None and told.approach_ratio is not None and told.approach_ratio < CLOSED
+
+
+_HOLDS: tuple[tuple[FailureMode, Callable[[FlownEpisode], bool]], ...] = (
+    ("success", lambda flown: flown.verdict.outcome == "success"),
+    ("declared", lambda flown: flown.verdict.declarations > 0),
+    ("arrived", _arrived),
+    ("did not move", _did_not_move),
+    ("never grounded", _never_grounded),
+    ("oscillated", _oscillated),
+    ("never closed", _never_closed),
+    ("timed out", lambda flown: True),
+)

@@ -1,0 +1,210 @@
+"""Where the pilot pointed, and how far it said that was. Paper, appendix "Execution".
+
+A point is judged where the target was in the picture and seen, by what the logger wrote of that picture: the depth of
+the target's surface that is seen, its centre in the camera's axes, and its box, which a log of an older version does
+not have. The camera is the declared pinhole.
+"""
+
+import math
+from collections.abc import Iterator
+
+from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.metrics.flown_step import FlownStep, Pointed, of_counted
+from dronecats.judge.metrics.metric import Metric, MetricValue
+from dronecats.judge.metrics.value import known, mean, median
+from foundation.camera import CameraModel
+from foundation.protocol import HISTORY_LENGTH, POINT_SPAN, ROTATE
+
+ASKED_DEG = 90.0  # either way: no further is a pilot asked to turn in one step
+SAME = 0.5  # of a coordinate: the history shows whole pixels
+_CAMERA = CameraModel()
+
+
+def on_target(flown: FlownEpisode) -> list[MetricValue]:
+    """Return per decision whether a go's point is within the target's box; None without a go or a target in view."""
+    return of_counted(flown.steps, _on_target)
+
+
+def pointing_error(flown: FlownEpisode) -> list[MetricValue]:
+    """Return per decision the angle (°) between a go's point and the target's centre, at the camera."""
+    return of_counted(flown.steps, _pointing_error_deg)
+
+
+def depth_error(flown: FlownEpisode) -> list[MetricValue]:
+    """Return per decision the depth (m) of a go on the target less that of its surface; + is told too far."""
+    return of_counted(flown.steps, _depth_error_m)
+
+
+def absolute_depth_error(flown: FlownEpisode) -> list[MetricValue]:
+    """Return per decision `depth_error` (m) without its sign."""
+    return [None if error is None else abs(error) for error in depth_error(flown)]
+
+
+def rescaled(flown: FlownEpisode) -> list[MetricValue]:
+    """Return per decision whether a go repeats the pixels in which its history shows the go before it.
+
+    The one before is the drone's newest go among its last five actions, which are all that it is shown. None where
+    there is none, and where its pixels and its point are the same numbers.
+    """
+    before: dict[int, list[Pointed | None]] = {}  # by drone, its actions so far
+    told: list[MetricValue] = []
+    for step in flown.steps:
+        shown = before.setdefault(step.decision.drone, [])
+        last = next((go for go in reversed(shown[-HISTORY_LENGTH:]) if go), None)
+        told.append(_rescaled(step.go, last) if step.counts and step.go and last else None)
+        if step.decision.action is not None:
+            shown.append(step.go)
+    return told
+
+
+def wide_rotation(flown: FlownEpisode) -> list[MetricValue]:
+    """Return per decision whether it turns by more than the ±90° that the prompt asks for; None of other actions."""
+    return of_counted(flown.steps, _wide)
+
+
+def share_on_target(flown: FlownEpisode) -> float | None:
+    """Return the share of `on_target`."""
+    return mean(on_target(flown))
+
+
+def median_pointing_error(flown: FlownEpisode) -> float | None:
+    """Return the median of `pointing_error`, °."""
+    return median(pointing_error(flown))
+
+
+def median_depth_error(flown: FlownEpisode) -> float | None:
+    """Return the median of `depth_error`, m."""
+    return median(depth_error(flown))
+
+
+def median_absolute_depth_error(flown: FlownEpisode) -> float | None:
+    """Return the median of `absolute_depth_error`, m."""
+    return median(absolute_depth_error(flown))
+
+
+def share_rescaled(flown: FlownEpisode) -> float | None:
+    """Return the share of `rescaled`."""
+    return mean(rescaled(flown))
+
+
+def wide_rotations(flown: FlownEpisode) -> int:
+    """Return how many of `wide_rotation` there were."""
+    return int(sum(known(wide_rotation(flown))))
+
+
+def _on_target(step: FlownStep) -> bool | None:
+    frame = step.in_view
+    if step.go is None or frame is None or frame.target_box is None:
+        return None
+    x0, y0, x1, y1 = frame.target_box
+    return x0 <= step.go.x <= x1 and y0 <= step.go.y <= y1
+
+
+def _pointing_error_deg(step: FlownStep) -> float | None:
+    frame = step.in_view
+    if step.go is None or frame is None or frame.target_frd is None:
+        return None
+    told, true = _ray(step.go), frame.target_frd
+    across = math.hypot(*_cross(told, true))
+    return math.degrees(math.atan2(across, sum(a * b for a, b in zip(told, true, strict=True))))
+
+
+def _depth_error_m(step: FlownStep) -> float | None:
+    frame = step.in_view
+    if step.go is None or frame is None or frame.oracle_depth_m is None or not _on_target(step):
+        return None
+    return step.go.depth_m - frame.oracle_depth_m
+
+
+def _rescaled(go: Pointed, last: Pointed) -> bool | None:
+    pixels = (last.x * _CAMERA.width / POINT_SPAN, last.y * _CAMERA.height / POINT_SPAN)
+    if abs(pixels[0] - last.x) <= SAME and abs(pixels[1] - last.y) <= SAME:
+        return None
+    return abs(go.x - pixels[0]) <= SAME and abs(go.y - pixels[1]) <= SAME
+
+
+def _wide(step: FlownStep) -> bool | None:
+    if step.decision.kind != ROTATE or step.decision.action is None:
+        return None
+    angle_deg = step.decision.action.get("angle_deg")
+    return abs(angle_deg) > ASKED_DEG if isinstance(angle_deg, int | float) else None
+
+
+def _ray(go: Pointed) -> tuple[float, float, float]:
+    """Return the direction of a point in camera axes: forward, right, down."""
+    right = (go.x / POINT_SPAN - 0.5) * _CAMERA.width / _CAMERA.focal_px
+    return (1.0, right, (go.y / POINT_SPAN - 0.5) * _CAMERA.height / _CAMERA.focal_px)
+
+
+def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> Iterator[float]:
+    yield a[1] * b[2] - a[2] * b[1]
+    yield a[2] * b[0] - a[0] * b[2]
+    yield a[0] * b[1] - a[1] * b[0]
+
+
+EXECUTION = "Execution"
+METRICS = (
+    Metric(
+        name="on_target", title="Point on target", unit="share", level="step", better="more",
+        definition="of a go while the target is in view: its point is within the target's box in the picture",
+        paper=EXECUTION, of=on_target,
+    ),
+    Metric(
+        name="pointing_error_deg", title="Pointing error", unit="°", level="step", better="less",
+        definition="of a go while the target is in view: angle at the camera between its point and the target's centre",
+        paper=EXECUTION, of=pointing_error,
+    ),
+    Metric(
+        name="depth_error_m", title="Depth error", unit="m", level="step", better=None,
+        definition="of a go whose point is on the target: its depth less the median depth of the target's surface that"
+        " is seen, both along the optical axis",
+        paper=EXECUTION, of=depth_error,
+    ),
+    Metric(
+        name="depth_error_abs_m", title="Depth error (absolute)", unit="m", level="step", better="less",
+        definition="depth_error_m without its sign",
+        paper=EXECUTION, of=absolute_depth_error,
+    ),
+    Metric(
+        name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
+        definition="of a go after another: its point is, to half a unit, the pixels (1.28 x, 0.72 y) in which the"
+        " history shows the drone's go before it",
+        paper=EXECUTION, of=rescaled,
+    ),
+    Metric(
+        name="wide_rotation", title="Rotation > 90°", unit="share", level="step", better="less",
+        definition="of a rotation: it is of more than 90° either way",
+        paper=EXECUTION, of=wide_rotation,
+    ),
+    Metric(
+        name="on_target_share", title="Points on target", unit="ratio", level="episode", better="more",
+        definition="share of on_target over the steps",
+        paper=EXECUTION, of=share_on_target,
+    ),
+    Metric(
+        name="median_pointing_error_deg", title="Pointing error (median)", unit="°", level="episode", better="less",
+        definition="median of pointing_error_deg over the steps",
+        paper=EXECUTION, of=median_pointing_error,
+    ),
+    Metric(
+        name="median_depth_error_m", title="Depth error (median)", unit="m", level="episode", better=None,
+        definition="median of depth_error_m over the steps",
+        paper=EXECUTION, of=median_depth_error,
+    ),
+    Metric(
+        name="median_depth_error_abs_m", title="Depth error (median, absolute)", unit="m", level="episode",
+        better="less",
+        definition="median of depth_error_abs_m over the steps",
+        paper=EXECUTION, of=median_absolute_depth_error,
+    ),
+    Metric(
+        name="rescaled_share", title="Rescaled copies", unit="ratio", level="episode", better="less",
+        definition="share of rescaled over the steps",
+        paper=EXECUTION, of=share_rescaled,
+    ),
+    Metric(
+        name="wide_rotations", title="Rotations > 90°", unit="count", level="episode", better="less",
+        definition="how many steps have wide_rotation",
+        paper=EXECUTION, of=wide_rotations,
+    ),
+)  # fmt: skip

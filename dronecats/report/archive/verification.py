@@ -1,0 +1,309 @@
+"""An archive judged again on another machine: what was checked, what differs, and what nobody can tell from it."""
+
+import hashlib
+import math
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from dronecats.agent.prompt import Prompt
+from dronecats.judge.contradictions import Rereading
+from dronecats.judge.episode import Judged, judge_run
+from dronecats.judge.statistics.shares import known_share
+from dronecats.judge.stored import compare
+from dronecats.report.archive.manifest import FileDigest, Manifest
+from dronecats.report.archive.submission import incomplete
+from dronecats.report.archive.unpacking import unpack
+from dronecats.report.results.flown_run import FlownRun, flown_run
+from dronecats.report.results.identity import identity, identity_digest
+from episodes.records import catalogue, record
+from foundation.errors import UsageError
+from foundation.printable import printable
+from foundation.protocol import CAP_S
+from foundation.run_folder import layout
+from foundation.run_folder.reading import json_object
+from foundation.run_folder.results import SCORED, Verdict
+from foundation.run_folder.rows import LARGE
+
+DIFFERENCES_MAX = 50  # sentences
+SHOWN_CHARS = 200  # of a setting
+OTHER = "other"  # the cell of a record that has none of the benchmark's
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellScore:
+    """What the flights of one cell came to, as derived here."""
+
+    scored: int
+    successes: int
+    oracle_successes: int
+    declared: int
+    unscored: int  # nobody's success and nobody's failure
+    ne_m: float | None  # m, mean navigation error of the scored; None: of none it is known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """What `dronecats verify --json` prints, and a leaderboard is made of."""
+
+    name: str
+    note: str
+    pilot: str
+    is_model: bool
+    suite: str | None
+    partial: str | None  # what is missing or broken, a sentence
+    flights: int  # of each episode
+    steps: int
+    settings: dict[str, Any]  # that tell entries of one pilot apart
+    cells: dict[str, CellScore]
+    interval: tuple[float, float]  # of the success rate over all of it, 0 … 1, 95 %, episodes being the unit
+    identity: str
+    archive_sha256: str
+    archive_bytes: int
+    dronecats: str  # version that packed it
+    verified: bool  # nothing differs
+    differences: tuple[str, ...]
+    checked: tuple[str, ...]
+    unchecked: tuple[str, ...]
+
+
+def verify(path: Path, reread: Rereading) -> Verification:
+    """Return what an archive holds against its own words and against what ships here.
+
+    Replies are read again by `reread`. Nothing is written but below a folder that is gone afterwards. Raises UsageError
+    for a file that is no such archive, or one that means harm.
+    """
+    try:
+        with path.open("rb") as file, tempfile.TemporaryDirectory(prefix="dronecats-verify-") as place:
+            manifest, differences, frames = unpack(file, Path(place))
+            packed = _digest_of(path)
+            return _verification(manifest, Path(place), [*differences], frames, packed, reread)
+    except OSError as error:
+        raise UsageError(f"{error.filename or path} cannot be read or unpacked: {error.strerror}") from None
+    except UsageError as wrong:
+        raise UsageError(f"{path}: {_on_one_line(str(wrong))}") from None
+    except (OverflowError, RecursionError):  # numbers of any length, lists of any depth: JSON has them
+        raise UsageError(f"{path}: it holds numbers or lists that nothing flown can have") from None
+
+
+def _digest_of(path: Path) -> FileDigest:
+    with path.open("rb") as file:
+        return FileDigest(bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest())
+
+
+def _verification(
+    manifest: Manifest, place: Path, differences: list[str], frames: int, packed: FileDigest, reread: Rereading
+) -> Verification:
+    for told in manifest.runs:
+        _must_be_a_run(place / told.folder / layout.RUN)
+    runs = [flown_run(place / run.folder) for run in manifest.runs]
+    verdicts: list[tuple[str, Verdict]] = []  # by cell
+    flights: dict[str, list[bool]] = {}  # by episode, whether each scored one succeeded
+    for run, told in zip(runs, manifest.runs, strict=True):
+        judged = judge_run(run.folder, reread=reread)
+        for episode in judged.keys() & {*told.episodes}:
+            cell = str((json_object(run.folder / episode / layout.EPISODE) or {}).get("cell"))
+            verdict = judged[episode].verdict
+            verdicts.append((cell if cell in record.CELLS else OTHER, verdict))
+            if verdict.outcome in SCORED:
+                flights.setdefault(episode, []).append(verdict.outcome == "success")
+        for episode in told.episodes:
+            found = [*_of_record(run, episode), *_of_verdict(run, episode, judged[episode])]
+            differences += [f"{told.folder}/{episode}: {said}" for said in found]
+    differences += _of_manifest(manifest, runs)
+    cells, known = _cells(verdicts), known_share(list(flights.values()))
+    unscored = sum(cell.unscored for cell in cells.values())
+    if unscored and manifest.partial is None:
+        differences.append(f"{unscored} episodes are nobody's score, and the entry is not marked as partial")
+    differences = [_on_one_line(said) for said in differences]
+    if len(differences) > DIFFERENCES_MAX:
+        differences = [*differences[:DIFFERENCES_MAX], f"and {len(differences) - DIFFERENCES_MAX} more"]
+    return Verification(
+        name=manifest.name,
+        note=manifest.note,
+        pilot=manifest.pilot,
+        is_model=manifest.is_model,
+        suite=manifest.suite,
+        partial=manifest.partial,
+        flights=len(manifest.runs),
+        steps=sum(verdict.steps for _, verdict in verdicts),
+        settings=_settings(runs[0].configuration),
+        cells=cells,
+        interval=(known.low, known.high),
+        identity=manifest.identity,
+        archive_sha256=packed.sha256,
+        archive_bytes=packed.bytes,
+        dronecats=manifest.dronecats,
+        verified=not differences,
+        differences=tuple(differences),
+        checked=CHECKED,
+        unchecked=tuple(_unchecked(manifest, runs, frames)),
+    )
+
+
+class _KeptModel(msgspec.Struct):
+    provider: str
+    name: str
+
+
+class _KeptFlight(msgspec.Struct):
+    pilot: str | None = None
+    model: _KeptModel | None = None
+    seed: Annotated[int, msgspec.Meta(ge=0, lt=2**62)] = 0
+    replay: dict[str, Any] | None = None
+    seconds: float = CAP_S
+
+
+class _KeptRun(msgspec.Struct):
+    """What of a run.json is gone by here."""
+
+    flight: _KeptFlight
+    versions: dict[str, str]
+
+
+def _must_be_a_run(path: Path) -> None:
+    try:
+        msgspec.convert(json_object(path), _KeptRun)
+    except (msgspec.ValidationError, UnicodeError, RecursionError) as wrong:
+        raise UsageError(f"{path.parent.name}/{path.name} says nothing of a flight: {wrong}") from None
+
+
+def _on_one_line(text: str) -> str:
+    """Return a sentence on one line, without what a terminal would obey."""
+    return printable(" ".join(text.splitlines()))
+
+
+CHECKED = (
+    "every file is the one whose digest the manifest holds",
+    "pilot, settings, suite and completeness are what the runs say, the same in every flight but for the seed",
+    "every record is the one that ships under its id",
+    "every verdict follows from its logs, as it is stored",
+    "the logs hold together: frames and times, distances and positions, steps, what a commander confirmed",
+    "every action is one that its reply says",
+)
+
+
+def _of_record(run: FlownRun, episode: str) -> Iterator[str]:
+    """Yield that a record is not the one that ships, if so."""
+    path = run.folder / episode / layout.EPISODE
+    try:
+        flown = record.parse(path.read_bytes(), layout.EPISODE)
+    except UsageError as wrong:
+        yield str(wrong).rstrip(".")
+        return
+    if not catalogue.ships(flown) or flown.id != episode:
+        yield "its record is not the one that ships under its id"
+
+
+def _of_verdict(run: FlownRun, episode: str, judged: Judged) -> Iterator[str]:
+    """Yield where the stored verdict differs, and where the logs contradict themselves."""
+    stored = json_object(run.folder / episode / layout.VERDICT)
+    if stored is None:
+        yield f"there is no {layout.VERDICT}"
+    else:
+        now = judged.verdict.as_json()
+        for words in ("error", "note"):  # name files by their paths, which are others here
+            if isinstance(stored.get(words), str) and isinstance(now.get(words), str):
+                now[words] = stored[words]
+        if differing := compare(stored, now).differing:
+            yield f"the verdict differs from {layout.VERDICT} in {', '.join(differing[:5])}"
+    yield from judged.contradictions
+
+
+def _of_manifest(manifest: Manifest, runs: Sequence[FlownRun]) -> Iterator[str]:
+    """Yield where the manifest's words are not those of the runs."""
+    first = runs[0]
+    if (manifest.pilot, manifest.is_model) != (first.pilot, first.is_model):
+        yield f"the entry is said to be flown by {manifest.pilot}, and its runs by {first.pilot}"
+    for told, run in zip(manifest.runs, runs, strict=True):
+        if identity_digest(identity(run)) != manifest.identity:
+            yield f"{told.folder} was flown under other settings than the entry names"
+        if run.seed != told.seed or [e.name for e in run.episodes] != [*told.episodes]:
+            yield f"{told.folder} has another seed or other episodes than the entry names"
+        if run.flight.get("replay") is not None:
+            yield f"{told.folder} is a recording that was flown again"
+    if len({run.seed for run in runs}) != len(runs):
+        yield "several of its flights have one seed"
+    missing = incomplete([run.episodes for run in manifest.runs])
+    if missing and manifest.partial is None:
+        yield f"{missing}, and the entry is not marked as partial"
+
+
+def _cells(verdicts: Sequence[tuple[str, Verdict]]) -> dict[str, CellScore]:
+    cells: dict[str, CellScore] = {}
+    for cell in (*record.CELLS, OTHER):
+        of_it = [verdict for of, verdict in verdicts if of == cell]
+        scored = [verdict for verdict in of_it if verdict.outcome in SCORED]
+        errors_m = [verdict.ne_m for verdict in scored if verdict.ne_m is not None]
+        if of_it:
+            cells[cell] = CellScore(
+                scored=len(scored),
+                successes=sum(verdict.outcome == "success" for verdict in scored),
+                oracle_successes=sum(bool(v.diagnostics and v.diagnostics.oracle_success) for v in scored),
+                declared=sum(verdict.declarations > 0 for verdict in scored),
+                unscored=len(of_it) - len(scored),
+                ne_m=round(math.fsum(errors_m) / len(errors_m), 4) if errors_m else None,
+            )
+    return cells
+
+
+TELLING = ("command", "commander", "scripted", "latency", "parser", "drones", "seconds")
+
+
+def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings by which entries of one pilot are told apart; of a model, its sampling as well."""
+    flight = configuration.get("flight")
+    told = {key: flight[key] for key in TELLING if isinstance(flight, dict) and flight.get(key) is not None}
+    model = flight.get("model") if isinstance(flight, dict) else None
+    told |= {"model": model} if isinstance(model, dict) else {}
+    told |= {"agent": configuration.get("agent")}
+    told |= {"disturbed": on_purpose} if (on_purpose := configuration.get("disturbed")) else {}
+    return {key: _shown(value) for key, value in told.items()}
+
+
+def _shown(value: Any, depth: int = 3) -> Any:
+    """Return a setting as it can be printed and kept, whatever stood in its place."""
+    if isinstance(value, dict) and depth:
+        return {_on_one_line(key)[:SHOWN_CHARS]: _shown(each, depth - 1) for key, each in value.items()}
+    if value is None or isinstance(value, bool) or (isinstance(value, int | float) and abs(value) < LARGE):
+        return value
+    return _on_one_line(str(value)[:SHOWN_CHARS])
+
+
+def _unchecked(manifest: Manifest, runs: Sequence[FlownRun], frames: int) -> Iterator[str]:
+    """Yield what these files cannot tell, a sentence each."""
+    yield "that truth.jsonl was written by the logger in this flight: whoever has the files can write others that agree"
+    yield "that flights were not flown until they were good ones, and the others left out"
+    yield "that the code which flew was the version that it names, unchanged"
+    if manifest.is_model:
+        yield f"that the replies are {manifest.pilot}'s: the name is what the endpoint was asked for"
+        yield "that nobody changed a reply and its action together"
+    else:
+        yield "that the replies are the built-in pilot's; flown again in lockstep under the same seed it says the same"
+    if frames:
+        yield f"that its {frames} frames show this flight: their digests were compared, and nothing was drawn again"
+    else:
+        yield "what the pilot saw: no frame is in the archive; of those that were left out it has digests"
+    if any(name.endswith(layout.TLOG) for name in manifest.left_out):
+        yield f"the telemetry: each {layout.TLOG} is left out but for its digest"
+    if manifest.scrubbed:
+        yield f"{len(manifest.scrubbed)} files as they were flown: keys or paths of a machine were taken out of them"
+    yield from _unusual(runs[0].configuration)
+
+
+def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what of the settings is not the benchmark's own."""
+    told = configuration.get("flight")
+    flight: Mapping[str, Any] = told if isinstance(told, dict) else {}
+    if configuration.get("prompt_sha256") != Prompt.load().digest:
+        yield "what the pilot was told: its prompt is not the one that ships here"
+    if flight.get("seconds", CAP_S) != CAP_S:
+        yield f"whole episodes: each was flown for {flight.get('seconds')} s"
+    if flight.get("simulated") is None:
+        yield "the vehicle and its truth: it was connected, and not of our simulation"
+    elif configuration.get("camera") is None and flight.get("model") is not None:
+        yield "how the pilot found its way: nothing was drawn, and its frames were grey"

@@ -1,0 +1,153 @@
+"""One flight as a Rerun recording with its blueprint. Needs the extra `rerun`.
+
+The timeline `episode` counts from the episode's beginning. `world` is ENU, z up; `world/drone_0` the body (FLU) as its
+autopilot thought, `world/judge/drone_0` as it truly was, `…/camera` right-down-forward. `map` has places on earth.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from dronecats.report.export.conventions import OPTICAL_IN_FLU, enu, flu, lon_lat_alt, microseconds, xyzw_flu_to_enu
+from dronecats.report.export.flight import ExportedDrone, ExportedFlight
+from dronecats.report.export.naming import JUDGE, drone_name
+from dronecats.report.export.tracks import FlownTrack
+from foundation.errors import UsageError
+from foundation.protocol import POINT_SPAN
+from foundation.run_folder.rows import drone_label
+
+TIMELINE = "episode"
+OWN, JUDGES = (61, 138, 208), (255, 159, 43)
+TARGET_M = 0.4  # m, radius of the ball that stands for a target
+
+
+def write(flight: ExportedFlight, path: Path) -> int:
+    """Write a flight; return how many poses, pictures and texts there are. Raises UsageError for a broken picture."""
+    name = f"{flight.about()['run']}/{flight.id}"
+    recording = rr.RecordingStream("dronecats", recording_id=name, send_properties=False)
+    recording.save(str(path), default_blueprint=blueprint(flight))
+    rr.set_log_time_enabled(False, recording)
+    rr.set_log_tick_enabled(False, recording)
+    recording.send_recording_name(name)
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    recording.send_property("flight", rr.AnyValues(**flight.about()))
+    recording.send_property(JUDGE, rr.AnyValues(**{k.partition("/")[2]: v for k, v in flight.judged().items()}))
+    count = 0
+    for drone in flight.drones:
+        count += sum(
+            _track(recording, flight, prefix + drone_name(drone.number), track, color)
+            for prefix, track, color in (("", drone.estimate, OWN), (f"{JUDGE}/", drone.truth, JUDGES))
+            if track is not None
+        )
+        count += _pictures(recording, flight, drone)
+    count += _words(recording, flight)
+    _target(recording, flight)
+    recording.flush()
+    recording.disconnect()
+    return count
+
+
+def blueprint(flight: ExportedFlight) -> rrb.Blueprint:
+    """Return how it is shown: the scene without the judge's and with it, pictures, map and log."""
+    pictures = [
+        rrb.Spatial2DView(origin=f"world/{_body(drone)}/camera/image", name=drone_name(drone.number))
+        for drone in flight.drones
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Tabs(
+                rrb.Spatial3DView(origin="world", contents=["+ /world/**", f"- /world/{JUDGE}/**"], name="flight"),
+                rrb.Spatial3DView(origin="world", name=f"with the {JUDGE}"),
+                rrb.MapView(origin="map", contents=["+ /map/**", f"- /map/{JUDGE}/**"], name="map"),
+            ),
+            rrb.Vertical(rrb.Grid(*pictures), rrb.TextLogView(origin="log", name="log"), row_shares=[2, 1]),
+        ),
+        collapse_panels=True,
+    )
+
+
+def _body(drone: ExportedDrone) -> str:
+    """Return what carries a drone's camera: what its autopilot thought, or the judge's where nobody tells that."""
+    name = drone_name(drone.number)
+    return name if drone.estimate is not None else f"{JUDGE}/{name}"
+
+
+def _track(
+    recording: rr.RecordingStream, flight: ExportedFlight, name: str, track: FlownTrack, color: tuple[int, int, int]
+) -> int:
+    times = rr.TimeColumn(TIMELINE, duration=_durations(track))
+    turned = np.array([xyzw_flu_to_enu((float(w), float(x), float(y), float(z))) for w, x, y, z in track.attitude])
+    places = enu(track.position_ned)
+    moved = rr.Transform3D.columns(translation=places, quaternion=turned)
+    recording.send_columns(f"world/{name}", [times], moved)
+    recording.log(f"world/{name}", rr.TransformAxes3D(0.5), static=True)
+    above = f"world/{name.replace('drone', 'trail')}"  # beside the body, or the trail would fly along
+    recording.log(above, rr.LineStrips3D([places], colors=[color]), static=True)
+    if flight.origin is not None:
+        found = [lon_lat_alt(flight.origin, (float(n), float(e), float(d))) for n, e, d in track.position_ned]
+        lat_lon = [(latitude, longitude) for longitude, latitude, _ in found]
+        on_earth = rr.GeoPoints.columns(positions=lat_lon)
+        recording.send_columns(f"map/{name}", [times], on_earth)
+    return len(track)
+
+
+def _durations(track: FlownTrack) -> Any:
+    return np.array([microseconds(float(t)) for t in track.t_s], "timedelta64[us]")
+
+
+def _pictures(recording: rr.RecordingStream, flight: ExportedFlight, drone: ExportedDrone) -> int:
+    """Log a drone's pictures as the pilot was shown them, and the chosen points upon them."""
+    camera = f"world/{_body(drone)}/camera"
+    frames = [frame for frame in flight.frames if frame.drone == drone.number]
+    mounted = rr.Transform3D(translation=flu(flight.camera.offset_frd), quaternion=OPTICAL_IN_FLU)
+    recording.log(camera, mounted, static=True)
+    width, height = flight.camera.width, flight.camera.height
+    for frame in frames:
+        picture = cv2.imread(str(frame.jpeg), cv2.IMREAD_UNCHANGED)
+        if picture is None:
+            raise UsageError(f"{frame.jpeg} is damaged: it is no picture")
+        height, width = picture.shape[:2]
+        _at(recording, frame.t_s)
+        jpeg = frame.jpeg.read_bytes()
+        recording.log(f"{camera}/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+        focal = flight.camera.focal_px * width / flight.camera.width
+        recording.log(f"{camera}/image", rr.Pinhole(focal_length=focal, width=width, height=height))
+    for step in flight.steps:
+        if step.decision.drone == drone.number and frames:
+            _at(recording, step.decision.t_frame)
+            chosen = [(step.go.x / POINT_SPAN * width, step.go.y / POINT_SPAN * height)] if step.go else []
+            points = rr.Points2D(chosen, radii=8.0, colors=[OWN], labels=[f"step {step.decision.step}"] * len(chosen))
+            recording.log(f"{camera}/image/chosen", points)
+    return len(frames)
+
+
+def _words(recording: rr.RecordingStream, flight: ExportedFlight) -> int:
+    """Log the instruction, every reply, and apart from them what the judge made of it."""
+    _at(recording, 0.0)
+    recording.log("log", rr.TextLog(f"instruction: {flight.instruction}", level="INFO"))
+    for step in flight.steps:
+        said = step.decision
+        reply = said.reply if isinstance(said.reply, str) else str(said.action)
+        _at(recording, said.t_decided)
+        words = f"{drone_label(said.drone)}, step {said.step}: {reply}"
+        recording.log("log", rr.TextLog(words, level="WARN" if said.error else "INFO"))
+    for one in flight.declarations:
+        _at(recording, one.t)
+        words = f"declaration of step {one.step} at {one.distance_m} m, in view: {one.visible}"
+        recording.log(f"{JUDGE}/log", rr.TextLog(words, level="INFO"))
+    return 1 + len(flight.steps) + len(flight.declarations)
+
+
+def _target(recording: rr.RecordingStream, flight: ExportedFlight) -> None:
+    if flight.target is not None:
+        times = rr.TimeColumn(TIMELINE, duration=_durations(flight.target))
+        balls = rr.Points3D.columns(positions=enu(flight.target.position_ned), radii=[TARGET_M] * len(flight.target))
+        recording.send_columns(f"world/{JUDGE}/target", [times], balls)
+
+
+def _at(recording: rr.RecordingStream, t_s: float) -> None:
+    recording.set_time(TIMELINE, duration=np.timedelta64(microseconds(t_s), "us"))

@@ -1,0 +1,100 @@
+"""The frames that the models saw, beside the page or within it."""
+
+import base64
+import math
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+
+from dronecats.report.results.flown_run import FlownRun
+from foundation.protocol import FINISHED
+from foundation.run_folder import layout
+from foundation.run_folder.rows import Decision
+
+FOLDER = "pictures"
+# within a page: as many as a browser opens at once (50 MB), and as large as they have to be to be looked at
+EMBEDDED_MAX = 5000
+EMBEDDED_WIDTH_PX = 480
+EMBEDDED_QUALITY = 60  # WebP: some 9 kB a picture
+
+PictureAddress = Callable[[Decision], str | None]  # where a decision's frame can be seen: an address; None: nowhere
+
+
+def rendered(run: FlownRun) -> bool:
+    """Return whether a run's frames show anything; those of an unrendered one are grey, and are left out."""
+    simulated = run.flight.get("simulated")
+    return not isinstance(simulated, dict) or simulated.get("rendered") is not False
+
+
+def every_for(runs: Sequence[FlownRun]) -> int:
+    """Return how thin embedded pictures have to be: 1 for each of them, n for each n-th step's."""
+    folders = [folder / layout.FRAMES for run in runs if rendered(run) for folder in run.episodes]
+    total = sum(len(os.listdir(folder)) for folder in folders if folder.is_dir())
+    return max(1, math.ceil(total / EMBEDDED_MAX))
+
+
+def kept(decisions: Sequence[Decision], every: int) -> set[tuple[int, int]]:
+    """Return the (drone, frame id) of which there are pictures: each n-th step's, the first, last and declared ones."""
+    steps = sorted({decision.step for decision in decisions})
+    chosen = {*steps[::every], *steps[-1:]}
+    return {
+        (each.drone, each.frame_id) for each in decisions if each.step in chosen or each.kind == FINISHED
+    }  # fmt: skip
+
+
+def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
+    """Put an episode's pictures at `out`/`place`; the addresses are relative to `out`. The answer raises OSError.
+
+    They are hard links where the file system has them, which cost no space, and copies where it has not.
+    """
+    there = out / place
+    there.mkdir(parents=True, exist_ok=True)
+
+    def address(decision: Decision) -> str | None:
+        source = _frame(folder, decision, wanted)
+        if source is None:
+            return None
+        target = there / source.name
+        if not (target.exists() and target.samefile(source)):
+            with suppress(FileNotFoundError):
+                target.unlink()
+            try:
+                os.link(source, target)
+            except OSError:
+                shutil.copyfile(source, target)
+        return (place / source.name).as_posix()
+
+    return address
+
+
+def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
+    """Return an episode's pictures as data: addresses, smaller than they were."""
+
+    def address(decision: Decision) -> str | None:
+        source = _frame(folder, decision, wanted)
+        picture = None if source is None else cv2.imread(str(source))
+        if picture is None:
+            return None
+        height, width = picture.shape[:2]
+        if width > EMBEDDED_WIDTH_PX:
+            size = (EMBEDDED_WIDTH_PX, round(height * EMBEDDED_WIDTH_PX / width))
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, EMBEDDED_QUALITY])[1].tobytes()
+        return f"data:image/webp;base64,{base64.b64encode(data).decode()}"
+
+    return address
+
+
+def nowhere(decision: Decision) -> None:
+    """Return the address of a picture that was never taken."""
+
+
+def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
+    if (decision.drone, decision.frame_id) not in wanted:
+        return None
+    path = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
+    return path if path.is_file() else None

@@ -1,0 +1,87 @@
+"""The report of a benchmark as files: report.md, tables/ and figures/."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dronecats.report.blocks import Lineup
+from dronecats.report.report_table import ReportTable
+from dronecats.report.results.collection import Collection
+from dronecats.report.results.completeness import unflown
+from dronecats.report.results.entrants import entrants
+from dronecats.report.results.exclusion import Exclusion, exclusion_sentences
+from dronecats.report.writers.csv_table import as_csv
+from dronecats.report.writers.latex import as_latex
+from dronecats.report.writers.markdown import as_markdown, as_shell, escaped
+from episodes.records import blind
+from foundation.errors import InfrastructureError
+from foundation.protocol import RADIUS_M
+
+
+def lineup(collection: Collection, command: str, *, pool_anyway: bool = False) -> Lineup:
+    """Return who stands in the report. Raises UsageError for what must not be counted together."""
+    return Lineup(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind.load(), command=command)
+
+
+def opening(who: Lineup, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
+    """Return what is to be known before any table, sentences."""
+    flown = who.episodes
+    scored = sum(each.scored for each in flown)
+    said = [f"{len(flown)} flights of {len({each.episode for each in flown})} episodes, {scored} of them scored."]
+    said += exclusion_sentences(flown, exclusions)
+    for each in unflown(run for entrant in who.entrants for run in entrant.runs):
+        said.append(f"Of the benchmark in {each.folder}, {each.missing} of {each.flights} flights are not in here.")
+    if delta_m != RADIUS_M:
+        said.append(f"The success radius is {delta_m:g} m, and not the benchmark's {RADIUS_M:g} m.")
+    if not any(entrant.is_model for entrant in who.entrants):
+        said.append("No model flew: all lines are of built-in pilots.")
+    return [*said, *who.warnings()]
+
+
+def write(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str], out: Path) -> Path:
+    """Write the tables, and report.md that holds them with the figures, into the folder; return report.md's path.
+
+    `figures` are by the table that they are of; what is of none stands at the end. `head` are sentences above all
+    tables. Raises InfrastructureError when it cannot be written.
+    """
+    try:
+        (out / "tables").mkdir(parents=True, exist_ok=True)
+        for table in made:
+            (out / "tables" / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
+            (out / "tables" / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
+        page = out / "report.md"
+        page.write_text(
+            _page(made, {of: path.relative_to(out) for of, path in figures.items()}, head), encoding="utf-8"
+        )
+    except OSError as full:
+        raise InfrastructureError(f"the report cannot be written into {out}: {full.strerror}") from None
+    return page
+
+
+def as_json(made: Sequence[ReportTable]) -> dict[str, Any]:
+    """Return the tables as `dronecats report --json` prints them: by name, a list of rows by the columns' names."""
+    return {
+        table.name: [
+            {"block": block.title, **{c.name: cell.value for c, cell in zip(table.columns, row.cells, strict=True)}}
+            for block in table.blocks
+            for row in block.rows
+        ]
+        for table in made
+    }
+
+
+def _page(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:
+    parts = ["# Report\n", *(f"{escaped(said)}\n" for said in head)]
+    parts.append(as_shell(dict.fromkeys(table.command for table in made)))
+    for table in made:
+        parts.append(as_markdown(table))
+        parts += [_picture(figures[table.name], table.title)] if table.name in figures else []
+    beneath = {table.name for table in made}
+    for name in (each for each in figures if each not in beneath):
+        title = name.replace("_", " ").capitalize()
+        parts += [f"## {title}\n", _picture(figures[name], title)]
+    return "\n".join(parts)
+
+
+def _picture(path: Path, title: str) -> str:
+    return f"![{escaped(title)}]({path.as_posix()})\n"

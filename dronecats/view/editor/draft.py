@@ -1,0 +1,382 @@
+"""An episode being edited: a record that every operation keeps on the ground and consistent. No browser, no threads.
+
+Places are given as north and east; the ground under them is the map's. A draft is immutable and an operation returns
+the next one, so that undoing is going back to an older draft.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from dronecats.view.editor import drape, suggest
+from dronecats.view.editor.drape import Knots
+from episodes.authoring.check.limits import GRID_SIDE_M, OF_OTHER_MAPS, RULES
+from episodes.maps import assets
+from episodes.maps.scene import Instance, Mesh, Scene
+from episodes.records.record import (
+    HIDDEN,
+    MAX_CANDIDATES,
+    MAX_SPEED_MPS,
+    MAX_STARTS,
+    MAX_WAYPOINTS,
+    MOVING,
+    STANDING,
+    VERSION,
+    EpisodeRecord,
+    Path3D,
+    StartPose,
+    TargetRecord,
+)
+from episodes.world.target import motion
+from episodes.world.visibility import turn
+from episodes.world.wheels import Wheels, on_ground
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.protocol import CAP_S
+
+HEIGHT_M = 1.6  # of a new drone above the ground
+SPEED_MPS = 0.3  # of a target on a map that has no rule
+TURNED_AWAY_DEG = 90.0
+APART_M = 7.0  # between neighbours of a first row of look-alikes
+SHORTEST_LEG_M = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """One state of the work."""
+
+    record: EpisodeRecord
+    knots: Knots = ()  # the path as it was clicked; the record's follows it
+    own_words: bool = False  # the instruction was written by a person, so it is left alone
+
+
+class Drafting:
+    """The operations on drafts of one map."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Take the map, without any target in it."""
+        self.scene = scene
+        self._things = {one.name: one for one in scene.instances if one.kind != "ground"}
+
+    def new(self, map_name: str, map_seed: int = 1) -> Draft:
+        """Return a first draft: a cyan SUV sixteen metres north of the map's free place, one drone that faces it."""
+        north, east, _ = self.scene.spawn_ned
+        record = EpisodeRecord(
+            version=VERSION,
+            id=_first_id(map_name, "approaching"),
+            map=map_name,
+            map_seed=map_seed,
+            cell="approaching",
+            instruction="go to the cyan SUV",
+            target=TargetRecord("suv", "cyan", None, self.on_ground(north + 16.0, east), 0.0),
+            starts=(StartPose(self.on_ground(north, east, HEIGHT_M), 0.0),),
+            start_distance_m=0.0,
+            bearing_deg=0.0,
+            visible_at_start=True,
+            seed=1,
+        )
+        return self.settled(Draft(record))
+
+    def opened(self, record: EpisodeRecord) -> Draft:
+        """Return the draft of a record that exists, as it is."""
+        path = record.target.path
+        knots = drape.corners([(n, e) for n, e, _ in path.waypoints_ned]) if path else ()
+        return Draft(record, knots, record.instruction != suggest.instruction(record))
+
+    def on_ground(self, north: float, east: float, above: float = 0.0) -> Vec3:
+        """Return a place (m, NED) `above` metres over the ground, to the millimetre."""
+        north, east = round(north, 3) + 0.0, round(east, 3) + 0.0  # + 0: no negative zeros
+        return (north, east, round(self.scene.terrain.at(north, east) - above, 3) + 0.0)
+
+    # ---- the target
+
+    def choose(self, draft: Draft, asset: str, paint: str) -> Draft:
+        """Return the draft with another thing as target (and as look-alikes), where the old one stood."""
+        target = draft.record.target
+        if draft.record.cell in MOVING and asset in STANDING:
+            raise UsageError(f"the target of a {draft.record.cell} episode moves, which a {asset} cannot.")
+        paint = paint if paint in assets.PAINTS else "cyan"
+        if target.native is not None:
+            target = replace(target, native=None)
+        record = replace(draft.record, target=replace(target, asset=asset, paint=paint))
+        alike = tuple(replace(one, asset=asset, paint=paint) for one in record.candidates)
+        return self.settled(replace(draft, record=replace(record, candidates=alike)))
+
+    def adopt(self, draft: Draft, name: str) -> Draft:
+        """Return the draft whose target is a thing of the map. Raises UsageError for a cell that cannot have one."""
+        one = self._things.get(name)
+        if one is None:
+            raise UsageError(f"the map has nothing called '{name}' that could be a target.")
+        if draft.record.cell in MOVING or draft.record.cell == "commanding":
+            raise UsageError(f"the target of a {draft.record.cell} episode cannot be a thing of the map.")
+        n, e, d = (round(float(v), 4) for v in one.position_ned)
+        target = TargetRecord(one.kind, None, None, (n, e, d), round(math.degrees(one.yaw), 3), native=name)
+        draft = replace(draft, record=replace(draft.record, target=target), knots=())
+        return self.face(draft, 0, TURNED_AWAY_DEG if draft.record.cell in HIDDEN else 0.0)
+
+    def move_target(self, draft: Draft, north: float, east: float, yaw_deg: float | None = None) -> Draft:
+        """Return the draft with the target elsewhere. A path moves along with it; a thing of the map stays."""
+        target = draft.record.target
+        if target.native is not None:
+            raise UsageError(f"'{target.native}' belongs to the map and stays where it is: choose an asset to place.")
+        if target.path is not None:
+            here = draft.knots[0]
+            return self._walked(draft, tuple((n + north - here[0], e + east - here[1]) for n, e in draft.knots))
+        yaw = target.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
+        moved = replace(target, position_ned=self.on_ground(north, east), yaw_deg=yaw)
+        return self.settled(replace(draft, record=replace(draft.record, target=moved)))
+
+    def inscribe(self, draft: Draft, which: int, text: str) -> Draft:
+        """Return the draft with an inscription on the target (0) or on look-alike `which` (1 …); "" is none."""
+        written = text.strip().upper() or None
+        record = draft.record
+        if which == 0:
+            record = replace(record, target=replace(record.target, inscription=written))
+        else:
+            changed = replace(record.candidates[which - 1], inscription=written)
+            record = replace(record, candidates=_with(record.candidates, which - 1, changed))
+        return self.settled(replace(draft, record=record))
+
+    # ---- its path
+
+    def add_waypoint(self, draft: Draft, north: float, east: float) -> Draft:
+        """Return the draft with the path led on to a place."""
+        if draft.record.target.path is None:
+            raise UsageError(f"the target of a {draft.record.cell} episode stands still: choose a cell that moves.")
+        if math.dist(draft.knots[-1], (north, east)) < SHORTEST_LEG_M:
+            return draft
+        return self._walked(draft, (*draft.knots, (north, east)))
+
+    def move_waypoint(self, draft: Draft, which: int, north: float, east: float) -> Draft:
+        """Return the draft with one of the clicked waypoints elsewhere."""
+        knots = list(draft.knots)
+        knots[which] = (north, east)
+        return self._walked(draft, tuple(knots))
+
+    def shorten(self, draft: Draft) -> Draft:
+        """Return the draft without the path's last leg; the first one stays."""
+        return self._walked(draft, draft.knots[:-1]) if len(draft.knots) > 2 else draft
+
+    def pace(self, draft: Draft, speed_mps: float) -> Draft:
+        """Return the draft with another speed of the target."""
+        path = draft.record.target.path
+        if path is None:
+            return draft
+        speed = min(max(round(speed_mps, 3), 0.01), MAX_SPEED_MPS)
+        target = replace(draft.record.target, path=replace(path, speed_mps=speed))
+        return self.settled(replace(draft, record=replace(draft.record, target=target)))
+
+    # ---- the drones
+
+    def move_start(self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None) -> Draft:
+        """Return the draft with one drone elsewhere, as high above the ground as before."""
+        start = draft.record.starts[which]
+        yaw = start.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
+        place = self.on_ground(north, east, self.height(start))
+        return self._started(draft, which, StartPose(place, yaw))
+
+    def raise_start(self, draft: Draft, which: int, height_m: float) -> Draft:
+        """Return the draft with one drone at another height above the ground."""
+        start = draft.record.starts[which]
+        place = self.on_ground(start.position_ned[0], start.position_ned[1], height_m)
+        return self._started(draft, which, replace(start, position_ned=place))
+
+    def height(self, start: StartPose) -> float:
+        """Return the height (m) of a start above the ground."""
+        north, east, down = start.position_ned
+        return self.scene.terrain.at(north, east) - down
+
+    def face(self, draft: Draft, which: int, off_deg: float = 0.0) -> Draft:
+        """Return the draft with one drone turned `off_deg` clockwise from the target."""
+        here, goal = draft.record.starts[which].position_ned, self.centre(draft.record)
+        ahead = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0]))
+        return self.move_start(draft, which, here[0], here[1], ahead + off_deg)
+
+    def stand_off(self, draft: Draft, distance_m: float) -> Draft:
+        """Return the draft with the first drone at a distance (m, in space) from the target, in its old direction."""
+        here, goal = draft.record.starts[0].position_ned, self.centre(draft.record)
+        span = max(math.dist(here[:2], goal[:2]), 1e-6)
+        wanted, draft_now = distance_m, draft
+        for _ in range(4):  # the ground rises and falls on the way
+            level = math.sqrt(max(wanted**2 - (draft_now.record.starts[0].position_ned[2] - goal[2]) ** 2, 0.01))
+            north, east = (goal[k] + (here[k] - goal[k]) / span * level for k in (0, 1))
+            draft_now = self.move_start(draft_now, 0, north, east)
+        return draft_now
+
+    def add_start(self, draft: Draft) -> Draft:
+        """Return the draft with one more drone, two metres to the right of the last one."""
+        starts = draft.record.starts
+        if len(starts) >= MAX_STARTS:
+            raise UsageError(f"an episode has at most {MAX_STARTS} drones.")
+        (north, east, _), yaw = starts[-1].position_ned, starts[-1].yaw_deg
+        right = math.radians(yaw + 90.0)
+        place = self.on_ground(north + GRID_SIDE_M * math.cos(right), east + GRID_SIDE_M * math.sin(right), HEIGHT_M)
+        return self.settled(replace(draft, record=replace(draft.record, starts=(*starts, StartPose(place, yaw)))))
+
+    def drop_start(self, draft: Draft) -> Draft:
+        """Return the draft without its last drone; one stays."""
+        starts = draft.record.starts
+        return self.settled(replace(draft, record=replace(draft.record, starts=starts[: max(len(starts) - 1, 1)])))
+
+    def grid(self, draft: Draft) -> Draft:
+        """Return the draft with four drones in a square of two metres, the first where it was, all facing its way."""
+        (north, east, _), yaw = draft.record.starts[0].position_ned, draft.record.starts[0].yaw_deg
+        height, turned = self.height(draft.record.starts[0]), turn(math.radians(yaw))
+        corners = ((0.0, 0.0), (0.0, GRID_SIDE_M), (-GRID_SIDE_M, 0.0), (-GRID_SIDE_M, GRID_SIDE_M))
+        spots = [(north + turned[0, 0] * x + turned[0, 1] * y, east + turned[1, 0] * x + turned[1, 1] * y)
+                 for x, y in corners]  # fmt: skip
+        starts = tuple(StartPose(self.on_ground(n, e, height), yaw) for n, e in spots)
+        return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
+
+    # ---- look-alikes
+
+    def add_candidate(self, draft: Draft, north: float, east: float) -> Draft:
+        """Return the draft with one more look-alike of the target, its inscription another one."""
+        record = draft.record
+        if record.cell != "commanding":
+            raise UsageError("only a commanding episode has look-alikes: choose that cell first.")
+        if len(record.candidates) >= MAX_CANDIDATES:
+            raise UsageError(f"an episode has at most {MAX_CANDIDATES} look-alikes.")
+        yaw = record.target.yaw_deg
+        text = suggest.inscription({one.inscription for one in (record.target, *record.candidates)})
+        one = replace(record.target, inscription=text, position_ned=self.on_ground(north, east), yaw_deg=yaw)
+        return self.settled(replace(draft, record=replace(record, candidates=(*record.candidates, one))))
+
+    def move_candidate(
+        self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None
+    ) -> Draft:
+        """Return the draft with a look-alike elsewhere."""
+        one = draft.record.candidates[which]
+        yaw = one.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
+        there = self.on_ground(north, east)
+        one = replace(draft.record.candidates[which], position_ned=there, yaw_deg=yaw)
+        moved = _with(draft.record.candidates, which, one)
+        return self.settled(replace(draft, record=replace(draft.record, candidates=moved)))
+
+    def drop_candidate(self, draft: Draft) -> Draft:
+        """Return the draft without its last look-alike; a commanding episode keeps one."""
+        kept = draft.record.candidates[: max(len(draft.record.candidates) - 1, 1)]
+        return self.settled(replace(draft, record=replace(draft.record, candidates=kept)))
+
+    # ---- the episode
+
+    def cell(self, draft: Draft, cell: str) -> Draft:
+        """Return the draft as an episode of another cell, with what that cell demands and without what it forbids."""
+        old = draft.record
+        fresh = old.id == _first_id(old.map, old.cell)
+        record = replace(old, cell=cell, id=_first_id(old.map, cell) if fresh else old.id)
+        target, draft = record.target, replace(draft, record=record)
+        if cell in MOVING and target.path is None:
+            place, yaw = motion(target).pose(0.0)
+            speed = RULES.get(record.map, OF_OTHER_MAPS).speed_mps or SPEED_MPS
+            walks = target.native is None and target.asset not in STANDING
+            walker = target if walks else replace(target, asset="suv", paint="cyan", native=None)
+            walker = replace(walker, position_ned=None, yaw_deg=None, path=Path3D((place, place), speed))
+            knots = suggest.way(self.scene, record, (place[0], place[1]), yaw, 1.02 * speed * CAP_S)
+            draft = self._walked(replace(draft, record=replace(record, target=walker)), knots)
+        elif cell not in MOVING and target.path is not None:
+            place, yaw = motion(target).pose(0.0)
+            here = self.on_ground(place[0], place[1])
+            still = replace(target, path=None, position_ned=here, yaw_deg=round(math.degrees(yaw), 1))
+            draft = replace(draft, record=replace(record, target=still), knots=())
+        if cell == "commanding":
+            return self._commanded(draft)
+        if draft.record.candidates:
+            alone = replace(draft.record, candidates=(), starts=draft.record.starts[:1])
+            draft = replace(draft, record=alone)
+        if cell in HIDDEN:
+            draft = self.face(draft, 0, TURNED_AWAY_DEG)
+        elif draft.record.starts:
+            draft = self.face(draft, 0)
+        return self.settled(draft)
+
+    def instruct(self, draft: Draft, text: str) -> Draft:
+        """Return the draft with another instruction; an empty one brings the suggested one back."""
+        words = " ".join(text.split())[:500]
+        if not words:
+            return self.settled(replace(draft, own_words=False))
+        return replace(draft, record=replace(draft.record, instruction=words), own_words=True)
+
+    def rename(self, draft: Draft, name: str) -> Draft:
+        """Return the draft with another id."""
+        return replace(draft, record=replace(draft.record, id=name.strip()))
+
+    def reseed(self, draft: Draft, seed: int) -> Draft:
+        """Return the draft with another seed of everything random in the flight."""
+        return replace(draft, record=replace(draft.record, seed=seed))
+
+    # ---- what follows from the rest
+
+    def centre(self, record: EpisodeRecord) -> Vec3:
+        """Return the centre (m, NED) of the target's box at the beginning."""
+        mesh, ground = self.mesh(record.target), self.scene.terrain
+        wheels = Wheels.if_any(record.target.asset, mesh) if record.target.native is None else None
+        place, turned = on_ground(wheels, ground, motion(record.target).pose(0.0))
+        middle = turn(turned) @ ((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0)
+        return (place[0] + float(middle[0]), place[1] + float(middle[1]), place[2] + float(middle[2]))
+
+    def mesh(self, target: TargetRecord) -> Mesh:
+        """Return how a target looks, in its own axes."""
+        if target.native is not None:
+            return self._things[target.native].mesh
+        return assets.build(target.asset, str(target.paint), target.inscription)
+
+    def thing(self, name: str) -> Instance | None:
+        """Return a thing of the map by name."""
+        return self._things.get(name)
+
+    def settled(self, draft: Draft) -> Draft:
+        """Return the draft with the fields that follow from others: distance, bearing, visibility, suggested words."""
+        record = draft.record
+        here, goal = record.starts[0].position_ned, self.centre(record)
+        bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
+        record = replace(
+            record,
+            start_distance_m=round(math.dist(here, goal), 3),
+            bearing_deg=round(bearing, 2) % 360.0,
+            visible_at_start=record.cell not in HIDDEN,
+        )
+        if not draft.own_words:
+            record = replace(record, instruction=suggest.instruction(record))
+        return replace(draft, record=record)
+
+    def _started(self, draft: Draft, which: int, start: StartPose) -> Draft:
+        starts = (*draft.record.starts[:which], start, *draft.record.starts[which + 1 :])
+        return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
+
+    def _walked(self, draft: Draft, knots: Knots) -> Draft:
+        """Return the draft with a path through `knots` that follows the ground."""
+        path = draft.record.target.path
+        if path is None:
+            raise ValueError("the target stands still")
+        waypoints = drape.draped(knots, self.on_ground)
+        if len(waypoints) > MAX_WAYPOINTS:
+            raise UsageError(f"the path needs {len(waypoints)} waypoints to follow the ground; {MAX_WAYPOINTS} fit.")
+        target = replace(draft.record.target, path=replace(path, waypoints_ned=waypoints))
+        return self.settled(replace(draft, record=replace(draft.record, target=target), knots=knots))
+
+    def _commanded(self, draft: Draft) -> Draft:
+        """Return the draft with an inscribed target, three look-alikes and four drones."""
+        record = draft.record
+        if record.target.native is not None:
+            record = replace(record, target=replace(record.target, native=None, asset="suv", paint="cyan"))
+        if not record.target.inscription:
+            record = replace(record, target=replace(record.target, inscription=suggest.inscription(set())))
+        draft = self.settled(replace(draft, record=record))
+        place, yaw = motion(record.target).pose(0.0)
+        aside = (-math.sin(yaw), math.cos(yaw))
+        for k in range(len(record.candidates), 3):
+            off = APART_M * (1, -1, 2)[k]
+            draft = self.add_candidate(draft, place[0] + off * aside[0], place[1] + off * aside[1])
+        return self.grid(self.face(draft, 0)) if len(record.starts) != 4 else draft
+
+
+def _with(candidates: tuple[TargetRecord, ...], which: int, changed: TargetRecord) -> tuple[TargetRecord, ...]:
+    return (*candidates[:which], changed, *candidates[which + 1 :])
+
+
+def _degrees(yaw: float) -> float:
+    return round(math.remainder(yaw, 360.0), 1) + 0.0
+
+
+def _first_id(map_name: str, cell: str) -> str:
+    return f"{map_name}-{cell}-new"

@@ -1,0 +1,231 @@
+"""The panels beside the map: what can be chosen and typed, what the camera sees, and the checks."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import viser
+
+from dronecats.view.editor import report
+from dronecats.view.editor.assessment import PREVIEW
+from dronecats.view.editor.draft import Draft, Drafting
+from episodes.authoring.check.finding import RuleFinding
+from episodes.authoring.check.limits import ALTITUDE_M
+from episodes.maps import assets
+from episodes.records.record import CELLS, MAX_SEED
+
+CLICKS = {
+    "Look around": "",
+    "Place the target": "target",
+    "Lead the path on": "waypoint",
+    "Place the drone": "drone",
+    "Add a look-alike": "candidate",
+    "Take a thing of the map": "native",
+}
+NATIVE = "(a thing of the map)"
+
+
+class Orders(Protocol):
+    """What the panels call."""
+
+    drafting: Drafting
+
+    def do(self, operation: Callable[[Draft], Draft], client: Any) -> None:
+        """Change the draft, or tell the client why not."""
+
+    def save(self, replace: bool, client: Any) -> None:
+        """Write the record."""
+
+    def undo(self) -> None:
+        """Go back."""
+
+    def redo(self) -> None:
+        """Go forward."""
+
+    def select(self, drone: int) -> None:
+        """Look through another drone's camera."""
+
+
+class Panels:
+    """Shows a draft's fields, and passes on what a person does with them."""
+
+    def __init__(self, server: viser.ViserServer, orders: Orders, title: str) -> None:
+        """Lay the panels out."""
+        self._gui = server.gui
+        self._orders = orders
+        self._drone = 0
+        self._inscribed = 0
+        server.gui.set_panel_label(title)
+        server.gui.configure_theme(
+            control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51)
+        )
+        view = server.gui.add_panel()
+        with view.add_tab("Camera and checks", viser.Icon.CAMERA):
+            blank = np.full((PREVIEW.height, PREVIEW.width, 3), 40, np.uint8)
+            self._picture = self._gui.add_image(blank, format="jpeg", jpeg_quality=88)
+            self._facts = self._gui.add_html("")
+            self._checks = self._gui.add_html(report.checks_html((), False))
+        view.dock_left()
+        view.set_width(400)
+        self._clicks: Any = self._gui.add_dropdown("A click on the map", tuple(CLICKS), initial_value="Look around")
+        self._steps = self._gui.add_button_group("Step", ("Undo", "Redo"))
+        self._steps.on_click(lambda event: orders.undo() if event.target.value == "Undo" else orders.redo())
+        tabs = self._gui.add_tab_group()
+        with tabs.add_tab("Target", viser.Icon.TARGET):
+            self._target_tab()
+        with tabs.add_tab("Drones", viser.Icon.DRONE):
+            self._drones_tab()
+        with tabs.add_tab("Episode", viser.Icon.FILE_TEXT):
+            self._episode_tab()
+        self._save = self._gui.add_button("Write the record", icon=viser.Icon.DEVICE_FLOPPY)
+        self._replace = self._gui.add_button("Replace the file", color="red", visible=False)
+        self._save.on_click(lambda event: orders.save(False, event.client))
+        self._replace.on_click(lambda event: orders.save(True, event.client))
+        self._note = self._gui.add_markdown("")
+
+    @property
+    def click(self) -> str:
+        """Return what a click on the map means: '', 'target', 'waypoint', 'drone', 'candidate' or 'native'."""
+        return CLICKS[self._clicks.value]
+
+    @property
+    def drone(self) -> int:
+        """Return which drone's fields are shown."""
+        return self._drone
+
+    def show(self, draft: Draft) -> None:
+        """Bring the fields up to a draft."""
+        record, target = draft.record, draft.record.target
+        options = (*assets.names(), NATIVE) if target.native else tuple(assets.names())
+        if self._asset.options != options:
+            self._asset.options = options
+        self._asset.value = NATIVE if target.native else target.asset
+        if target.paint:
+            self._paint.value = target.paint
+        self._paint.disabled = target.native is not None
+        bearers = ("target", *(f"look-alike {k}" for k in range(1, len(record.candidates) + 1)))
+        if self._bearer.options != bearers:
+            self._bearer.options = bearers
+            self._inscribed = min(self._inscribed, len(bearers) - 1)
+            self._bearer.value = bearers[self._inscribed]
+        self._bearer.visible = self._fewer.visible = len(bearers) > 1
+        one = (target, *record.candidates)[self._inscribed]
+        self._text.value = one.inscription or ""
+        self._path_group.visible = target.path is not None
+        if target.path is not None:
+            self._speed.value = target.path.speed_mps
+        self._drone = min(self._drone, len(record.starts) - 1)
+        drones = tuple(f"drone {k}" for k in range(1, len(record.starts) + 1))
+        if self._which.options != drones:
+            self._which.options = drones
+        self._which.value = drones[self._drone]
+        start = record.starts[self._drone]
+        self._height.value = round(min(max(self._orders.drafting.height(start), 0.3), 10.0), 2)
+        self._yaw.value = round((start.yaw_deg + 180.0) % 360.0 - 180.0, 1)
+        self._cell.value = record.cell
+        self._words.value = record.instruction
+        self._id.value = record.id
+        self._seed.value = record.seed
+        north, east, _ = target.position_ned or (target.path.waypoints_ned[0] if target.path else (0.0, 0.0, 0.0))
+        rows = [
+            ("target", f"{north:.2f} m north, {east:.2f} m east"),
+            ("distance", f"{record.start_distance_m:.2f} m"),
+            ("bearing", f"{record.bearing_deg:.1f}°"),
+        ]
+        self._facts.content = report.facts_html(rows)
+
+    def show_picture(self, picture: Any) -> None:
+        """Show what the camera sees."""
+        self._picture.image = picture
+
+    def show_checks(self, findings: Sequence[RuleFinding], fresh: bool) -> None:
+        """Show the findings."""
+        self._checks.content = report.checks_html(findings, fresh)
+
+    def tell(self, text: str, replaceable: bool = False) -> None:
+        """Show a sentence under the button that writes."""
+        self._note.content = text.replace("_", "\\_").replace("*", "\\*")
+        self._replace.visible = replaceable
+
+    # ---- tabs
+
+    def _do(self, event: Any, operation: Callable[[Draft], Draft]) -> None:
+        """Pass on what a person did; what the program itself wrote into a field is no order."""
+        if event.client is not None:
+            self._orders.do(operation, event.client)
+
+    def _target_tab(self) -> None:
+        drafting, gui = self._orders.drafting, self._gui
+        self._asset: Any = gui.add_dropdown("Asset", tuple(assets.names()), initial_value="suv")
+        self._paint: Any = gui.add_dropdown("Paint", assets.PAINTS, initial_value="cyan")
+        self._bearer: Any = gui.add_dropdown("Inscription of", ("target",), visible=False)
+        self._text: Any = gui.add_text("Inscription", "")
+        self._fewer = gui.add_button("Remove the last look-alike", visible=False)
+        self._path_group = gui.add_folder("Path", visible=False)
+        with self._path_group:
+            self._speed: Any = gui.add_number("Speed, m/s", 0.3, min=0.01, max=10.0, step=0.01)
+            self._shorter = gui.add_button("Take back the last leg")
+
+        @self._asset.on_update
+        @self._paint.on_update
+        def _(event: Any) -> None:
+            if self._asset.value != NATIVE:
+                self._do(event, lambda d: drafting.choose(d, self._asset.value, self._paint.value))
+
+        @self._bearer.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:
+                self._inscribed = self._bearer.options.index(self._bearer.value)
+                self._do(event, lambda d: d)
+
+        self._text.on_update(
+            lambda event: self._do(event, lambda d: drafting.inscribe(d, self._inscribed, self._text.value))
+        )
+        self._fewer.on_click(lambda event: self._do(event, drafting.drop_candidate))
+        self._speed.on_update(lambda event: self._do(event, lambda d: drafting.pace(d, self._speed.value)))
+        self._shorter.on_click(lambda event: self._do(event, drafting.shorten))
+
+    def _drones_tab(self) -> None:
+        drafting, gui = self._orders.drafting, self._gui
+        self._which: Any = gui.add_dropdown("Drone", ("drone 1",))
+        self._height: Any = gui.add_slider("Height, m", min=0.3, max=10.0, step=0.05, initial_value=ALTITUDE_M[0])
+        self._yaw: Any = gui.add_slider("Yaw, °", min=-180.0, max=180.0, step=0.5, initial_value=0.0)
+        self._turns = gui.add_button_group("Turn", ("Face target", "90° left", "90° right", "Away"))
+        self._far = gui.add_button_group("Stand off", ("12 m", "16 m", "24 m", "48 m"))
+        self._fleet = gui.add_button_group("Fleet", ("Add", "Remove", "2 × 2"))
+
+        @self._which.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:
+                self._drone = self._which.options.index(self._which.value)
+                self._orders.select(self._drone)
+
+        def height(d: Draft) -> Draft:
+            return drafting.raise_start(d, self._drone, self._height.value)
+
+        def yaw(d: Draft) -> Draft:
+            north, east, _ = d.record.starts[self._drone].position_ned
+            return drafting.move_start(d, self._drone, north, east, self._yaw.value)
+
+        off = {"Face target": 0.0, "90° left": -90.0, "90° right": 90.0, "Away": 180.0}
+        fleet = {"Add": drafting.add_start, "Remove": drafting.drop_start, "2 × 2": drafting.grid}
+        self._height.on_update(lambda event: self._do(event, height))
+        self._yaw.on_update(lambda event: self._do(event, yaw))
+        self._turns.on_click(
+            lambda event: self._do(event, lambda d: drafting.face(d, self._drone, off[event.target.value]))
+        )
+        self._far.on_click(
+            lambda event: self._do(event, lambda d: drafting.stand_off(d, float(event.target.value.split()[0])))
+        )
+        self._fleet.on_click(lambda event: self._do(event, fleet[event.target.value]))
+
+    def _episode_tab(self) -> None:
+        drafting, gui = self._orders.drafting, self._gui
+        self._cell: Any = gui.add_dropdown("Cell", CELLS, initial_value=CELLS[0])
+        self._words: Any = gui.add_text("Instruction", "", multiline=True)
+        self._id: Any = gui.add_text("Id", "")
+        self._seed: Any = gui.add_number("Seed", 1, min=0, max=MAX_SEED, step=1)
+        self._cell.on_update(lambda event: self._do(event, lambda d: drafting.cell(d, self._cell.value)))
+        self._words.on_update(lambda event: self._do(event, lambda d: drafting.instruct(d, self._words.value)))
+        self._id.on_update(lambda event: self._do(event, lambda d: drafting.rename(d, self._id.value)))
+        self._seed.on_update(lambda event: self._do(event, lambda d: drafting.reseed(d, int(self._seed.value))))

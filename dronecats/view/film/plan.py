@@ -1,0 +1,122 @@
+"""What film is wanted, checked, as one value that a process can be told."""
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import dronecats
+from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.view.film.flown import end_of
+from foundation.errors import UsageError
+from foundation.run_folder import layout
+
+CLOSING_S = 2.5  # of film in which the last picture stays, with the verdict
+PART = 60  # pictures that are drawn and kept together: what a kill costs at most, times the processes
+SPEEDS = (0.1, 100.0)
+RATES = (1, 120)
+SIDES_PX = (120, 3840)
+OF_RUN = (layout.RUN,)
+OF_EPISODE = (layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG)
+SOURCES = (Path(__file__).parent, Path(dronecats.__file__).parents[1] / "episodes")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmPlan:
+    """A film of one flight. Its pictures are numbered from 0."""
+
+    folder: str  # of the episode
+    width: int  # px, even
+    height: int  # px, even
+    fps: int  # pictures a second of film
+    speed: float  # seconds of flight in a second of film
+    from_s: float  # s since the episode began
+    to_s: float  # s likewise
+    closing: int  # pictures at the end that stay, with the verdict
+    drone: int | None  # the only one that is followed; None: all
+    per_part: int = PART  # pictures that are drawn and kept together
+
+    @property
+    def moving(self) -> int:
+        """How many pictures there are before the closing ones."""
+        return max(1, math.ceil((self.to_s - self.from_s) / self.speed * self.fps - 1e-6))
+
+    @property
+    def pictures(self) -> int:
+        """How many pictures the film has."""
+        return self.moving + self.closing
+
+    @property
+    def seconds(self) -> float:
+        """How long the film is."""
+        return self.pictures / self.fps
+
+    def time_of(self, picture: int) -> float:
+        """Return the time of the episode that a picture shows, s."""
+        if picture >= self.moving:
+            return self.to_s
+        return min(self.from_s + picture * self.speed / self.fps, self.to_s)
+
+    @property
+    def parts(self) -> tuple[range, ...]:
+        """The pictures of each part."""
+        firsts = range(0, self.pictures, self.per_part)
+        return tuple(range(first, min(first + self.per_part, self.pictures)) for first in firsts)
+
+    def digest(self, of_part: str) -> str:
+        """Return what tells this film's parts from another's: plan, logs, frames, our sources, encoder."""
+        folder = Path(self.folder)
+        state = hashlib.sha256(json.dumps([asdict(self), of_part, dronecats.__version__]).encode())
+        frames = sorted((folder / layout.FRAMES).glob("*.jpg"))
+        files = [*(folder.parent / name for name in OF_RUN), *(folder / name for name in OF_EPISODE), *frames]
+        files += [path for room in SOURCES for path in sorted(room.rglob("*.py"))]
+        for path in files:
+            state.update(f"\n{path.name} ".encode())
+            state.update(hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b"missing")
+        return state.hexdigest()
+
+
+def plan(
+    episode: FlownEpisode,
+    *,
+    size: tuple[int, int],
+    fps: int,
+    speed: float,
+    from_s: float,
+    to_s: float | None,
+    drone: int | None,
+) -> FilmPlan:
+    """Return the plan of a film. `to_s` None: to the flight's end. Raises UsageError for what cannot be."""
+    least, most = SIDES_PX
+    width, height = size
+    if not all(least <= side <= most and side % 2 == 0 for side in size):
+        raise UsageError(
+            f"--size wants two even numbers from {least} to {most}, such as 1280x720, got {width}x{height}"
+        )
+    if not 1.2 <= width / height <= 2.5:
+        raise UsageError(f"--size wants a picture wider than high, 1.2 to 2.5 times, got {width}x{height}")
+    if not RATES[0] <= fps <= RATES[1]:
+        raise UsageError(f"--fps wants {RATES[0]} to {RATES[1]} pictures a second, got {fps}")
+    if not SPEEDS[0] <= speed <= SPEEDS[1]:
+        raise UsageError(f"--speed wants a factor from {SPEEDS[0]:g} to {SPEEDS[1]:g}, got {speed:g}")
+    end = end_of(episode)
+    last = end if to_s is None else min(to_s, end)
+    if not (math.isfinite(from_s) and 0.0 <= from_s < last):
+        until = "--to" if to_s is not None and to_s < end else "the flight's end"
+        raise UsageError(f"--from {from_s:g} wants 0 or more and less than {until}, {last:g} s")
+    flown = sorted({pose.drone for pose in episode.logs.poses})
+    if drone is not None and drone not in flown:
+        numbers = ", ".join(str(number + 1) for number in flown)
+        raise UsageError(f"--drone {drone + 1} did not fly in {episode.folder}: {numbers} did")
+    return FilmPlan(
+        folder=str(episode.folder.resolve()),
+        width=width,
+        height=height,
+        fps=fps,
+        speed=speed,
+        from_s=from_s,
+        to_s=last,
+        closing=round(CLOSING_S * fps) if last == end else 0,
+        drone=drone,
+    )

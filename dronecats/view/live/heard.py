@@ -1,0 +1,173 @@
+"""What flight.tlog tells of each drone: where it truly is, or thinks it is, and what its autopilot says."""
+
+import math
+import struct
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from dronecats.view.live.moment import DroneMoment
+from dronecats.view.live.tails import intact
+from foundation import wire
+from foundation.frames import Quat, Vec3, quat_from_euler
+from foundation.mavlink import dialect
+from foundation.px4 import mode_name
+from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
+from hil.link.statustext import StatusTexts
+from hil.link.telemetry import TOLD, VehicleState, update
+
+AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
+POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
+TEXT, PLACE = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+KEPT = 3000  # truths of a drone: a minute at 50 Hz, in which a decision's picture was taken
+KEPT_ESTIMATES = 600
+NO_VELOCITY = (  # of a setpoint's mask: north, east, down
+    dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE,
+    dialect.POSITION_TARGET_TYPEMASK_VY_IGNORE,
+    dialect.POSITION_TARGET_TYPEMASK_VZ_IGNORE,
+)
+_TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
+
+
+@dataclass(frozen=True, slots=True)
+class HeardPose:
+    """Where a drone is, by the truth bus or by its own autopilot."""
+
+    time_us: int  # µs, vehicle clock
+    position_ned: Vec3  # m, map frame; of an autopilot, its own
+    velocity_ned: Vec3  # m/s
+    attitude: Quat  # FRD → NED
+    true: bool
+
+
+@dataclass(slots=True)
+class HeardDrone:
+    """One drone's wire, decoded when it is asked for."""
+
+    truths: deque[bytes] = field(default_factory=lambda: deque(maxlen=KEPT))  # frames
+    estimates: deque[HeardPose] = field(default_factory=lambda: deque(maxlen=KEPT_ESTIMATES))
+    state: VehicleState = field(default_factory=VehicleState)
+    told: bool = False  # whether the autopilot has been heard
+    setpoint_ned: Vec3 | None = None  # m/s
+    texts: StatusTexts = field(default_factory=StatusTexts)
+    new: dict[int, tuple[int, bytes]] = field(default_factory=dict)  # the newest of each message, not decoded yet
+
+
+class HeardFlight:
+    """Everybody's wires."""
+
+    def __init__(self, origin: Origin | None) -> None:
+        """`origin`: geodetic place of the map; None: no map is known, and only autopilots are listened to."""
+        self._origin = origin
+        self.drones: dict[int, HeardDrone] = {}
+        self.time_us = 0  # µs, vehicle clock, of the newest that has come
+
+    def feed(self, frames: Sequence[tuple[int, bytes]]) -> None:
+        """Take frames with the times at which they were heard."""
+        for time_us, frame in frames:
+            component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
+            if component == TRUTH_COMPONENT and number == POSE:
+                self._of(frame).truths.append(frame)
+            elif component != AUTOPILOT or (number not in TOLD and number != TARGET):
+                continue
+            elif number == TEXT:
+                if (message := _decoded(frame)) is not None:
+                    self._of(frame).texts.take(message, time_us)
+            else:
+                self._of(frame).new[number] = (time_us, frame)
+            self.time_us = max(self.time_us, time_us)
+        for drone in self.drones.values():
+            self._take(drone)
+
+    def pose(self, drone: int) -> HeardPose | None:
+        """Return where a drone is now, None where nobody has said so."""
+        heard = self.drones.get(drone)
+        if heard is None:
+            return None
+        if heard.truths and self._origin is not None:
+            return self._truth(heard.truths[-1])
+        return heard.estimates[-1] if heard.estimates else None
+
+    def pose_at(self, drone: int, time_us: int) -> HeardPose | None:
+        """Return where a drone was at a time of the vehicle's clock, of the sample nearest to it."""
+        heard = self.drones.get(drone)
+        if heard is None:
+            return None
+        if heard.truths and self._origin is not None:
+            nearest = min(heard.truths, key=lambda frame: abs(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0] - time_us))
+            return self._truth(nearest)
+        return min(heard.estimates, key=lambda pose: abs(pose.time_us - time_us), default=None)
+
+    def moment(self, drone: int, ground_down: Callable[[float, float], float]) -> DroneMoment:
+        """Return a drone as far as its wires tell of it; `ground_down`: m NED of the ground at a place."""
+        pose, heard = self.pose(drone), self.drones.get(drone)
+        if heard is None:
+            return DroneMoment(drone)
+        shown = DroneMoment(
+            drone,
+            setpoint_ned=heard.setpoint_ned,
+            mode=heard.state.mode,
+            armed=heard.state.armed if heard.told else None,
+            battery=heard.state.battery_remaining,
+            said=tuple(said.text for said in heard.texts.newest),
+        )
+        if pose is None:
+            return shown
+        north, east, down = pose.position_ned
+        return replace(
+            shown,
+            position_ned=pose.position_ned,
+            attitude=pose.attitude,
+            velocity_ned=pose.velocity_ned,
+            height_m=ground_down(north, east) - down,
+            true=pose.true,
+        )
+
+    def _of(self, frame: bytes) -> HeardDrone:
+        """Return the drone of a frame; where there is no truth, there is one vehicle, whatever its number."""
+        return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, HeardDrone())
+
+    def _truth(self, frame: bytes) -> HeardPose | None:
+        message = _decoded(frame)
+        if message is None or self._origin is None:
+            return None
+        sample = truth_sample(message, self._origin)
+        return HeardPose(sample.time_us, sample.position_ned, sample.velocity_ned, sample.attitude, true=True)
+
+    def _take(self, drone: HeardDrone) -> None:
+        """Decode the newest that an autopilot has said."""
+        placed = PLACE in drone.new
+        for number, (time_us, frame) in drone.new.items():
+            message = _decoded(frame)
+            if message is None:
+                continue
+            if number == TARGET:
+                drone.setpoint_ned = asked_velocity(message)
+            else:
+                drone.state, drone.told = update(drone.state, message, mode_name, time_us), True
+        drone.new.clear()
+        state = drone.state
+        if placed and state.position_ned is not None:
+            attitude = quat_from_euler(*state.euler) if state.euler is not None else (1.0, 0.0, 0.0, 0.0)
+            velocity = state.velocity_ned or (0.0, 0.0, 0.0)
+            drone.estimates.append(HeardPose(state.position_us, state.position_ned, velocity, attitude, true=False))
+
+
+def asked_velocity(message: Any) -> Vec3:
+    """Return the velocity (m/s, NED) that a POSITION_TARGET_LOCAL_NED asks for, 0 along what it leaves open."""
+    asked = (message.vx, message.vy, message.vz)
+    north, east, down = (
+        0.0 if message.type_mask & mask or not math.isfinite(v) else float(v)
+        for v, mask in zip(asked, NO_VELOCITY, strict=True)
+    )
+    return (north, east, down)
+
+
+def _decoded(frame: bytes) -> Any:
+    """Return the message of a frame, None where it is damaged."""
+    if not intact(frame):
+        return None
+    if frame[2] & wire.SIGNED:
+        frame = frame[: -wire.SIGNATURE_BYTES]
+    return wire.BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame)

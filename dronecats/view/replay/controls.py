@@ -1,0 +1,178 @@
+"""The panel of a page of flights: who flew, the time, its speed, what one can jump to, and the views drawn again."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from html import escape
+from typing import Any
+
+import numpy as np
+import viser
+
+from dronecats.view.film.words import Picture
+from dronecats.view.replay.clock import SPEEDS, PlaybackClock
+from dronecats.view.replay.keys import END_S, STEP_S, ReplayOrders, keys_html
+from dronecats.view.replay.occurrences import Occurrence, OccurrenceKind
+from dronecats.view.replay.recorded import PlayableFlight
+from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, AgainView
+from foundation.run_folder.rows import drone_label
+
+NOT_DRAWN = "not drawn"
+NONE = "none"
+TIMES: dict[str, Callable[[ReplayOrders], None]] = {
+    "|◀": lambda orders: orders.go_to(0.0),
+    "-0.1": lambda orders: orders.step(-STEP_S),
+    "▶❚❚": lambda orders: orders.toggle(),
+    "+0.1": lambda orders: orders.step(STEP_S),
+    "▶|": lambda orders: orders.go_to(END_S),
+}
+LISTS = {
+    OccurrenceKind.DECISION: "Decisions",
+    OccurrenceKind.DECLARATION: "Declarations",
+    OccurrenceKind.FAULT: "Went wrong",
+}
+
+
+class Controls:
+    """Shows the clock and who flew, and passes on what a person does with them."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        orders: ReplayOrders,
+        flights: Sequence[PlayableFlight],
+        shades: Sequence[tuple[int, int, int]],
+        end_s: float,
+        pictures: Any,
+    ) -> None:
+        """Lay the panel out; `shades` are the colours of the flights, RGB; `pictures` is where views are shown."""
+        self._server, self._orders, self._flights, self._shades = server, orders, flights, shades
+        self._told: dict[str, object] = {}
+        self._listed: dict[OccurrenceKind, tuple[Occurrence, ...]] = {}
+        self._modal: Any = None
+        gui = server.gui
+        with gui.add_folder("Replay", order=-1.0):
+            self._who = gui.add_html("")
+            self._clock = gui.add_html("")
+            self._time: Any = gui.add_slider("Time", 0.0, max(end_s, 0.01), 0.01, 0.0)
+            times: Any = gui.add_button_group("", tuple(TIMES))
+            self._speed: Any = gui.add_dropdown("Speed", tuple(_times(s) for s in SPEEDS), initial_value=_times(1.0))
+            self._lists: dict[OccurrenceKind, Any] = {
+                kind: gui.add_dropdown(title, (NONE,)) for kind, title in LISTS.items()
+            }
+        with pictures, gui.add_folder("Drawn again", order=-1.0):
+            names = (NOT_DRAWN, *(view.value for view in AgainView))
+            self._view: Any = gui.add_dropdown("View", names, initial_value=NOT_DRAWN)
+            blank = np.full((HEIGHT_PX, WIDTH_PX, 3), 40, np.uint8)
+            self._picture: Any = gui.add_image(blank, format="jpeg", jpeg_quality=85, visible=False)
+            self._caption = gui.add_html("")
+        self._time.on_update(self._by_hand(lambda: orders.go_to(float(self._time.value))))
+        times.on_click(lambda event: TIMES[event.target.value](orders))
+        self._speed.on_update(self._by_hand(lambda: orders.at_speed(float(self._speed.value[:-1]))))
+        for kind, handle in self._lists.items():
+            handle.on_update(self._by_hand(partial(self._jump, kind)))
+
+    def on_view(self, chosen: Callable[[AgainView | None], None]) -> None:
+        """Have it called with the view that somebody chooses here."""
+        views = {view.value: view for view in AgainView}
+        self._view.on_update(self._by_hand(lambda: chosen(views.get(self._view.value))))
+
+    def show(self, t_s: float, clock: PlaybackClock) -> None:
+        """Bring the clock up to a time."""
+        state = "▶" if clock.playing else "❚❚"
+        said = f"{state} {t_s:.1f} s of {clock.end_s:.1f} s · {_times(clock.speed)}"
+        self._set("clock", said, lambda: _write(self._clock, f'<b class="replay-clock">{said}</b>'))
+        self._set("time", round(t_s, 2), lambda: setattr(self._time, "value", round(t_s, 2)))
+        self._set("speed", clock.speed, lambda: self._show_speed(clock.speed))
+
+    def show_chosen(self, number: int) -> None:
+        """Show which flight is chosen, and what one can jump to in it."""
+        if self._told.get("chosen") == number:
+            return
+        self._told["chosen"] = number
+        self._who.content = _who_html(self._flights, self._shades, number)
+        for kind, handle in self._lists.items():
+            self._listed[kind] = self._flights[number].of(kind)
+            rows = [f"{k}. {_row(one, self._flights[number])}" for k, one in enumerate(self._listed[kind], 1)]
+            handle.options = (f"{len(rows)} to jump to" if rows else NONE, *rows)
+            handle.value = handle.options[0]
+
+    def show_view(self, view: AgainView | None) -> None:
+        """Show which view is chosen; a picture that is there stays until the next one comes."""
+        name = NOT_DRAWN if view is None else view.value
+        if self._told.get("view") == name:
+            return
+        self._told["view"] = name
+        self._view.value = name
+        self._picture.visible = False
+        _write(self._caption, "" if view is None else "drawing …")
+
+    def show_picture(self, picture: Picture | str, caption: str) -> None:
+        """Show a view that was drawn, or why it was not."""
+        drawn = not isinstance(picture, str)
+        if drawn:
+            self._picture.image = picture
+        self._picture.visible = drawn
+        _write(self._caption, f'<span class="again">{escape(caption if drawn else str(picture))}</span>')
+
+    def show_keys(self, choices: str) -> None:
+        """Show the keys above everything, or take them away again."""
+        if self._modal is not None:
+            self._modal.close()
+            self._modal = None
+            return
+        self._modal = self._server.gui.add_modal("Keys")
+        with self._modal:
+            self._server.gui.add_html(keys_html(choices))
+
+    def _jump(self, kind: OccurrenceKind) -> None:
+        handle, listed = self._lists[kind], self._listed.get(kind, ())
+        number = str(handle.value).partition(".")[0]
+        if number.isdigit() and int(number) <= len(listed):
+            self._orders.go_to(listed[int(number) - 1].t_s)
+        handle.value = handle.options[0]  # so that the same can be chosen again
+
+    def _show_speed(self, speed: float) -> None:
+        if _times(speed) not in self._speed.options:
+            self._speed.options = (*self._speed.options, _times(speed))
+        self._speed.value = _times(speed)
+
+    def _set(self, name: str, value: object, show: Callable[[], None]) -> None:
+        if self._told.get(name) != value:
+            self._told[name] = value
+            show()
+
+    @staticmethod
+    def _by_hand(act: Callable[[], None]) -> Callable[[Any], Any]:
+        """Return what takes an event of a browser, and passes over what we have set ourselves."""
+
+        async def changed(event: Any) -> None:  # async: one after the other, in the order in which they came
+            if event.client is not None:
+                act()
+
+        return changed
+
+
+def _who_html(flights: Sequence[PlayableFlight], shades: Sequence[tuple[int, int, int]], chosen: int) -> str:
+    rows = []
+    for number, (flight, shade) in enumerate(zip(flights, shades, strict=True)):
+        several, name = len(flights) > 1, escape(flight.episode.folder.resolve().parent.name)
+        dot = f'<span style="color:rgb{shade}">⬤</span> <b>{number + 1}</b> ' if several else ""
+        bold = "font-weight:600" if several and number == chosen else ""
+        lacks = "".join(f'<div class="missing" style="opacity:0.65">{escape(said)}</div>' for said in flight.missing)
+        rows.append(f'<div class="who" style="{bold}">{dot}{name}: {escape(flight.who)}</div>{lacks}')
+    title = f'<div style="opacity:0.65">{escape(flights[0].episode.id)}</div>'
+    hint = '<div style="opacity:0.65">? shows the keys</div>'
+    return f'<div style="font-size:12px;line-height:1.5;padding:2px 10px 4px">{title}{"".join(rows)}{hint}</div>'
+
+
+def _row(one: Occurrence, flight: PlayableFlight) -> str:
+    who = f"{drone_label(one.drone)}: " if one.drone is not None and len(flight.drones) > 1 else ""
+    return f"{one.t_s:.1f} s  {who}{one.words}"
+
+
+def _write(handle: Any, html: str) -> None:
+    handle.content = f'<div style="font-size:12px;padding:2px 10px">{html}</div>'
+
+
+def _times(speed: float) -> str:
+    return f"{speed:g}×"

@@ -1,0 +1,265 @@
+"""The page of `dronecats replay`: flights of one episode in the browser, at the clock's time."""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from dronecats.view.film.words import Picture
+from dronecats.view.live.panels import FlightPanels
+from dronecats.view.live.scene import COLORS, FlightScene
+from dronecats.view.replay.clock import PlaybackClock
+from dronecats.view.replay.controls import Controls
+from dronecats.view.replay.keys import CHOICES, bind
+from dronecats.view.replay.occurrences import OccurrenceKind, following, preceding
+from dronecats.view.replay.player import Player
+from dronecats.view.replay.recorded import PlayableFlight, of_one_episode
+from dronecats.view.replay.views import AgainView, AgainViews, ViewWish
+from dronecats.view.scene.page import LoopbackServer
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.run_folder.rows import drone_label
+
+RUN_COLORS: tuple[Vec3, ...] = (  # linear RGB, of flights that are laid over one another
+    (0.95, 0.25, 0.05),
+    (0.05, 0.35, 0.95),
+    (0.05, 0.6, 0.2),
+    (0.75, 0.1, 0.7),
+    (0.95, 0.7, 0.02),
+    (0.02, 0.65, 0.7),
+    (0.35, 0.12, 0.03),
+    (0.95, 0.3, 0.5),
+    (0.2, 0.2, 0.22),
+)
+TRAIL_S = 0.1  # s between two places of a trail that is laid anew
+GAP_S = 1.0  # s between two moments across which a trail is laid anew
+VIEWS: tuple[AgainView | None, ...] = (None, *AgainView)
+
+
+@dataclass(frozen=True, slots=True)
+class PageState:
+    """What somebody has chosen."""
+
+    flight: int = 0
+    drone: int = 0
+    along: bool = False  # the view goes with that drone
+    judge: bool = False
+    view: AgainView | None = None
+
+
+class ReplayPage:
+    """Flights of one episode in the browser. `url` is where."""
+
+    def __init__(
+        self,
+        flights: Sequence[PlayableFlight],
+        port: int,
+        speed: float = 1.0,
+        at_s: float = 0.0,
+        hosts: Sequence[str] = (),
+    ) -> None:
+        """Serve the page, which stands at a time of the episode; `hosts` as `LoopbackServer` has them.
+
+        Raises UsageError for flights of several episodes.
+        """
+        if len(flights) > CHOICES:
+            raise UsageError(f"{len(flights)} runs are too many for one page: choose {CHOICES} at most")
+        of_one_episode(flights)
+        self.flights = tuple(flights)
+        clock = PlaybackClock(max(flight.end_s for flight in flights)).at_speed(speed, 0.0)
+        self._server = LoopbackServer(f"DroneCATS · {flights[0].episode.id}", port, hosts)
+        self.url = self._server.url
+        self._server.gui.set_panel_label(f"DroneCATS · {flights[0].episode.id}")
+        self._server.gui.configure_theme(
+            control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51)
+        )
+        self._turn = threading.Lock()
+        self._state = PageState()
+        self._applied: PageState | None = None
+        self._shown_s: float | None = None
+        self._wished: ViewWish | None = None
+        several = len(flights) > 1
+        drones = max(len(flight.drones) for flight in flights)
+        colors = [(RUN_COLORS[k],) * len(f.drones) if several else COLORS for k, f in enumerate(flights)]
+        self._panels = FlightPanels(self._server, drones, on_judge=self._judged, on_follow=self._followed)
+        self._server.gui.main_panel.dock_right()
+        shades = [shade(own[0]) for own in colors]
+        self._controls = Controls(self._server, self, flights, shades, clock.end_s, self._panels.pictures)
+        self._scenes = [
+            FlightScene(
+                self._server,
+                flight.world.scene if flight.world else None,
+                drones=max(flight.drones) + 1,
+                name=f"{k + 1} {flight.episode.folder.resolve().parent.name}" if several else "",
+                colors=own,
+                camera=flight.camera,
+            )
+            for k, (flight, own) in enumerate(zip(flights, colors, strict=True))
+        ]
+        self._views = AgainViews([flight.filmed for flight in flights], self._drawn)
+        self._controls.on_view(lambda view: self._choose(lambda state: replace(state, view=view)))
+        self._choices = "run" if several else "drone" if drones > 1 else ""
+        bind(self._server, self, len(flights) if several else drones if drones > 1 else 0)
+        self._player = Player(clock.scrubbed(at_s, 0.0), self._show)
+
+    @property
+    def t_s(self) -> float:
+        """The time of the episode that is to be shown, s."""
+        return self._player.t_s
+
+    @property
+    def clock(self) -> PlaybackClock:
+        """The clock as it is."""
+        return self._player.clock
+
+    @property
+    def state(self) -> PageState:
+        """What is chosen."""
+        with self._turn:
+            return self._state
+
+    def idle(self, timeout_s: float) -> bool:
+        """Wait until the clock stands, and everything of its time is sent; return whether that came to pass."""
+        return self._player.idle(timeout_s) and self._views.idle(timeout_s)
+
+    def close(self) -> None:
+        """End the threads and the server."""
+        self._player.close()
+        self._views.close()
+        self._server.stop()
+
+    # ---- orders of keys, buttons and lists
+
+    def toggle(self) -> None:
+        """Play, or stand still."""
+        self._player.order(PlaybackClock.toggled)
+
+    def step(self, by_s: float) -> None:
+        """Go so much later, or earlier, and stand still."""
+        self._player.order(lambda clock, wall_s: clock.stepped(by_s, wall_s))
+
+    def go_to(self, t_s: float) -> None:
+        """Go to a time of the episode, s, and stand still."""
+        self._player.order(lambda clock, wall_s: clock.scrubbed(t_s, wall_s))
+
+    def jump(self, kind: OccurrenceKind, ahead: bool) -> None:
+        """Go to the next of its sort in the chosen flight, or to the one before; where there is none, stay."""
+        listed = self.flights[self.state.flight].of(kind)
+        find = following if ahead else preceding
+
+        def there(clock: PlaybackClock, wall_s: float) -> PlaybackClock:
+            found = find(listed, clock.at(wall_s))
+            return clock if found is None else clock.scrubbed(found.t_s, wall_s)
+
+        self._player.order(there)
+
+    def faster(self) -> None:
+        """Play at the next higher speed."""
+        self._player.order(PlaybackClock.faster)
+
+    def slower(self) -> None:
+        """Play at the next lower speed."""
+        self._player.order(PlaybackClock.slower)
+
+    def at_speed(self, speed: float) -> None:
+        """Play at a speed: seconds of flight in one of the wall."""
+        self._player.order(lambda clock, wall_s: clock.at_speed(speed, wall_s))
+
+    def choose(self, number: int) -> None:
+        """Choose a run, or a drone where there is one run; 0 is the first."""
+        if len(self.flights) > 1:
+            self._choose(lambda state: replace(state, flight=number))
+        else:
+            self._choose(lambda state: replace(state, drone=number))
+
+    def go_along(self) -> None:
+        """Have the view go with the chosen drone, or no longer."""
+        self._choose(lambda state: replace(state, along=not state.along))
+
+    def judge(self) -> None:
+        """Show what only the judge knows, or hide it."""
+        self._choose(lambda state: replace(state, judge=not state.judge))
+
+    def next_view(self) -> None:
+        """Draw the next view of this moment again, after the last one none."""
+        self._choose(lambda state: replace(state, view=VIEWS[(VIEWS.index(state.view) + 1) % len(VIEWS)]))
+
+    def help(self) -> None:
+        """Show the keys, or hide them."""
+        self._controls.show_keys(self._choices)
+
+    def _judged(self, wanted: bool) -> None:
+        self._choose(lambda state: replace(state, judge=wanted))
+
+    def _followed(self, drone: int | None) -> None:
+        self._choose(
+            lambda state: replace(state, along=drone is not None, drone=state.drone if drone is None else drone)
+        )
+
+    def _choose(self, change: Callable[[PageState], PageState]) -> None:
+        with self._turn:
+            before, self._state = self._state, change(self._state)
+            if self._state == before:
+                return
+        self._player.again()
+
+    # ---- what is shown, all of it by the player's thread
+
+    def _show(self, t_s: float, clock: PlaybackClock) -> None:
+        state = self.state
+        self._apply(state)
+        jumped = self._shown_s is None or not 0.0 <= t_s - self._shown_s <= GAP_S
+        numbers = sorted(range(len(self.flights)), key=lambda number: number == state.flight)
+        for number in numbers:  # the chosen one last: that is whom a browser that comes looks at
+            flight, scene = self.flights[number], self._scenes[number]
+            moment = flight.moment(t_s)
+            if jumped:
+                for drone in flight.drones:
+                    scene.show_trail(drone, flight.way(drone, moment.t_s, TRAIL_S))
+            scene.show(moment)
+            if number == state.flight:
+                self._panels.show(moment)
+        self._controls.show(t_s, clock)
+        self._shown_s = t_s
+        self._wish(state, t_s)
+        self._server.flush()
+
+    def _apply(self, state: PageState) -> None:
+        """Bring scenes and panels up to what is chosen."""
+        before, self._applied = self._applied, state
+        self._controls.show_chosen(state.flight)
+        self._controls.show_view(state.view)
+        if before is not None and before.flight != state.flight:
+            self._panels.forget()
+        self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
+        for number, scene in enumerate(self._scenes):
+            scene.things_shown = number == state.flight  # at another one's end a target may stand elsewhere
+            scene.judge_shown = state.judge and number == state.flight
+            if before is None or replace(before, judge=state.judge, view=state.view) != state:
+                scene.follow(self._drone(state) if state.along and number == state.flight else None)
+
+    def _drone(self, state: PageState) -> int:
+        """Return the chosen drone of the chosen flight, its first where that has none of the number."""
+        drones = self.flights[state.flight].drones
+        return state.drone if state.drone in drones else drones[0]
+
+    def _wish(self, state: PageState, t_s: float) -> None:
+        if state.view is None:
+            self._wished = None
+            return
+        wish = ViewWish(state.flight, self._drone(state), state.view, min(t_s, self.flights[state.flight].end_s))
+        if wish != self._wished:
+            self._wished = wish
+            self._views.wish(wish)
+
+    def _drawn(self, wish: ViewWish, picture: Picture | str) -> None:
+        state = self.state
+        if (wish.flight, wish.view) == (state.flight, state.view):
+            who = f"{drone_label(wish.drone)} " if len(self.flights[wish.flight].drones) > 1 else ""
+            self._controls.show_picture(picture, f"{who}{wish.view.value} at {wish.t_s:.1f} s")
+            self._server.flush()
+
+
+def shade(color: Vec3) -> tuple[int, int, int]:
+    """Return a linear colour as the browser has it, RGB."""
+    r, g, b = (round(255 * c**0.45) for c in color)
+    return (r, g, b)

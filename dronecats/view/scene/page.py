@@ -1,0 +1,139 @@
+"""The server behind a page of this machine: started and stopped without output of its own, closed to everyone else."""
+
+import contextlib
+import functools
+import hmac
+import http
+import io
+import logging
+import secrets
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from urllib.parse import parse_qs, urlsplit
+
+import viser
+import websockets.asyncio.server as websocket_server
+from websockets import Headers, Request, Response
+from websockets.asyncio.server import ServerConnection
+
+from dronecats.view.scene.page_hosts import LOOPBACK_NAMES
+
+HOST = "127.0.0.1"  # whoever can open a page can do what it offers: this machine only
+REFUSED = (
+    "This page opens only at the whole address that dronecats printed, with its token, on the same machine.\n"
+    "To open it under another host name, start dronecats with --host NAME (with --view: --view-host NAME).\n"
+)
+_STARTING = threading.Lock()
+
+ProcessRequest = Callable[[ServerConnection, Request], Response | None]
+
+
+class Gate:
+    """Lets a request in when it comes from this page's own address and knows the page's token.
+
+    A web site that is open in the same browser can send requests to a loopback address, and a name of its own can lead
+    to it (DNS rebinding). So the Host must be a loopback name or one of `names`, an Origin must be that very host, and
+    the token must be in the address or in the cookie that the first answer sets. The cookie has the port in its name,
+    since cookies of one host are shared between ports.
+    """
+
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        """`names`: host names beside the loopback ones. A proxy behind such a name may speak HTTPS to the browser."""
+        self.token = secrets.token_urlsafe(16)
+        self._names = frozenset(name.lower() for name in names)
+
+    def admits(self, request: Request, port: int) -> bool:
+        """Return whether a request to the server on `port` is let in."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or len(origins) > 1:
+            return False
+        name = _name(hosts[0])
+        schemes = ("http", "https") if name in self._names else ("http",) if name in LOOPBACK_NAMES else ()
+        if not schemes or (origins and origins[0] not in [f"{scheme}://{hosts[0]}" for scheme in schemes]):
+            return False
+        shown = [*self._in_address(request), *self._in_cookies(request, port)]
+        return any(hmac.compare_digest(one.encode(), self.token.encode()) for one in shown)
+
+    def guarded(self, answer: ProcessRequest | None) -> ProcessRequest:
+        """Return `process_request` of a server, for those who are let in; everyone else gets 403."""
+
+        def process(connection: ServerConnection, request: Request) -> Response | None:
+            port = int(connection.local_address[1])
+            if not self.admits(request, port):
+                body = REFUSED.encode()
+                headers = Headers([("Content-Type", "text/plain"), ("Content-Length", str(len(body)))])
+                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", headers, body)
+            response = answer(connection, request) if answer else None
+            if response is not None and self._in_address(request):
+                cookie = f"{_cookie(port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+                response.headers["Set-Cookie"] = cookie
+            return response
+
+        return process
+
+    @staticmethod
+    def _in_address(request: Request) -> list[str]:
+        return parse_qs(urlsplit(request.path).query).get("token", [])
+
+    @staticmethod
+    def _in_cookies(request: Request, port: int) -> Iterator[str]:
+        for header in request.headers.get_all("Cookie"):
+            for pair in header.split(";"):
+                name, _, value = pair.strip().partition("=")
+                if name == _cookie(port):
+                    yield value
+
+
+def _cookie(port: int) -> str:
+    return f"dronecats-{port}"
+
+
+def _name(host: str) -> str:
+    """Return the name in a Host header, without its port; empty where it is malformed."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+class LoopbackServer(viser.ViserServer):
+    """viser's server behind a gate, without its way out: a page cannot ask it for a public address."""
+
+    def __init__(self, label: str, port: int, hosts: Sequence[str] = ()) -> None:
+        """Serve a page of this name on a port, or on the next one that is free. Raises OSError where none is.
+
+        `hosts`: names beside the loopback ones under which it opens. It listens on the loopback address all the same.
+        """
+        self._gate = Gate(hosts)
+        with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
+            super().__init__(host=HOST, port=port, label=label, verbose=False)
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)
+
+    @property
+    def url(self) -> str:
+        """Where the page is, with its token."""
+        return f"http://{HOST}:{self.get_port()}/?token={self._gate.token}"
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Do nothing."""
+
+    def stop(self) -> None:
+        """Close the page; browsers that show it say so."""
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye on standard output
+            super().stop()
+
+
+@contextlib.contextmanager
+def _gated(gate: Gate) -> Iterator[None]:
+    """Put a gate before the server that is started meanwhile: viser has no setting for what it hands to websockets."""
+    serve = websocket_server.serve
+
+    def guarded_serve(*args: object, process_request: ProcessRequest | None = None, **settings: object) -> object:
+        return serve(*args, process_request=gate.guarded(process_request), **settings)  # type: ignore[arg-type]
+
+    with _STARTING:
+        websocket_server.serve = functools.wraps(serve)(guarded_serve)  # type: ignore[assignment, misc]
+        try:
+            yield
+        finally:
+            websocket_server.serve = serve  # type: ignore[misc]

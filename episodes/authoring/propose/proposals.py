@@ -1,0 +1,158 @@
+"""From a map, a cell and a seed to records that pass every check."""
+
+import math
+import random
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from episodes import maps
+from episodes.authoring.check import spread
+from episodes.authoring.check.layout import Layout, layout
+from episodes.authoring.check.limits import SPOTTED_PX
+from episodes.authoring.check.rules import check
+from episodes.authoring.check.sight import bearing_deg
+from episodes.authoring.propose import commanding, painted, referred
+from episodes.authoring.propose.draft import Proposal, flight_seed, yaw_deg
+from episodes.authoring.propose.site import Site, no_room, start
+from episodes.authoring.propose.spread import Draw, shares
+from episodes.records import catalogue
+from episodes.records.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
+from episodes.world.world import World
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+
+MOST = 99  # records of one request: their ids have two digits
+APART_M = 6.0  # between the targets of a request
+EAGER = 40  # drafts after which targets may stand where another record of the request has one
+TRIES = 160  # drafts of one record
+
+
+@dataclass(frozen=True, slots=True)
+class RecordRequest:
+    """A request for records."""
+
+    map: str
+    cell: str
+    first: int  # number in the first record's id
+    count: int
+    seed: int
+    map_seed: int = 1
+    kept: str | None = None  # id of a shipped record whose target, place and words the first one takes over
+
+
+def propose(request: RecordRequest) -> list[EpisodeRecord]:
+    """Return as many records as are asked for, all of which pass the checks; equal requests give equal records.
+
+    Raises UsageError for a request that cannot be, or when the map has no room for so many.
+    """
+    must_be_possible(request)
+    site = Site(request.map, request.map_seed)
+    rng = random.Random(f"{request.map} {request.map_seed} {request.cell} {request.seed}")
+    drafts = _source(site, request.cell, rng)
+    next(drafts, None)
+    found: list[EpisodeRecord] = []
+    places: list[Vec3] = []
+    layouts: list[Layout] = []
+    for number, share in enumerate(shares(request.count, rng), request.first):
+        for tried in range(TRIES):
+            if request.kept and number == request.first:
+                draft = _kept(site, catalogue.load(request.kept), share, rng)
+            else:
+                draft = _sent(drafts, share)
+            if draft is None:
+                raise no_room(f"{request.cell} episode on {request.map}")
+            if tried < EAGER and any(math.dist(draft.place_ned, other) < APART_M for other in places):
+                continue
+            record = _record(request, number, draft)
+            world = World(record)
+            if not all(finding.passed for finding in check(world)):
+                continue
+            layouts.append(layout(world))
+            if _evens(request, layouts):
+                found.append(record)
+                places.append(draft.place_ned)
+                break
+            layouts.pop()
+        else:
+            raise no_room(f"{request.cell} episode on {request.map}")
+    return found
+
+
+def first_free(name: str, cell: str) -> int:
+    """Return the number after those of the shipped episodes of a map and cell: an id means one episode only."""
+    numbers = [one.removeprefix(f"{name}-{cell}-") for one in catalogue.ids()]
+    return max((int(number) for number in numbers if number.isdigit()), default=0) + 1
+
+
+def must_be_possible(request: RecordRequest) -> None:
+    """Raise UsageError for a request that no map and no search could fulfil."""
+    if request.cell not in CELLS:
+        raise UsageError(f"cell '{request.cell}' does not exist: use one of {', '.join(CELLS)}.")
+    if request.map not in maps.names():
+        raise UsageError(f"map '{request.map}' does not exist: use one of {', '.join(maps.names())}.")
+    if not 1 <= request.count <= MOST or not 1 <= request.first <= MOST or request.first + request.count - 1 > MOST:
+        raise UsageError(f"--count and --first want numbers so that ids run within 01 … {MOST}.")
+    if not 0 <= request.seed <= MAX_SEED or not 0 <= request.map_seed <= MAX_SEED:
+        raise UsageError(f"--seed and --map-seed want a whole number from 0 to {MAX_SEED}.")
+
+
+def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
+    """Return whether a request that is judged by its spread may still come to be even with these among its records."""
+    if request.cell == "commanding":
+        return (layouts[-1].fewest_px or 0) >= SPOTTED_PX
+    limits = spread.passable(request.cell not in HIDDEN, request.count)
+    within = all(count <= limit for count, limit in zip(spread.passed(layouts), limits, strict=True))
+    return request.count < spread.ENOUGH or within
+
+
+def _kept(site: Site, record: EpisodeRecord, share: Draw, rng: random.Random) -> Proposal | None:
+    """Return the draft of a record that stands, with a yaw that is drawn; None where the target fits no picture."""
+    thing, place = site.placed(record.target), record.starts[0].position_ned
+    yaw = yaw_deg(record.cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
+    if yaw is None:
+        return None
+    return Proposal(
+        target=record.target,
+        place_ned=thing.position_ned,
+        goal_ned=thing.centre_ned,
+        starts=(start(place, yaw),),
+        visible=record.visible_at_start,
+        instruction=record.instruction,
+        seed=flight_seed(rng),
+    )
+
+
+def _sent(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
+    """Return the next draft for a share; None when there are no more."""
+    try:
+        return drafts.send(share)
+    except StopIteration:
+        return None
+
+
+def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
+    """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
+    if cell == "commanding":
+        return commanding.drafts(site, rng)
+    if site.places.landmarks:  # a map whose own fixtures are the targets, told apart by where they stand
+        return referred.drafts(site, cell, rng)
+    return painted.drafts(site, cell, rng)
+
+
+def _record(request: RecordRequest, number: int, draft: Proposal) -> EpisodeRecord:
+    here, goal = draft.starts[0].position_ned, draft.goal_ned
+    return EpisodeRecord(
+        version=VERSION,
+        id=f"{request.map}-{request.cell}-{number:02d}",
+        map=request.map,
+        map_seed=request.map_seed,
+        cell=request.cell,
+        instruction=draft.instruction,
+        target=draft.target,
+        starts=draft.starts,
+        start_distance_m=round(math.dist(here, goal), 2),
+        bearing_deg=round(math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0, 1) % 360.0,
+        visible_at_start=draft.visible,
+        seed=draft.seed,
+        candidates=draft.candidates,
+    )

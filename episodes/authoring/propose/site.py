@@ -1,0 +1,185 @@
+"""A map as the search sees it: its free places, what stands on it, and quick answers about a start."""
+
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from episodes import maps
+from episodes.authoring.check import scenery
+from episodes.authoring.check.framing import Framing, box_corners, framing
+from episodes.authoring.check.limits import ALTITUDE_M, BODY_M, REACH_M
+from episodes.authoring.check.solid import StandingObstacles
+from episodes.maps import assets
+from episodes.maps.places import Places
+from episodes.maps.scene import Instance, Mesh
+from episodes.records.record import StartPose, TargetRecord
+from episodes.world import world
+from episodes.world.target import motion
+from episodes.world.visibility import TargetView, Without, turn
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+
+CAMERA = CameraModel()
+ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
+EDGE_M = 3.0  # kept off the end of the terrain
+DIRECTIONS = 36  # tried around a target
+CLEAR_FRACTION = 0.8  # of the faced target that a proposal wants unhidden: more than the rules demand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedTarget:
+    """A target where it is at the beginning."""
+
+    mesh: Mesh
+    position_ned: Vec3  # m
+    yaw: float  # rad
+    view: TargetView
+
+    @property
+    def centre_ned(self) -> Vec3:
+        """Return the middle (m) of its box."""
+        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
+        n, e, d = turn(self.yaw) @ ((low + high) / 2)
+        return (self.position_ned[0] + float(n), self.position_ned[1] + float(e), self.position_ned[2] + float(d))
+
+    def reach_m(self, bearing_deg: float) -> float:
+        """Return how far it reaches from its middle towards whoever sees it at a compass bearing."""
+        corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
+        way = math.radians(bearing_deg)
+        return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Return how wide it is at its widest and how high."""
+        span = self.mesh.vertices.max(axis=0) - self.mesh.vertices.min(axis=0)
+        return float(max(span[0], span[1])), float(span[2])
+
+
+class Site:
+    """One map with one seed."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        """Build the map. Raises UsageError when there is none of that name, or one that lists no places."""
+        if name not in maps.shipped():
+            maps.places(name, seed)
+        self.name, self.seed = name, seed
+        self.scene = maps.build(name, seed)
+        self.solids = world.solids(name, seed)
+        self.standing = StandingObstacles(self.scene.instances)
+        self.places: Places = scenery.places(name, seed)
+        self._natives: dict[str, PlacedTarget] = {}
+
+    def free_paints(self) -> list[str]:
+        """Return the paints that no thing of a target's kind wears on this map, in the catalogue's order."""
+        kinds = set(assets.names())
+        worn = {m.name for i in self.scene.instances if i.kind in kinds for m in i.mesh.materials}
+        return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
+
+    def placed(self, target: TargetRecord) -> PlacedTarget:
+        """Return a target that a record adds."""
+        if target.paint is None:
+            raise ValueError("only what is placed has a paint")
+        mesh = assets.build(target.asset, target.paint, target.inscription)
+        place, yaw = motion(target).pose(0.0)
+        return PlacedTarget(mesh, place, yaw, TargetView(mesh, self.solids))
+
+    def native(self, one: Instance) -> PlacedTarget:
+        """Return a target that the map brings."""
+        if one.name not in self._natives:
+            view = TargetView(one.mesh, Without(self.solids, one))
+            self._natives[one.name] = PlacedTarget(one.mesh, one.position_ned, one.yaw, view)
+        return self._natives[one.name]
+
+    def ground(self, north: float, east: float) -> float:
+        """Return the NED z (m) of the ground."""
+        return self.scene.terrain.at(north, east)
+
+    def on_map(self, north: float, east: float) -> bool:
+        """Return whether a point lies well within the terrain."""
+        field = self.scene.terrain
+        rows, columns = field.down.shape
+        high_n = field.origin_north + (rows - 1) * field.cell_m - EDGE_M
+        high_e = field.origin_east + (columns - 1) * field.cell_m - EDGE_M
+        on: bool = field.origin_north + EDGE_M <= north <= high_n and field.origin_east + EDGE_M <= east <= high_e
+        return on
+
+    def free(self, place: Vec3) -> bool:
+        """Return whether a drone has room at a place (m) and below it."""
+        north, east, down = place
+        ground = self.ground(north, east)
+        heights = [down + k * (ground - down) / 6 for k in range(6)]
+        return all(not self.standing.nearest((north, east, z), REACH_M + 0.05)[1] for z in heights)
+
+    def framed(self, thing: PlacedTarget, place: Vec3) -> Framing:
+        """Return what becomes of a thing in the picture as a drone at a place turns."""
+        return framing(box_corners(thing.mesh, thing.position_ned, thing.yaw), place)
+
+    def starts(
+        self, thing: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
+    ) -> Iterator[Vec3]:
+        """Yield places (m) at a 3-D distance from a thing from which it is seen well and the way to it is clear."""
+        goal = thing.centre_ned
+        turns = [360.0 * (k + rng.random()) / DIRECTIONS for k in range(DIRECTIONS)]
+        rng.shuffle(turns)
+        for angle in turns:
+            if off_axes_deg and abs(math.remainder(angle, 90.0)) < off_axes_deg + 0.5:
+                continue
+            place = self._at(goal, distance_m, math.radians(angle), height_m)
+            if not self.on_map(place[0], place[1]) or not self.free(place):
+                continue
+            if self.seen(thing, place, angle) >= CLEAR_FRACTION and self.clear(place, goal):
+                yield place
+
+    def seen(self, thing: PlacedTarget, place: Vec3, yaw_deg: float) -> float:
+        """Return how much (0 … 1) of a thing a level drone at a place sees."""
+        attitude = level(yaw_deg)
+        lever = rotate(attitude, CAMERA.offset_frd)
+        eye = (place[0] + lever[0], place[1] + lever[1], place[2] + lever[2])
+        return thing.view.sight(thing.position_ned, thing.yaw, CameraPose(eye, attitude), CAMERA).fraction
+
+    def _at(self, goal: Vec3, distance_m: float, bearing: float, height_m: float) -> Vec3:
+        """Return the place from which a goal is seen at a bearing and a 3-D distance, so high above its own ground."""
+        down, flat = goal[2], distance_m
+        for _ in range(4):
+            north, east = goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing)
+            down = self.ground(north, east) - height_m
+            flat = math.sqrt(max(distance_m**2 - (goal[2] - down) ** 2, 1.0))
+        return (
+            round(goal[0] - flat * math.cos(bearing), 3),
+            round(goal[1] - flat * math.sin(bearing), 3),
+            round(down, 3),
+        )
+
+    def clear(self, place: Vec3, goal: Vec3) -> bool:
+        """Return whether a drone may fly from a place straight at a goal; a quick look before the rule itself."""
+        span = math.dist(place, goal)
+        for k in range(1, int((span - 5.0) / 1.5) + 1):
+            u = k * 1.5 / span
+            point = (
+                place[0] + u * (goal[0] - place[0]),
+                place[1] + u * (goal[1] - place[1]),
+                place[2] + u * (goal[2] - place[2]),
+            )
+            low = self.ground(point[0], point[1]) - point[2] < BODY_M + 0.02
+            if low or self.standing.nearest(point, BODY_M + 0.05)[1]:
+                return False
+        return True
+
+
+def level(yaw_deg: float) -> Quat:
+    """Return the attitude of a hovering drone."""
+    return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
+
+
+def start(place: Vec3, yaw_deg: float) -> StartPose:
+    """Return a start with its yaw in tenths of a degree, -180 … 180."""
+    return StartPose(place, round(math.remainder(yaw_deg, 360.0), 1))
+
+
+def no_room(what: str) -> UsageError:
+    """Return the error of a search that found nothing."""
+    return UsageError(f"no {what} passes the checks: ask for fewer, or try another --seed or --map-seed.")

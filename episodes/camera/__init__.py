@@ -1,0 +1,1 @@
+"""The camera: its optics and the renderer of its pictures."""

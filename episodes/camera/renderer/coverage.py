@@ -1,0 +1,275 @@
+"""Which triangle each sample of the picture sees.
+
+Triangles are drawn in homogeneous coordinates (Olano and Greer, "Triangle scan conversion using 2D homogeneous
+coordinates", 1997): the three edge functions of a triangle are linear in the picture whether or not its corners lie
+behind the camera, so nothing is ever split at the near plane, which is a fourth linear function. Neighbours share the
+edge's coefficients exactly (with opposite signs), hence no gaps.
+
+The sample grid has two samples per pixel and direction. Sample (j, i) lies at (i / 2, j / 2) px: odd ones are pixel
+centres, which alone decide depth and ids; even ones lie on the borders between pixels and serve to smooth edges.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.camera.renderer.pose import NEAR_M, Eye
+from episodes.camera.renderer.triangles import Triangles
+from foundation.compiled import njit
+
+BAND = 16  # rows of samples that one thread fills at a time
+NOTHING = -1  # in place of a triangle: the sky
+
+
+class Drawn(NamedTuple):
+    """What `set_up` finds out about each triangle of a scene for one picture."""
+
+    edges: NDArray[np.float64]  # (T, 9) three (a, b, c): a·i + b·j + c ≥ 0 inside, at sample (j, i); ∝ weight
+    volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
+    nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: cut by the near plane
+    rows: NDArray[np.int32]  # (T, 2) first and last row of samples; first > last: not in the picture
+    chunk_seen: NDArray[np.bool_]  # (C,)
+
+
+def new_drawn(triangles: int, chunks: int) -> Drawn:
+    """Return room for a scene of that many triangles and chunks."""
+    return Drawn(
+        edges=np.zeros((triangles, 9)),
+        volume=np.zeros(triangles),
+        nearest=np.zeros(triangles),
+        rows=np.zeros((triangles, 2), np.int32),
+        chunk_seen=np.zeros(chunks, np.bool_),
+    )
+
+
+@njit(cache=True, nogil=True)
+def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Drawn) -> None:
+    """Fill `drawn` for the chunks of one thread: cull them against the view, then set up their triangles."""
+    slope_x = eye.center_x / eye.focal
+    slope_y = eye.center_y / eye.focal
+    per_x = math.sqrt(1.0 + slope_x * slope_x)
+    per_y = math.sqrt(1.0 + slope_y * slope_y)
+    for chunk in range(thread, triangles.chunk_first.size, threads):
+        r = triangles.chunk_radius[chunk]
+        dx = triangles.chunk_center[chunk, 0] - eye.position[0]
+        dy = triangles.chunk_center[chunk, 1] - eye.position[1]
+        dz = triangles.chunk_center[chunk, 2] - eye.position[2]
+        x = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
+        y = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
+        z = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
+        seen = x + r >= NEAR_M and abs(y) - slope_x * x <= r * per_x and abs(z) - slope_y * x <= r * per_y
+        drawn.chunk_seen[chunk] = seen
+        if seen:
+            first = triangles.chunk_first[chunk]
+            for t in range(first, first + triangles.chunk_count[chunk]):
+                _set_up_triangle(t, triangles.position, eye, drawn)
+
+
+@njit(cache=True, nogil=True)
+def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
+    drawn.rows[t, 0] = 1
+    drawn.rows[t, 1] = 0
+    dx = float(position[t, 0, 0]) - eye.position[0]
+    dy = float(position[t, 0, 1]) - eye.position[1]
+    dz = float(position[t, 0, 2]) - eye.position[2]
+    x0 = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
+    y0 = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
+    z0 = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
+    dx = float(position[t, 1, 0]) - eye.position[0]
+    dy = float(position[t, 1, 1]) - eye.position[1]
+    dz = float(position[t, 1, 2]) - eye.position[2]
+    x1 = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
+    y1 = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
+    z1 = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
+    dx = float(position[t, 2, 0]) - eye.position[0]
+    dy = float(position[t, 2, 1]) - eye.position[1]
+    dz = float(position[t, 2, 2]) - eye.position[2]
+    x2 = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
+    y2 = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
+    z2 = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
+
+    if max(x0, x1, x2) < NEAR_M:
+        return
+    k = eye.center_x / eye.focal
+    if (y0 > k * x0 and y1 > k * x1 and y2 > k * x2) or (-y0 > k * x0 and -y1 > k * x1 and -y2 > k * x2):
+        return
+    rows = 4.0 * eye.center_y  # the last row of samples is 2 H
+    nearest = -1.0
+    if min(x0, x1, x2) >= NEAR_M:
+        v0, v1, v2 = z0 / x0, z1 / x1, z2 / x2
+        low, high = min(v0, v1, v2), max(v0, v1, v2)
+        h0, h1, h2 = y0 / x0, y1 / x1, y2 / x2
+        scale = 2.0 * eye.focal
+        left = math.ceil(scale * min(h0, h1, h2) + 2.0 * eye.center_x - 1e-6)
+        if left > math.floor(scale * max(h0, h1, h2) + 2.0 * eye.center_x + 1e-6):
+            return  # slips between two columns of samples
+        nearest = 1.0 / min(x0, x1, x2)
+    else:
+        low, high = 1e30, -1e30
+        low, high = _widen(x0, z0, x1, z1, low, high)
+        low, high = _widen(x1, z1, x2, z2, low, high)
+        low, high = _widen(x2, z2, x0, z0, low, high)
+    top = math.ceil(max(2.0 * (eye.focal * low + eye.center_y) - 1e-6, 0.0))
+    bottom = math.floor(min(2.0 * (eye.focal * high + eye.center_y) + 1e-6, rows))
+    if top > bottom:
+        return
+
+    ax, ay, az = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
+    bx, by, bz = y2 * z0 - z2 * y0, z2 * x0 - x2 * z0, x2 * y0 - y2 * x0
+    cx, cy, cz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
+    volume = x0 * ax + y0 * ay + z0 * az
+    if volume == 0.0:
+        return  # seen exactly edge-on
+    side = 1.0 if volume > 0.0 else -1.0
+    step = side * 0.5 / eye.focal
+    sx = side * eye.center_x / eye.focal
+    sy = side * eye.center_y / eye.focal
+    e = drawn.edges[t]
+    e[0], e[1], e[2] = ay * step, az * step, side * ax - ay * sx - az * sy
+    e[3], e[4], e[5] = by * step, bz * step, side * bx - by * sx - bz * sy
+    e[6], e[7], e[8] = cy * step, cz * step, side * cx - cy * sx - cz * sy
+    drawn.volume[t] = abs(volume)
+    drawn.nearest[t] = nearest
+    drawn.rows[t, 0] = int(top)
+    drawn.rows[t, 1] = int(bottom)
+
+
+@njit(cache=True, nogil=True)
+def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
+    """Return (low, high) widened by the slopes z / x of the part of the edge a - b that lies beyond the near plane."""
+    if xa >= NEAR_M:
+        low, high = min(low, za / xa), max(high, za / xa)
+    if (xa >= NEAR_M) != (xb >= NEAR_M):
+        s = (za + (zb - za) * (NEAR_M - xa) / (xb - xa)) / NEAR_M
+        low, high = min(low, s), max(high, s)
+    return low, high
+
+
+@njit(cache=True, nogil=True)
+def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return (start, items): band k holds triangles items[start[k]:start[k + 1]], in the order of the scene."""
+    start = np.zeros(bands + 1, np.int64)
+    for chunk in range(triangles.chunk_first.size):
+        if drawn.chunk_seen[chunk]:
+            first = triangles.chunk_first[chunk]
+            for t in range(first, first + triangles.chunk_count[chunk]):
+                if drawn.rows[t, 0] <= drawn.rows[t, 1]:
+                    last = min(drawn.rows[t, 1] // BAND, bands - 1)
+                    for band in range(min(drawn.rows[t, 0] // BAND, bands - 1), last + 1):
+                        start[band + 1] += 1
+    for band in range(bands):
+        start[band + 1] += start[band]
+    items = np.empty(start[bands], np.int32)
+    fill = start[:bands].copy()
+    for chunk in range(triangles.chunk_first.size):
+        if drawn.chunk_seen[chunk]:
+            first = triangles.chunk_first[chunk]
+            for t in range(first, first + triangles.chunk_count[chunk]):
+                if drawn.rows[t, 0] <= drawn.rows[t, 1]:
+                    last = min(drawn.rows[t, 1] // BAND, bands - 1)
+                    for band in range(min(drawn.rows[t, 0] // BAND, bands - 1), last + 1):
+                        items[fill[band]] = t
+                        fill[band] += 1
+    return start, items
+
+
+@njit(cache=True, nogil=True)
+def draw_bands(
+    thread: int,
+    threads: int,
+    drawn: Drawn,
+    start: NDArray[np.int64],
+    items: NDArray[np.int32],
+    samples: NDArray[np.int32],
+) -> None:
+    """Write the nearest triangle (or NOTHING) of every sample in this thread's bands of `samples` (2 H + 1, 2 W + 1).
+
+    Of two triangles at the same depth the first in the scene wins.
+    """
+    bands = start.size - 1
+    height, width = samples.shape
+    inverse_depth = np.empty((2 * BAND, width), np.float32)
+    count_up = np.arange(width).astype(np.float32)
+    for band in range(thread, bands, threads):
+        top = band * BAND
+        bottom = height - 1 if band == bands - 1 else top + BAND - 1
+        inverse_depth[: bottom - top + 1] = 0.0
+        samples[top : bottom + 1] = NOTHING
+        for k in range(start[band], start[band + 1]):
+            t = items[k]
+            _draw(
+                t,
+                drawn.edges[t],
+                drawn.volume[t],
+                drawn.nearest[t],
+                max(drawn.rows[t, 0], top),
+                min(drawn.rows[t, 1], bottom),
+                top,
+                inverse_depth,
+                samples,
+                count_up,
+            )
+
+
+@njit(cache=True, nogil=True)
+def _draw(
+    t: int,
+    e: NDArray[np.float64],
+    volume: float,
+    nearest: float,
+    first_row: int,
+    last_row: int,
+    top: int,
+    inverse_depth: NDArray[np.float32],
+    samples: NDArray[np.int32],
+    count_up: NDArray[np.float32],
+) -> None:
+    right = samples.shape[1] - 1.0
+    name = np.int32(t)
+    per = 1.0 / volume
+    wa = (e[0] + e[3] + e[6]) * per
+    wb = (e[1] + e[4] + e[7]) * per
+    wc = (e[2] + e[5] + e[8]) * per
+    ia = -1.0 / e[0] if e[0] != 0.0 else 0.0
+    ib = -1.0 / e[3] if e[3] != 0.0 else 0.0
+    ic = -1.0 / e[6] if e[6] != 0.0 else 0.0
+    limit = np.float32(nearest if nearest > 0.0 else 1.0 / NEAR_M)
+    for j in range(first_row, last_row + 1):
+        low = 0.0
+        high = right
+        low, high = _cut(e[0], ia, e[1] * j + e[2], low, high)
+        low, high = _cut(e[3], ib, e[4] * j + e[5], low, high)
+        low, high = _cut(e[6], ic, e[7] * j + e[8], low, high)
+        if nearest < 0.0:  # the fourth edge: inverse depth ≤ 1 / near
+            iw = 1.0 / wa if wa != 0.0 else 0.0
+            low, high = _cut(-wa, iw, 1.0 / NEAR_M - wb * j - wc, low, high)
+        if low > high:
+            continue
+        begin = math.ceil(low)
+        count = math.floor(high) - begin + 1
+        if count <= 0:
+            continue
+        depth_row = inverse_depth[j - top, begin : begin + count]
+        sample_row = samples[j, begin : begin + count]
+        w0 = np.float32(wa * begin + wb * j + wc)
+        step = np.float32(wa)
+        for i in range(count):
+            w = w0 + step * count_up[i]
+            w = w if w < limit else limit  # rounding never brings a sliver nearer than its corners
+            closer = w > depth_row[i]
+            depth_row[i] = w if closer else depth_row[i]
+            sample_row[i] = name if closer else sample_row[i]
+
+
+@njit(cache=True, nogil=True)
+def _cut(a: float, inverse: float, rest: float, low: float, high: float) -> tuple[float, float]:
+    """Return the part of [low, high] in which a·i + rest ≥ 0; `inverse` is -1 / a."""
+    if a > 0.0:
+        low = max(low, rest * inverse)
+    elif a < 0.0:
+        high = min(high, rest * inverse)
+    elif rest < 0.0:
+        high = -1.0
+    return low, high

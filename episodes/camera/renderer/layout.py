@@ -1,0 +1,190 @@
+"""A scene laid out for the kernels; one that was added to a map, after the rows of the map, which are kept."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.camera.renderer.textures import Atlas, build_atlas
+from episodes.camera.renderer.triangles import (
+    CHUNK,
+    MovablePart,
+    SceneArrays,
+    Surfaces,
+    Triangles,
+    face_normals,
+    place,
+)
+from episodes.maps.scene import Instance, Material, Mesh, Scene
+from foundation.errors import UsageError
+from foundation.once import recurring
+
+
+@dataclass(frozen=True)
+class Laid:
+    """A scene's arrays, and what those that come after them have to go on from. Objects are told by their identity."""
+
+    arrays: SceneArrays
+    materials: tuple[Material, ...] = ()  # the rows of Surfaces
+    pictures: tuple[NDArray[np.uint8], ...] = ()  # the textures of the atlas
+    planes: Mapping[int, NDArray[np.int32]] = field(default_factory=dict)  # by mesh
+    plane_count: int = 0
+
+
+def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
+    """Return `scene` as arrays, going on from its map where that is laid out; the bytes are the same.
+
+    Raises UsageError for ids that repeat or are below 1, or a corner not finite.
+    """
+    ids = [instance.id for instance in scene.instances]
+    if len(set(ids)) != len(ids) or min(ids, default=1) < 1:
+        raise UsageError(
+            f"map '{scene.name}' has instance ids that repeat or are below 1: number its instances from 1."
+        )
+    if scene.base and of_map:
+        return with_more(of_map, scene.instances[len(scene.base.instances) :]).arrays
+    return with_more(NOTHING, scene.instances).arrays
+
+
+@recurring(3)
+def laid_out(scene: Scene) -> Laid | None:
+    """Return a map laid out, to be gone on from; None of one with movable things, which come last."""
+    if any(one.movable for one in scene.instances):
+        return None
+    return with_more(NOTHING, scene.instances)
+
+
+def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
+    """Return the arrays of what is laid out and of these instances. Raises UsageError for a corner not finite."""
+    for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in instances}.values():
+        if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
+            raise UsageError(f"the mesh of '{name}' has a corner that is not finite: mend its vertices, normals or uv.")
+    instances = sorted((i for i in instances if len(i.mesh.triangles)), key=lambda i: i.movable)
+    before = laid.arrays.triangles
+    filled, first_chunk, static_count = len(before.position), len(before.chunk_first), laid.arrays.static_count
+    triangles = _longer(before, instances)
+    materials, planes, plane_count = list(laid.materials), dict(laid.planes), laid.plane_count
+    row_of = {id(material): row for row, material in enumerate(materials)}
+    movable: list[MovablePart] = []
+    laid_meshes: dict[int, _LaidMesh] = {}
+    for instance in instances:
+        mesh = instance.mesh
+        rows = slice(filled, filled + len(mesh.triangles))
+        filled = rows.stop
+        chunk_rows = slice(first_chunk, first_chunk + math.ceil(len(mesh.triangles) / CHUNK))
+        first_chunk = chunk_rows.stop
+        for material in mesh.materials:
+            if id(material) not in row_of:
+                row_of[id(material)] = len(materials)
+                materials.append(material)
+        if id(mesh) not in laid_meshes:
+            laid_meshes[id(mesh)] = _lay_mesh(mesh)
+        of_mesh = laid_meshes[id(mesh)]
+        part = MovablePart(instance, rows, chunk_rows, of_mesh.position, of_mesh.normal, of_mesh.face)
+        place(triangles, part, instance.position_ned, instance.turned)
+        triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat
+        triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
+        triangles.instance[rows] = instance.id
+        if id(mesh) not in planes:
+            planes[id(mesh)] = _flat_pieces(mesh, of_mesh.position, of_mesh.face)
+        triangles.plane[rows] = planes[id(mesh)] + plane_count
+        plane_count += int(planes[id(mesh)].max()) + 1
+        if instance.movable:
+            movable.append(part)
+        else:
+            static_count = filled
+    surfaces, pictures = _surfaces(materials)
+    atlas = build_atlas(pictures[len(laid.pictures) :], laid.arrays.atlas)
+    arrays = SceneArrays(triangles, surfaces, atlas, tuple(movable), static_count)
+    return Laid(arrays, tuple(materials), tuple(pictures), planes, plane_count)
+
+
+@dataclass(frozen=True, slots=True)
+class _LaidMesh:
+    """What the rows of all instances of a mesh have in common, triangle by triangle, in the asset's axes."""
+
+    position: NDArray[np.float32]  # (T, 3, 3) m
+    normal: NDArray[np.float32]  # (T, 3, 3)
+    face: NDArray[np.float32]  # (T, 3)
+    uv: NDArray[np.float32]  # (T, 3, 2)
+    flat: NDArray[np.bool_]  # (T,)
+
+
+def _lay_mesh(mesh: Mesh) -> _LaidMesh:
+    normal, uv = mesh.normals[mesh.triangles], mesh.uv[mesh.triangles]
+    return _LaidMesh(
+        position=mesh.vertices[mesh.triangles],
+        normal=normal,
+        face=face_normals(mesh),
+        uv=uv - np.floor(uv.min(axis=1, keepdims=True)),  # small numbers keep their precision
+        flat=(normal.max(axis=1) - normal.min(axis=1) < 1e-6).all(axis=1),
+    )
+
+
+def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
+    """Return the rows of `before` with empty ones for these instances after them; a chunk never spans two."""
+    starts: list[int] = []
+    filled = len(before.position)
+    for instance in instances:
+        starts.extend(range(filled, filled + len(instance.mesh.triangles), CHUNK))
+        filled += len(instance.mesh.triangles)
+    first = np.concatenate([before.chunk_first, np.array(starts, np.int32)])
+    rows, chunks = filled - len(before.position), len(starts)
+    each = {
+        name: np.concatenate([of, np.zeros((chunks if name.startswith("chunk") else rows, *of.shape[1:]), of.dtype)])
+        for name, of in before._asdict().items()
+    }
+    return Triangles(**each)._replace(chunk_first=first, chunk_count=np.diff(np.append(first, filled)).astype(np.int32))
+
+
+def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return for each triangle a number shared by those with its material and its plane."""
+    offset = np.einsum("ij,ij->i", position[:, 0].astype(np.float64), face)
+    key = np.column_stack((mesh.material, np.rint(face * 16.0), np.rint(offset * 8.0)))
+    # as the inverse of numpy.unique(key, axis=0), which takes three times as long
+    order = np.lexsort(key.T[::-1])
+    number = np.zeros(len(key), np.int32)
+    number[order[1:]] = np.cumsum((key[order[1:]] != key[order[:-1]]).any(axis=1))
+    return number
+
+
+def _surfaces(materials: Sequence[Material]) -> tuple[Surfaces, list[NDArray[np.uint8]]]:
+    """Return the table of materials and the pictures of their textures, each once."""
+    pictures: list[NDArray[np.uint8]] = []
+    texture_of: dict[int, int] = {}
+    for material in materials:
+        if material.texture is not None and id(material.texture) not in texture_of:
+            texture_of[id(material.texture)] = len(pictures)
+            pictures.append(material.texture)
+    surfaces = Surfaces(
+        color=np.array([m.color for m in materials], np.float32).reshape(-1, 3).clip(0.0),
+        emission=np.array([m.emission for m in materials], np.float32),
+        specular=np.array([m.specular for m in materials], np.float32),
+        texture=np.array([texture_of.get(id(m.texture), -1) for m in materials], np.int32),
+    )
+    return surfaces, pictures
+
+
+def _nothing() -> Laid:
+    three, one = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
+    triangles = Triangles(
+        position=np.zeros((0, 3, 3), np.float32),
+        normal=np.zeros((0, 3, 3), np.float32),
+        uv=np.zeros((0, 3, 2), np.float32),
+        face=three,
+        flat=np.zeros(0, np.bool_),
+        material=one,
+        instance=one,
+        plane=one,
+        chunk_first=one,
+        chunk_count=one,
+        chunk_center=np.zeros((0, 3)),
+        chunk_radius=np.zeros(0),
+    )
+    atlas: Atlas = build_atlas([])
+    return Laid(SceneArrays(triangles, _surfaces([])[0], atlas, (), 0))
+
+
+NOTHING = _nothing()

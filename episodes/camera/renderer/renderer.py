@@ -1,0 +1,168 @@
+"""Pictures of a scene from a pose."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
+from episodes.camera.renderer.layout import Laid, laid_out, lay_out
+from episodes.camera.renderer.pose import depth_per_metre, eye_of
+from episodes.camera.renderer.resolve import resolve_rows
+from episodes.camera.renderer.shading import shade_rows
+from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, sun_map, things_between
+from episodes.camera.renderer.sky import daylight, display_table
+from episodes.camera.renderer.triangles import SceneArrays, place_all
+from episodes.maps.scene import Moved, Scene
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.once import once
+
+NOTHING_MOVED: Moved = MappingProxyType({})
+NO_DEPTH, NO_IDS = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """What the camera sees at one instant. Depth and ids belong to the exact middle of each pixel."""
+
+    rgb: NDArray[np.uint8]  # (H, W, 3) sRGB
+    depth: NDArray[np.float32]  # (H, W) m along the optical axis; inf = sky
+    ids: NDArray[np.int32]  # (H, W) instance id; 0 = sky
+
+
+class Renderer:
+    """Draws one scene through one camera.
+
+    The picture depends on scene, camera, pose and `moved` alone: every thread owns whole rows, so the bytes are the
+    same for any number of threads. `render` may be called from several Python threads; they take turns.
+    """
+
+    def __init__(self, scene: Scene, camera: CameraModel, threads: int = 2, shadow_cells: int = CELLS) -> None:
+        """Lay out the scene and draw the shadows of what never moves.
+
+        `shadow_cells` is the number of cells per side of the shadow map. Raises UsageError for a camera that cannot be
+        or for a scene whose ids repeat.
+        """
+        if camera.width < 1 or camera.height < 1 or not 0.0 < camera.hfov_deg < 180.0:
+            raise UsageError(
+                f"a camera of {camera.width}×{camera.height} px and {camera.hfov_deg}° cannot be drawn: "
+                "give at least one pixel each way and a field of view between 0 and 180°."
+            )
+        self.camera = camera
+        of_map = laid_out(scene.base) if scene.base else None
+        self._layout = lay_out(scene, of_map)
+        place_all(self._layout, NOTHING_MOVED)
+        self._shadows = _shadows(scene, self._layout, of_map, shadow_cells)
+        self._day = daylight(scene.sun)
+        triangles = self._layout.triangles
+        self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
+        self._sheet = _sheet(camera)
+        self._table = display_table()
+        self._threads = max(1, threads)
+        self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
+
+    def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
+        """Return what the camera at `pose` sees.
+
+        `moved` gives movable instances their position (m, NED) and yaw (rad) or attitude of this instant, or None when
+        they are not there; those it leaves out stand where the scene has them. Raises UsageError when it names an
+        instance that cannot be moved.
+        """
+        shape = (self.camera.height, self.camera.width)
+        depth = np.empty(shape, np.float32)
+        ids = np.empty(shape, np.int32)
+        return View(rgb=self._draw(pose, moved, depth, ids), depth=depth, ids=ids)
+
+    def picture(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> NDArray[np.uint8]:
+        """Return the picture alone, (H, W, 3) sRGB, of what `render` returns. Raises UsageError as it does."""
+        return self._draw(pose, moved, NO_DEPTH, NO_IDS)
+
+    def _draw(
+        self, pose: CameraPose, moved: Moved, depth: NDArray[np.float32], ids: NDArray[np.int32]
+    ) -> NDArray[np.uint8]:
+        """Return the picture; fill `depth` and `ids` where they have rows."""
+        eye = eye_of(pose, self.camera)
+        rgb = np.empty((self.camera.height, self.camera.width, 3), np.uint8)
+        sheet = self._sheet
+        with sheet.turn:
+            triangles, drawn, samples, light = self._layout.triangles, self._drawn, sheet.samples, sheet.light
+            with self._shadows.cast(triangles, place_all(self._layout, moved)) as sun:
+                self._together(set_up, triangles, eye, drawn)
+                start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
+                self._together(draw_bands, drawn, start, items, samples)
+                self._together(
+                    shade_rows,
+                    eye,
+                    drawn,
+                    triangles,
+                    self._layout.surfaces,
+                    self._layout.atlas,
+                    sun,
+                    self._day,
+                    sheet.per_metre,
+                    samples,
+                    light,
+                    depth,
+                    ids,
+                )
+                self._together(resolve_rows, samples, triangles.plane, light, self._table, rgb)
+        return rgb
+
+    def close(self) -> None:
+        """Let the helper threads go."""
+        self._pool.shutdown()
+
+    def _together(self, kernel: Callable[..., None], *arguments: Any) -> None:
+        """Run `kernel(thread, threads, …)` once per thread. Kernels release the interpreter's lock."""
+        others = [self._pool.submit(kernel, k, self._threads, *arguments) for k in range(1, self._threads)]
+        try:
+            kernel(0, self._threads, *arguments)
+        finally:
+            for other in others:
+                other.result()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sheet:
+    """What a picture is drawn on, by one renderer at a time."""
+
+    samples: NDArray[np.int32]  # (2 H + 1, 2 W + 1) which triangle
+    light: NDArray[np.float32]  # (H, W, 3)
+    per_metre: NDArray[np.float32]  # (H, W), of `depth_per_metre`
+    turn: threading.Lock = field(default_factory=threading.Lock)
+
+
+@once(2)
+def _sheet(camera: CameraModel) -> _Sheet:
+    """Return the one on which all renderers of this process draw for such a camera: 30 MB at 1280×720."""
+    height, width = camera.height, camera.width
+    return _Sheet(
+        samples=np.empty((2 * height + 1, 2 * width + 1), np.int32),
+        light=np.empty((height, width, 3), np.float32),
+        per_metre=depth_per_metre(camera),
+    )
+
+
+def _shadows(scene: Scene, layout: SceneArrays, of_map: Laid | None, cells: int) -> Shadows:
+    """Return the shadows of a scene, those of its map shared where that is laid out."""
+    if scene.base is not None and of_map is not None:
+        shared, turn = _shadows_of_map(scene.base, cells)
+        if fits(layout, scene.sun, _ground(scene), shared):
+            more = things_between(layout.triangles, of_map.arrays.static_count, layout.static_count)
+            return Shadows(shared, turn, more)
+    return Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
+
+
+@once(3)
+def _shadows_of_map(scene: Scene, cells: int) -> tuple[SunMap, threading.Lock]:
+    return sun_map(lay_out(scene), scene.sun, _ground(scene), cells), threading.Lock()
+
+
+def _ground(scene: Scene) -> frozenset[int]:
+    return frozenset(i.id for i in scene.instances if i.kind == "ground")

@@ -1,0 +1,134 @@
+"""A drone as the others of its fleet see it: an airframe's rotors, arms, feet and mast where its TOML has them.
+
+Its origin is the body's, between the rotors and not on the ground, and it is nothing that a record can name: the
+`quadrotor` of the catalogue is an exhibit on a stand, five times as wide.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from episodes.maps import geometry as g
+from episodes.maps.assets import paint as colors
+from episodes.maps.geometry import MeshPart
+from episodes.maps.scene import Material, Mesh
+from foundation.airframe import Airframe
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
+
+# what the default airframe is like: pale shell and front blades, so that it shows before hedges and which way it looks
+SHELL = colors.plain("drone-shell", (214, 217, 220), 0.35)
+CARBON = colors.plain("drone-carbon", (40, 41, 44), 0.25)
+MOTOR = colors.plain("drone-motor", (120, 124, 130), 0.6)
+FRONT_BLADE = colors.plain("drone-front-blade", (236, 236, 232), 0.1)
+REAR_BLADE = colors.plain("drone-rear-blade", (58, 60, 64), 0.1)
+# a blade from hub to tip, both as shares of the rotor's radius: along it, across it
+BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
+STOPPED_RAD = 0.6, 1.1  # a short exposure shows propellers as if they stood: the first one's angle, and on to the next
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Where the parts of a multirotor are: m from the body origin, FRD."""
+
+    hubs: tuple[Vec3, ...]  # middles of the rotor discs
+    radius_m: float  # of each disc
+    touching: tuple[Vec3, ...]  # feet, mast and outermost points of the discs
+
+    @property
+    def arm_m(self) -> float:
+        """Horizontal distance from the body origin to the nearest hub."""
+        return min(float(np.hypot(x, y)) for x, y, _ in self.hubs)
+
+
+# the default airframe, vehicles/airframes/x500.toml, for those who may not know the physics
+X500 = Outline(
+    hubs=((0.174, 0.174, -0.06), (-0.174, -0.174, -0.06), (0.174, -0.174, -0.06), (-0.174, 0.174, -0.06)),
+    radius_m=0.127,
+    touching=(
+        *((x, y, 0.21) for x in (0.13, -0.13) for y in (0.15, -0.15)),
+        *((x, y, -0.06) for x in (0.26, -0.26) for y in (0.26, -0.26)),
+        (0.0, 0.0, -0.12),
+    ),
+)
+
+
+def outline(airframe: Airframe) -> Outline:
+    """Return the outline of an airframe."""
+    hubs = tuple(rotor.position_frd for rotor in airframe.rotors)
+    return Outline(hubs, airframe.curve.radius_m, airframe.contact_points_frd)
+
+
+@cache
+def multirotor(shape: Outline) -> Mesh:
+    """Return the mesh of a drone, FRD axes, origin the body's, its camera where the pictures are taken."""
+    thin = max(0.06 * shape.radius_m, 0.001)
+    parts = [*_hull(shape), *_camera(shape, thin)]
+    for k, (x, y, z) in enumerate(shape.hubs):
+        parts += _rotor((x, -y, -z), shape.radius_m, k, REAR_BLADE if x < 0.0 else FRONT_BLADE)
+        parts.append(g.rod((0.0, 0.0, 0.0), (x, -y, -z - 0.22 * shape.radius_m), (1.3 * thin, thin), CARBON, 8))
+    parts += _legs(shape, thin)
+    return g.assemble(parts)
+
+
+def _hull(shape: Outline) -> list[MeshPart]:
+    """Return shell, battery and mast."""
+    half = 0.36 * shape.arm_m
+    outer = [(1.25, 0.5), (0.7, 0.85), (-0.9, 0.8), (-1.15, 0.0), (-0.9, -0.8), (0.7, -0.85), (1.25, -0.5)]
+    ring = half * np.array(outer)
+
+    def level(scale: float, height: float) -> np.ndarray:
+        return np.column_stack((scale * ring, np.full(len(ring), height * half)))
+
+    parts = [
+        g.hull(level(0.85, -0.3), level(1.0, -0.05), CARBON),
+        g.hull(level(1.0, -0.05), level(0.95, 0.2), SHELL),
+        g.hull(level(0.95, 0.2), level(0.45, 0.5), SHELL),
+        g.box((-0.95 * half, -0.35 * half, -0.75 * half), (0.95 * half, 0.35 * half, -0.3 * half), CARBON),
+    ]
+    top = -min(z for _, _, z in shape.touching)
+    if top > 0.6 * half:
+        parts.append(g.rod((0.0, 0.0, 0.4 * half), (0.0, 0.0, top - 0.1 * half), (0.06 * half, 0.05 * half), CARBON, 6))
+        parts.append(g.rod((0.0, 0.0, top - 0.15 * half), (0.0, 0.0, top), (0.32 * half, 0.28 * half), SHELL, 10))
+    return parts
+
+
+def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[MeshPart]:
+    """Return a motor and its two blades, which is how a propeller looks from near in a short exposure."""
+    x, y, z = hub
+    first, step = STOPPED_RAD
+    parts = [
+        g.rod((x, y, z - 0.28 * radius_m), (x, y, z - 0.03 * radius_m), (0.12 * radius_m, 0.11 * radius_m), MOTOR, 10),
+        g.rod((x, y, z - 0.03 * radius_m), (x, y, z + 0.06 * radius_m), (0.04 * radius_m, 0.03 * radius_m), CARBON, 6),
+    ]
+    blade = g.prism([(radius_m * a, radius_m * b) for a, b in BLADE], -0.012 * radius_m, 0.012 * radius_m, look)
+    return parts + [g.placed(blade, hub, first + step * number + half) for half in (0.0, np.pi)]
+
+
+def _legs(shape: Outline, thin: float) -> list[MeshPart]:
+    """Return a leg to each foot, and a skid along the feet of either side."""
+    feet = [(x, -y, -z) for x, y, z in shape.touching if z > 0.0]
+    parts = [g.rod((0.4 * x, 0.4 * y, 0.0), (x, y, z + thin), (thin, thin), CARBON, 6) for x, y, z in feet]
+    for side in (-1.0, 1.0):
+        along = [foot for foot in feet if foot[1] * side > 0.0]
+        if len(along) == 2 and -along[0][2] > shape.radius_m:  # of tall ones: short legs end on pads
+            (x0, y0, z0), (x1, y1, z1) = along
+            parts.append(g.rod((x0, y0, z0 + thin), (x1, y1, z1 + thin), (1.1 * thin, 1.1 * thin), CARBON, 6))
+    return parts
+
+
+def _camera(shape: Outline, thin: float) -> list[MeshPart]:
+    """Return the camera on its boom, and the bumpers to it from the two nearest rotors."""
+    x, y, z = CameraModel().offset_frd
+    size = 0.2 * min(shape.radius_m, 0.15)
+    place, cube = np.array((x, -y, -z)), np.array((size, size, size))
+    hubs = sorted((np.array((a, -b, -c)) for a, b, c in shape.hubs), key=lambda hub: float(np.linalg.norm(hub - place)))
+    bumpers = [np.linspace(hub, place - cube * (1.5, 0.0, 0.0), 4) for hub in hubs[:2]]
+    return [
+        *(g.rod(a, b, (0.6 * thin, 0.6 * thin), CARBON, 6) for line in bumpers for a, b in pairwise(line)),
+        g.rod((0.0, 0.0, -0.1 * shape.arm_m), place - cube * (1.5, 0.0, 0.0), (thin, 0.8 * thin), CARBON, 6),
+        g.box(place - cube * (2.0, 1.0, 1.0), place + cube * (-0.4, 1.0, 1.0), CARBON),
+        g.rod(place - cube * (0.4, 0.0, 0.0), place, (0.7 * size, 0.75 * size), colors.GLASS, 10),
+    ]

@@ -1,0 +1,283 @@
+"""Solid primitives from which every asset is built.
+
+Shapes are authored in forward-left-up axes (FLU, metres, z = 0 on the ground): the axes in which heights are positive.
+`assemble` turns them by half a turn about the forward axis into the FRD axes of `episodes.maps.scene.Mesh`; that is a
+rotation, so outward faces stay outward.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from episodes.maps.scene import Material, Mesh
+
+Array = NDArray[np.float64]
+
+CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshPart:
+    """Loose triangles of one material."""
+
+    corners: Array  # (T, 3, 3) m, FLU, counter-clockwise seen from outside
+    normals: Array  # (T, 3, 3) unit, FLU
+    uv: Array  # (T, 3, 2), 1 = one repeat of the texture
+    material: Material
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross products of two arrays (N, 3); `numpy.cross` spends most of its time on generality."""
+    out = np.empty(np.broadcast(a, b).shape)
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
+
+
+def face_normals(corners: Array) -> Array:
+    """Return (T, 3) normals of triangles (T, 3, 3), length twice the area."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return cross(a, b)
+
+
+def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
+    """Return (T, 3, 3) unit corner normals: area-weighted means over the faces of a corner within the crease angle."""
+    area = face_normals(corners)
+    unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
+    if crease_deg <= 0.0:
+        return np.repeat(unit[:, None, :], 3, axis=1)
+    keys = np.round(corners.reshape(-1, 3) * 1e4).astype(np.int64)
+    packed = (keys[:, 0] * 2_000_003 + keys[:, 1]) * 2_000_003 + keys[:, 2]
+    _, place, count = np.unique(packed, return_inverse=True, return_counts=True)
+    order = np.argsort(place, kind="stable")
+    first = np.concatenate(([0], np.cumsum(count)[:-1]))
+    # every ordered pair of corners that share a place
+    fan = count[place]
+    mine = np.repeat(np.arange(len(place)), fan)
+    step = np.arange(len(mine)) - np.repeat(np.cumsum(fan) - fan, fan)
+    other = order[first[place[mine]] + step]
+    near = np.einsum("ij,ij->i", unit[mine // 3], unit[other // 3]) > np.cos(np.radians(crease_deg))
+    total = np.stack(
+        [np.bincount(mine[near], weights=area[other[near] // 3, k], minlength=len(place)) for k in range(3)], axis=1
+    )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    smooth = np.where(length > 1e-12, total / np.maximum(length, 1e-12), np.repeat(unit, 3, axis=0))
+    return smooth.reshape(-1, 3, 3)
+
+
+def slope_uv(corners: Array, tile_m: float) -> Array:
+    """Return (T, 3, 2) texture coordinates: u level along each face, v down its slope, one repeat per `tile_m`."""
+    area = face_normals(corners)
+    unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
+    along = np.stack([-unit[:, 1], unit[:, 0], np.zeros(len(unit))], axis=1)
+    level = np.linalg.norm(along, axis=1) < 0.05
+    along[level] = (1.0, 0.0, 0.0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    up = cross(unit, along)
+    return np.stack([np.einsum("tck,tk->tc", corners, along), -np.einsum("tck,tk->tc", corners, up)], axis=2) / tile_m
+
+
+def soup(corners: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> MeshPart:
+    """Return the part made of triangles (T, 3, 3); degenerate ones are dropped."""
+    tri = np.asarray(corners, dtype=np.float64)
+    tri = tri[np.linalg.norm(face_normals(tri), axis=1) > 1e-9]
+    return MeshPart(tri, creased_normals(tri, crease_deg), slope_uv(tri, tile_m), material)
+
+
+def grid(points: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> MeshPart:
+    """Return the surface through a lattice of points (N, M, 3); outward is (∂/∂rows) × (∂/∂columns)."""
+    p = np.asarray(points, dtype=np.float64)
+    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
+    tri = np.concatenate([np.stack([a, b, c], axis=2).reshape(-1, 3, 3), np.stack([a, c, d], axis=2).reshape(-1, 3, 3)])
+    return soup(tri, material, crease_deg, tile_m)
+
+
+def quad(points: ArrayLike, material: Material) -> MeshPart:
+    """Return one quadrilateral that shows the whole texture once.
+
+    `points` (4, 3): lower left, lower right, upper right, upper left, as seen from outside.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    tri = np.stack([p[[0, 1, 2]], p[[0, 2, 3]]])
+    square = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    uv = np.stack([square[[0, 1, 2]], square[[0, 2, 3]]])
+    return MeshPart(tri, creased_normals(tri, 0.0), uv, material)
+
+
+def hull(
+    bottom: ArrayLike, top: ArrayLike, material: Material, tile_m: float = 1.0, crease_deg: float = 20.0
+) -> MeshPart:
+    """Return the closed solid between two convex rings (N, 3), both counter-clockwise seen from above."""
+    low, high = np.asarray(bottom, dtype=np.float64), np.asarray(top, dtype=np.float64)
+    low2, high2 = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+    sides = np.concatenate([np.stack([low, low2, high2], axis=1), np.stack([low, high2, high], axis=1)])
+    count = len(low)
+    fan = np.array([(0, k, k + 1) for k in range(1, count - 1)])
+    return soup(np.concatenate([sides, high[fan], low[fan[:, ::-1]]]), material, crease_deg, tile_m)
+
+
+# the unit cube's triangles, their normals, and the rows that turn a corner into `slope_uv`'s coordinates on each face
+_CUBE = np.array(
+    [
+        [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
+        [(0, 1, 0), (0, 0, 0), (0, 0, 1)], [(0, 1, 0), (0, 0, 1), (0, 1, 1)],
+        [(1, 1, 0), (0, 1, 0), (0, 1, 1)], [(1, 1, 0), (0, 1, 1), (1, 1, 1)],
+        [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 0, 0), (1, 0, 1), (0, 0, 1)],
+        [(0, 0, 1), (1, 0, 1), (1, 1, 1)], [(0, 0, 1), (1, 1, 1), (0, 1, 1)],
+        [(0, 1, 0), (1, 1, 0), (1, 0, 0)], [(0, 1, 0), (1, 0, 0), (0, 0, 0)],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+_CUBE_NORMAL = np.repeat(face_normals(_CUBE)[:, None, :], 3, axis=1)
+_CUBE_UV = np.repeat(
+    np.array(
+        [
+            [(0, 1, 0), (0, 0, -1)], [(0, -1, 0), (0, 0, -1)], [(-1, 0, 0), (0, 0, -1)],
+            [(1, 0, 0), (0, 0, -1)], [(1, 0, 0), (0, -1, 0)], [(1, 0, 0), (0, 1, 0)],
+        ],
+        dtype=np.float64,
+    ),
+    2,
+    axis=0,
+)  # fmt: skip
+
+
+def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0) -> MeshPart:
+    """Return the axis-aligned box between two opposite corners, the first the lower one on every axis."""
+    a, b = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    corners = a + _CUBE * (b - a)
+    return MeshPart(corners, _CUBE_NORMAL, np.matmul(corners, _CUBE_UV.transpose(0, 2, 1)) / tile_m, material)
+
+
+def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: float = 1.0) -> MeshPart:
+    """Return a convex footprint (N, 2), counter-clockwise seen from above, raised from z0 to z1."""
+    r = np.asarray(ring, dtype=np.float64)
+    low = np.column_stack([r, np.full(len(r), z0)])
+    return hull(low, low + np.array((0.0, 0.0, z1 - z0)), material, tile_m)
+
+
+def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: float = 1.0) -> MeshPart:
+    """Return a convex side view (N, 2) in x and z, extruded from y0 to y1. Either direction of the ring will do."""
+    r = np.asarray(ring, dtype=np.float64)
+    x, z = r[:, 0], r[:, 1]
+    if np.sum(x * np.roll(z, -1) - np.roll(x, -1) * z) < 0.0:
+        r = r[::-1]
+    # a side view is a footprint stood upright: (x, y, z) ← (x, z', y) turned by a quarter about x
+    flat = prism(r, 0.0, 1.0, material, tile_m).corners
+    tri = np.stack([flat[..., 0], y0 + (y1 - y0) * (1.0 - flat[..., 2]), flat[..., 1]], axis=2)
+    return soup(tri, material, 20.0, tile_m)
+
+
+def lathe(outline: ArrayLike, material: Material, segments: int = 16, tile_m: float = 1.0) -> MeshPart:
+    """Return the solid of revolution about z of an outline (N, 2) of radius and height, listed from bottom to top."""
+    o = np.asarray(outline, dtype=np.float64)
+    turn = np.linspace(0.0, 2.0 * np.pi, segments + 1)
+    points = np.stack(
+        [
+            np.outer(np.cos(turn), o[:, 0]),
+            np.outer(np.sin(turn), o[:, 0]),
+            np.broadcast_to(o[:, 1], (segments + 1, len(o))),
+        ],
+        axis=2,
+    )
+    return grid(points, material, tile_m=tile_m)
+
+
+def rod(
+    start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: Material, segments: int = 10
+) -> MeshPart:
+    """Return a cylinder or cone with closed ends from `start` to `end`, radius at each."""
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    axis = (b - a) / np.linalg.norm(b - a)
+    side = cross(axis, np.array((0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0)))
+    side /= np.linalg.norm(side)
+    third = cross(axis, side)
+    turn = 2.0 * np.pi * np.arange(segments) / segments
+    ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), third)
+    return hull(a + radii[0] * ring, b + radii[1] * ring, material, crease_deg=50.0)
+
+
+def ball(centre: ArrayLike, radii: ArrayLike, material: Material, level: int = 2, tile_m: float = 1.0) -> MeshPart:
+    """Return an ellipsoid made of a subdivided icosahedron: 20 · 4**level triangles."""
+    unit = _icosphere(level)
+    tri = unit * np.asarray(radii, dtype=np.float64) + np.asarray(centre, dtype=np.float64)
+    return soup(tri, material, 60.0, tile_m)
+
+
+def _icosphere(level: int) -> Array:
+    """Return the (T, 3, 3) triangles of a unit sphere."""
+    g = (1.0 + 5.0**0.5) / 2.0
+    v = np.array(
+        [
+            (-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g),
+            (0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1),
+        ],
+        dtype=np.float64,
+    )  # fmt: skip
+    f = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6)]
+    f += [(7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10)]
+    f += [(8, 6, 7), (9, 8, 1)]
+    tri = v[np.array(f)]
+    for _ in range(level):
+        a, b, c = tri[:, 0], tri[:, 1], tri[:, 2]
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        tri = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+        tri /= np.linalg.norm(tri, axis=2, keepdims=True)
+    return np.asarray(tri / np.linalg.norm(tri, axis=2, keepdims=True))
+
+
+def roughened(part: MeshPart, amount: float, seed: int, wavelength_m: float = 0.7) -> MeshPart:
+    """Return the part with its surface pushed in and out by about `amount` metres; what was closed stays closed."""
+    rng = np.random.default_rng(seed)
+    waves = rng.normal(size=(6, 3)) * (2.0 * np.pi / wavelength_m / 1.7)
+    phase = rng.uniform(0.0, 2.0 * np.pi, 6)
+    push = np.sin(part.corners @ waves.T + phase).sum(axis=2, keepdims=True) / 3.0
+    return soup(part.corners + amount * push * part.normals, part.material, 50.0)
+
+
+def placed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) -> MeshPart:
+    """Return the part turned by `yaw` (rad, counter-clockwise seen from above), then shifted."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return replace(part, corners=part.corners @ turn + np.asarray(offset), normals=part.normals @ turn)
+
+
+def without(part: MeshPart, outward: ArrayLike) -> MeshPart:
+    """Return the part without the triangles that face the unit vector `outward`, for a side that is never seen."""
+    area = face_normals(part.corners)
+    kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
+    return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)
+
+
+def mirrored(part: MeshPart) -> MeshPart:
+    """Return the part reflected left to right, still facing outwards."""
+    flip = np.array([1.0, -1.0, 1.0])
+    return MeshPart((part.corners * flip)[:, ::-1], (part.normals * flip)[:, ::-1], part.uv[:, ::-1], part.material)
+
+
+def assemble(parts: Sequence[MeshPart]) -> Mesh:
+    """Return the parts as one mesh in FRD axes, equal corners shared."""
+    place: dict[int, int] = {}
+    which = [place.setdefault(id(part.material), len(place)) for part in parts]
+    materials = list({id(part.material): part.material for part in parts}.values())
+    material = np.repeat(np.array(which, dtype=np.int32), [len(p.corners) for p in parts])
+    table = np.concatenate([np.concatenate([p.corners, p.normals, p.uv], axis=2).reshape(-1, 8) for p in parts]).astype(
+        np.float32
+    )
+    table[:, [1, 2, 4, 5]] *= -1.0
+    rows = np.ascontiguousarray(np.round(table * 1e4).astype(np.int32))
+    _, index, inverse = np.unique(
+        rows.view(np.dtype((np.void, rows.dtype.itemsize * 8))).ravel(), return_index=True, return_inverse=True
+    )
+    kept = table[index]
+    return Mesh(
+        vertices=np.ascontiguousarray(kept[:, 0:3]),
+        normals=np.ascontiguousarray(kept[:, 3:6]),
+        uv=np.ascontiguousarray(kept[:, 6:8]),
+        triangles=inverse.reshape(-1, 3).astype(np.int32),
+        material=material,
+        materials=tuple(materials),
+    )

@@ -1,0 +1,208 @@
+"""A glTF file as a map."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from episodes.maps.gltf import extras, ground, looks, nodes, shapes
+from episodes.maps.gltf.document import Document
+from episodes.maps.gltf.images import Images
+from episodes.maps.scene import Instance, Mesh, Scene, Sun
+from episodes.world.visibility import turn
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.terrain import HeightField
+
+ORIGIN = (47.397742, 8.545594, 488.0)  # of a map that names none: PX4's usual home
+SUN = Sun((-0.5065, 0.3957, -0.7660))  # of a map that names none: late morning, northern summer
+
+_NOWHERE = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
+
+
+def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = None) -> Scene:
+    """Return the map in a binary glTF file, called `name`; one written by `save` comes back as it was.
+
+    `spawn` is (north, east) or (north, east, down) in metres NED, a free place on the ground; a file of ours knows its
+    own. Without a height the lowest floor with two metres of room above it is taken. What a file of others does not say
+    is assumed: the sun of a late morning, PX4's usual home, everything solid, nothing movable. Raises UsageError in one
+    sentence for a file that is damaged, hostile, compressed, not self-contained, or has no ground under the spawn.
+    """
+    document = Document(path)
+    placed = nodes.placed(document)
+    total = sum(shapes.triangle_count(document, one.mesh) for one in placed)
+    if total > shapes.MAX_TRIANGLES:
+        document.fail("the scene", f"has {total} triangles; {shapes.MAX_TRIANGLES} are allowed: simplify it")
+    worn = set().union(*(shapes.materials_of(document, one.mesh) for one in placed)) if placed else set()
+    images = Images(document, looks.used_images(document, worn))
+    reader = shapes.Shapes(document, {k: looks.read(document, k, images) for k in sorted(worn)})
+    instances, notes = _instances(document, placed, reader)
+    if not instances:
+        document.fail("the scene", "has no triangles")
+    facts = extras.scene_facts(document)
+    name = name or facts.name or _slug(path.stem) or "map"
+    notes = (*facts.notes, *notes)
+    described = Scene(name, tuple(instances), _NOWHERE, facts.sun or SUN, *(facts.origin or ORIGIN), notes=notes)
+    if facts.terrain is not None and facts.spawn_ned is not None:
+        return _standing(replace(described, terrain=facts.terrain), facts, spawn, document)
+    return _grounded(described, facts, spawn, document)
+
+
+def _instances(
+    document: Document, placed: list[nodes.Placed], reader: shapes.Shapes
+) -> tuple[list[Instance], tuple[str, ...]]:
+    """Return what stands in the file, numbered, and remarks on what of it could not be taken along."""
+    facts = [extras.node_facts(one.extras) for one in placed]
+    ids = [fact.id for fact in facts]
+    ours = None not in ids and len(set(ids)) == len(ids)
+    taken: dict[str, int] = {}
+    bent: dict[tuple[int, bytes], Mesh | None] = {}
+    found, flat = [], 0
+    for k, (one, fact) in enumerate(zip(placed, facts, strict=True), 1):
+        mesh = reader.mesh(one.mesh)
+        place, yaw, linear = nodes.pose(one.matrix, fact.yaw)
+        if mesh is not None and linear is not None:
+            key = (one.mesh, linear.tobytes())
+            if key not in bent:
+                bent[key] = nodes.deformed(mesh, linear)
+                flat += bent[key] is None
+            mesh = bent[key]
+        if mesh is None:
+            continue
+        name = _unused(one.name or f"node-{k}", taken)
+        number = fact.id if ours and fact.id is not None else k
+        kind = fact.kind or _kind(one.name)
+        found.append(Instance(number, name, kind, mesh, place, yaw, fact.movable, fact.solid))
+    notes = []
+    if reader.left_out:
+        notes.append(f"{reader.left_out} sets of points or lines are left out: they have no surface.")
+    if flat:
+        notes.append(f"{flat} nodes are scaled to nothing and left out.")
+    for feature, word in (("animations", "Animations"), ("skins", "Skins")):
+        if document.tree.get(feature):
+            notes.append(f"{word} are ignored: everything stands as the file places it at rest.")
+    return found, tuple(notes)
+
+
+def _standing(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | None, document: Document) -> Scene:
+    """Return a map of ours, the spawn moved to where it is asked for."""
+    if spawn is None:
+        place = facts.spawn_ned
+    else:
+        north, east = _on_map(scene, spawn, document)
+        place = (north, east, float(spawn[2]) if len(spawn) > 2 else scene.terrain.at(north, east))
+    assert place is not None
+    return replace(scene, spawn_ned=place, spawn_yaw=facts.spawn_yaw if spawn is None else 0.0)
+
+
+def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | None, document: Document) -> Scene:
+    """Return a map whose ground is found in its geometry, split off what stands on it."""
+    wanted = spawn if spawn is not None else facts.spawn_ned
+    if wanted is None:
+        raise UsageError(f"map file '{document.source}' does not say where one can stand: give a spawn.")
+    north, east = _on_map(scene, wanted, document)
+    named = [one for one in scene.instances if one.kind == extras.GROUND]
+    searched = named or [one for one in scene.instances if one.solid and not one.movable]
+    if not searched:
+        document.fail("the scene", "has nothing solid that could be its ground")
+    corners = [_corners(one) for one in searched]
+    found = ground.find(np.concatenate(corners), north, east, float(wanted[2]) if len(wanted) > 2 else None)
+    if found is None:
+        raise UsageError(
+            f"map file '{document.source}' has no ground under the spawn {north:g}, {east:g}: "
+            "name a place (north, east) above a surface that faces up."
+        )
+    flags = dict(zip((one.id for one in searched), np.split(found.triangles, _ends(corners)), strict=True))
+    instances = scene.instances if named else _split(scene.instances, flags)
+    return replace(
+        scene,
+        instances=tuple(instances),
+        terrain=found.field,
+        spawn_ned=(north, east, found.spawn_down),
+        spawn_yaw=facts.spawn_yaw if spawn is None else 0.0,
+    )
+
+
+def _split(instances: Sequence[Instance], flags: Mapping[int, Any]) -> list[Instance]:
+    """Return the instances with the triangles flagged as ground in instances of their own."""
+    found, number = [], max(one.id for one in instances)
+    for one in instances:
+        flag = flags.get(one.id)
+        if flag is None or not flag.any():
+            found.append(one)
+        elif flag.all():
+            found.append(replace(one, kind=extras.GROUND))
+        else:
+            number += 1
+            found.append(replace(one, mesh=_part(one.mesh, ~flag)))
+            soil = replace(one, id=number, name=f"{one.name} ground", kind=extras.GROUND, mesh=_part(one.mesh, flag))
+            found.append(soil)
+    return found
+
+
+def _part(mesh: Mesh, keep: Any) -> Mesh:
+    """Return some triangles of a mesh with the vertices and materials that they use."""
+    used, material = np.unique(mesh.material[keep], return_inverse=True)
+    return shapes.compact(
+        replace(
+            mesh,
+            triangles=mesh.triangles[keep],
+            material=material.reshape(-1).astype(np.int32),
+            materials=tuple(mesh.materials[k] for k in used),
+        )
+    )
+
+
+def _corners(one: Instance) -> Any:
+    placed = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
+    return placed[one.mesh.triangles]
+
+
+def _ends(parts: Sequence[Any]) -> list[int]:
+    return [int(end) for end in np.cumsum([len(part) for part in parts])[:-1]]
+
+
+def _on_map(scene: Scene, spawn: Sequence[float], document: Document) -> tuple[float, float]:
+    """Return north and east of a spawn. Raises UsageError when they lie outside the map."""
+    north, east = float(spawn[0]), float(spawn[1])
+    low, high = extent(scene)
+    if not (low[0] <= north <= high[0] and low[1] <= east <= high[1]):
+        raise UsageError(
+            f"spawn {north:g}, {east:g} lies outside map file '{document.source}', which spans "
+            f"north {low[0]:.1f} … {high[0]:.1f} m and east {low[1]:.1f} … {high[1]:.1f} m."
+        )
+    return north, east
+
+
+def extent(scene: Scene) -> tuple[Vec3, Vec3]:
+    """Return the lower and the upper corner (m, NED) of the box around everything in a scene."""
+    boxes = []
+    for one in scene.instances:
+        used = one.mesh.vertices[np.unique(one.mesh.triangles)].astype(np.float64)
+        placed = used @ turn(one.turned).T + np.array(one.position_ned)
+        boxes.append((placed.min(axis=0), placed.max(axis=0)))
+    low = np.min([box[0] for box in boxes], axis=0)
+    high = np.max([box[1] for box in boxes], axis=0)
+    return (float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2]))
+
+
+def _unused(name: str, taken: dict[str, int]) -> str:
+    """Return a name that no other instance has: it is how records and collisions speak of a thing."""
+    while name in taken:
+        taken[name] += 1
+        name = f"{name}-{taken[name]}"
+    taken[name] = 1
+    return name
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40]
+
+
+def _kind(name: str) -> str:
+    """Return the kind that a node's name suggests: 'Oak tree.012' is an 'oak-tree'."""
+    kind = _slug(re.sub(r"[\d._\s-]+$", "", name))
+    return kind if kind and kind != extras.GROUND else "thing"

@@ -1,0 +1,249 @@
+"""glTF's meshes as ours: primitives of one mesh become one mesh with a material per triangle."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.maps.gltf import accessors
+from episodes.maps.gltf.axes import from_gltf
+from episodes.maps.gltf.document import REMEDY, Document
+from episodes.maps.gltf.looks import Look
+from episodes.maps.scene import Material, Mesh
+
+MAX_VERTICES = 3_000_000  # of one mesh as the file has it, and of all meshes together as they are used
+MAX_READ = 20_000_000  # vertices read in all: some programs give every primitive a copy of all vertices of its mesh
+MAX_TRIANGLES = 1_000_000  # placed in the scene, each instance counted
+MAX_COORDINATE_M = 1e6
+TINTS = 31.0  # levels per channel to which vertex colours are rounded; each becomes a material
+
+_POINTS_AND_LINES = (0, 1, 2, 3)
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Vertices that primitives share."""
+
+    first: int
+    position: NDArray[np.float32]  # (V, 3) m, FRD
+    normal: NDArray[np.float32] | None
+    uv: NDArray[np.float32]
+    color: NDArray[np.float32] | None  # (V, 3) linear
+
+
+def triangle_count(document: Document, index: int) -> int:
+    """Return how many triangles a mesh says it has, without reading any."""
+    total = 0
+    for k, primitive in enumerate(_primitives(document, index)):
+        where = f"meshes[{index}].primitives[{k}]"
+        mode = document.whole(primitive, "mode", where, _TRIANGLES)
+        corners = accessors.count(document, _of(document, primitive, where), where)
+        total += 0 if mode in _POINTS_AND_LINES else corners // 3 if mode == _TRIANGLES else max(corners - 2, 0)
+    return total
+
+
+def materials_of(document: Document, index: int) -> set[int]:
+    """Return the indices of the materials that a mesh wears."""
+    return {document.whole(p, "material", f"meshes[{index}]") for p in _primitives(document, index) if "material" in p}
+
+
+def _primitives(document: Document, index: int) -> list[Mapping[str, Any]]:
+    return document.objects(
+        document.entry("meshes", index, "mesh"), "primitives", f"meshes[{index}].primitives", 100_000
+    )
+
+
+def _of(document: Document, primitive: Mapping[str, Any], where: str) -> Any:
+    """Return the accessor that says how many corners a primitive has."""
+    if document.extension(primitive, "KHR_draco_mesh_compression", where) is not None:
+        document.fail(where, f"is compressed: {REMEDY['KHR_draco_mesh_compression']}")
+    attributes = document.mapping(primitive, "attributes", f"{where}.attributes")
+    if "POSITION" not in attributes:
+        document.fail(f"{where}.attributes", "has no POSITION")
+    return primitive.get("indices", attributes["POSITION"])
+
+
+class Shapes:
+    """The meshes of one file, read on demand and once."""
+
+    def __init__(self, document: Document, looks: Mapping[int, Look]) -> None:
+        """Take the materials that the meshes wear, by their index."""
+        self._document = document
+        self._looks = looks
+        self._plain = Look(Material("plain", (1.0, 1.0, 1.0)))
+        self._tinted: dict[tuple[int, int], Material] = {}
+        self._kept: dict[int, Mesh | None] = {}
+        self._read_vertices = self._kept_vertices = 0
+        self.left_out = 0  # primitives of points and lines, which have no surface
+
+    def mesh(self, index: int) -> Mesh | None:
+        """Return a mesh in FRD axes, or None when it has no triangles. Raises UsageError."""
+        if index not in self._kept:
+            self._kept[index] = self._read(index)
+        return self._kept[index]
+
+    def _read(self, index: int) -> Mesh | None:
+        raw: dict[Any, _Block] = {}  # as the file has them
+        made: dict[Any, _Block] = {}  # as the mesh will, one after the other
+        triangles, which = [], []
+        worn: dict[int, tuple[int, Material]] = {}  # identity → (row, material)
+        first = 0
+        start = self._read_vertices
+        for k, primitive in enumerate(_primitives(self._document, index)):
+            where = f"meshes[{index}].primitives[{k}]"
+            mode = self._document.whole(primitive, "mode", where, _TRIANGLES)
+            if mode in _POINTS_AND_LINES:
+                self.left_out += 1
+                continue
+            if mode > _FAN:
+                self._document.fail(f"{where}.mode", f"is {mode}, which glTF does not know")
+            _of(self._document, primitive, where)
+            look = self._looks[primitive["material"]] if "material" in primitive else self._plain
+            key, block = self._block(primitive, where, look, raw)
+            corners = self._corners(primitive, where, mode, block)
+            if self._read_vertices - start > MAX_VERTICES:
+                self._document.fail(f"meshes[{index}]", f"has more than {MAX_VERTICES} vertices: simplify it")
+            if block.normal is None:
+                self._room(corners.size, where)
+                block, corners = _flat(block, corners)
+                key = ("flat", k)
+            if key not in made:
+                made[key] = replace(block, first=first)
+                first += len(block.position)
+            if len(corners):
+                triangles.append(corners + np.int32(made[key].first))
+                which.append(self._dressed(look.material, corners, block, worn))
+        if not triangles:
+            return None
+        blocks = made.values()
+        whole = Mesh(
+            vertices=np.concatenate([b.position for b in blocks]),
+            normals=np.concatenate([b.normal for b in blocks if b.normal is not None]),
+            uv=np.concatenate([b.uv for b in blocks]),
+            triangles=np.concatenate(triangles),
+            material=np.concatenate(which),
+            materials=tuple(material for _, material in worn.values()),
+        )
+        mesh = compact(whole)
+        self._kept_vertices += len(mesh.vertices)
+        if self._kept_vertices > MAX_VERTICES:
+            self._document.fail(f"meshes[{index}]", f"brings the map above {MAX_VERTICES} vertices: simplify it")
+        return mesh
+
+    def _room(self, vertices: int, where: str) -> None:
+        """Count vertices before they are read."""
+        self._read_vertices += vertices
+        if vertices > MAX_VERTICES or self._read_vertices > MAX_READ:
+            self._document.fail(where, f"brings the file above {MAX_READ} vertices: simplify it")
+
+    def _block(
+        self, primitive: Mapping[str, Any], where: str, look: Look, blocks: dict[Any, _Block]
+    ) -> tuple[Any, _Block]:
+        """Return (what tells it from others, the vertices of a primitive); equal ones are read once."""
+        attributes = self._document.mapping(primitive, "attributes", f"{where}.attributes")
+        uv_name = f"TEXCOORD_{look.uv_set}"
+        names = ("POSITION", "NORMAL", uv_name, "COLOR_0")
+        places = tuple(attributes.get(name) for name in names)
+        key = (*(p if isinstance(p, int) else None for p in places), look.uv_scale, look.uv_turn, look.uv_offset)
+        if key in blocks:
+            return key, blocks[key]
+        size = accessors.count(self._document, places[0], f"{where}.attributes.POSITION")
+        self._room(size, where)
+        read = {
+            name: accessors.vectors(self._document, place, f"{where}.attributes.{name}", *widths)
+            for name, place, widths in zip(names, places, ((3,), (3,), (2,), (3, 4)), strict=True)
+            if name in attributes
+        }
+        for name, values in read.items():
+            if len(values) != size:
+                self._document.fail(f"{where}.attributes.{name}", f"has {len(values)} entries for {size} vertices")
+        position = read["POSITION"]
+        if np.abs(position).max() > MAX_COORDINATE_M:
+            self._document.fail(f"{where}.attributes.POSITION", f"reaches beyond {MAX_COORDINATE_M:g} m")
+        normal = from_gltf(_unit(read["NORMAL"])) if "NORMAL" in read else None
+        uv = look.uv(read[uv_name]) if uv_name in read else np.zeros((size, 2), np.float32)
+        color = read["COLOR_0"][:, :3] if "COLOR_0" in read else None
+        blocks[key] = _Block(0, from_gltf(position), normal, np.clip(uv, -1e4, 1e4), color)
+        return key, blocks[key]
+
+    def _corners(self, primitive: Mapping[str, Any], where: str, mode: int, block: _Block) -> NDArray[np.int32]:
+        """Return a primitive's triangles (T, 3); strips and fans are taken apart."""
+        size = len(block.position)
+        if "indices" in primitive:
+            order = accessors.indices(self._document, primitive["indices"], f"{where}.indices", size)
+        else:
+            order = np.arange(size, dtype=np.int32)
+        if mode == _TRIANGLES:
+            return order[: len(order) // 3 * 3].reshape(-1, 3)
+        if len(order) < 3:
+            return np.zeros((0, 3), np.int32)
+        if mode == _FAN:
+            return np.stack([order[1:-1], order[2:], np.full(len(order) - 2, order[0])], axis=1)
+        odd = np.arange(len(order) - 2) % 2
+        return np.stack([order[:-2], np.where(odd, order[2:], order[1:-1]), np.where(odd, order[1:-1], order[2:])], 1)
+
+    def _dressed(
+        self, material: Material, corners: NDArray[np.int32], block: _Block, worn: dict[int, tuple[int, Material]]
+    ) -> NDArray[np.int32]:
+        """Return (T,) rows of `worn`. Vertex colours become one rounded tint of the material per triangle."""
+
+        def row(look: Material) -> int:
+            return worn.setdefault(id(look), (len(worn), look))[0]
+
+        if block.color is None:
+            return np.full(len(corners), row(material), np.int32)
+        mean = np.clip(block.color[corners].mean(axis=1), 0.0, 1.0)
+        levels = np.rint(np.sqrt(mean) * TINTS).astype(np.int64)
+        codes, of = np.unique((levels[:, 0] * 32 + levels[:, 1]) * 32 + levels[:, 2], return_inverse=True)
+        rows = [row(self._tint(material, int(code))) for code in codes]
+        return np.array(rows, np.int32)[of.reshape(-1)]
+
+    def _tint(self, material: Material, code: int) -> Material:
+        key = (id(material), code)
+        if key not in self._tinted:
+            red, green, blue = ((level / TINTS) ** 2 for level in (code // 1024, code // 32 % 32, code % 32))
+            c = material.color
+            color = (c[0] * red, c[1] * green, c[2] * blue)
+            self._tinted[key] = replace(material, name=f"{material.name}-{code}", color=color)
+        return self._tinted[key]
+
+
+def compact(mesh: Mesh) -> Mesh:
+    """Return a mesh without the vertices that no triangle uses; the very same one when it has none."""
+    used, order = np.unique(mesh.triangles, return_inverse=True)
+    if len(used) == len(mesh.vertices):
+        return mesh
+    return replace(
+        mesh,
+        vertices=mesh.vertices[used],
+        normals=mesh.normals[used],
+        uv=mesh.uv[used],
+        triangles=order.reshape(-1, 3).astype(np.int32),
+    )
+
+
+def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return normals of length one; those that are so already keep every bit."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    mended = np.where(length > 1e-6, normals / np.maximum(length, np.float32(1e-6)), np.array([0.0, 1.0, 0.0]))
+    return np.where(np.abs(length - 1.0) < 1e-3, normals, mended).astype(np.float32)
+
+
+def _flat(block: _Block, corners: NDArray[np.int32]) -> tuple[_Block, NDArray[np.int32]]:
+    """Return vertices of their own for every triangle, with its plane's normal, as glTF asks where none are given."""
+    tri = block.position[corners].astype(np.float64)
+    area = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
+    length = np.linalg.norm(area, axis=1, keepdims=True)
+    normal = np.where(length > 1e-12, area / np.maximum(length, 1e-12), (0.0, 0.0, -1.0)).astype(np.float32)
+    order = corners.ravel()
+    flat = _Block(
+        first=0,
+        position=block.position[order],
+        normal=np.repeat(normal, 3, axis=0),
+        uv=block.uv[order],
+        color=None if block.color is None else block.color[order],
+    )
+    return flat, np.arange(len(order), dtype=np.int32).reshape(-1, 3)

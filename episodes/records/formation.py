@@ -1,0 +1,87 @@
+"""A record flown by another number of drones than it was made for.
+
+Fewer are the first of its starts. More stand on the lattice that its square of four is a part of, 2 m from one another,
+at the nearest places behind and beside the square with which the record still passes every check of its own: room to
+stand and to climb, level ground, a fair height, every candidate in sight and none to be read. Source: none, the paper
+flies one drone or four.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from episodes.authoring.check import candidates, rules
+from episodes.authoring.check.finding import RuleFinding
+from episodes.authoring.check.limits import LEVEL_M, OF_OTHER_MAPS, REACH_M, RULES
+from episodes.authoring.check.solid import StandingObstacles
+from episodes.authoring.check.start import climb, formation, unevenness_m
+from episodes.records.record import MAX_STARTS, EpisodeRecord, StartPose
+from episodes.world.world import World
+from foundation.errors import UsageError
+
+FLEET = 4  # of the commanding records that ship
+RINGS = 3  # of places around the square that are looked at
+
+
+def flown_by(record: EpisodeRecord, drones: int) -> EpisodeRecord:
+    """Return the record with as many starts. Raises UsageError where there is no room, or the record has no square."""
+    if not 1 <= drones <= MAX_STARTS:
+        raise UsageError(f"--drones wants a whole number from 1 to {MAX_STARTS}, got {drones}")
+    if drones <= len(record.starts):
+        return replace(record, starts=record.starts[:drones])
+    if record.cell != "commanding":
+        raise UsageError(f"--drones {drones}: {record.id} is an episode for one drone; name a commanding one")
+    if len(record.starts) != FLEET or not formation(World(record)).passed:
+        raise UsageError(f"--drones {drones}: the starts of {record.id} are no square of 2 m sides that could go on")
+    alone = World(record)
+    standing = StandingObstacles(alone.scene.instances)
+    for place in places(record.starts):
+        if len(record.starts) == drones:
+            break
+        more = replace(record, starts=(*record.starts, place))
+        if has_room(alone, standing, place) and in_sight(more):
+            record = more
+    if len(record.starts) < drones:
+        raise UsageError(f"--drones {drones}: around the starts of {record.id} is room for {len(record.starts)} only")
+    if wrong := next((found for found in failed(record)), None):
+        raise UsageError(f"--drones {drones}: {record.id} would not pass its checks: {wrong.sentence}")
+    return record
+
+
+def has_room(world: World, standing: StandingObstacles, place: StartPose) -> bool:
+    """Return whether a drone may stand on the level ground below a place, and climb to a fair height there."""
+    north, east, down = place.position_ned
+    least, most = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
+    fair = least <= world.ground_down(north, east) - down <= most
+    level = unevenness_m(world, north, east) <= LEVEL_M
+    return fair and level and not any(standing.nearest(point, REACH_M)[1] for point in climb(world, place))
+
+
+def in_sight(record: EpisodeRecord) -> bool:
+    """Return whether every drone has every candidate in sight, past the others, and can read none."""
+    world = World(record)
+    return all(found.passed for found in candidates.rules(world, StandingObstacles(())))
+
+
+def failed(record: EpisodeRecord) -> Iterator[RuleFinding]:
+    """Yield what a record fails of all checks but that of the number of its drones."""
+    world = World(record)
+    number = formation(world).rule
+    yield from (found for found in rules.check(world) if not found.passed and found.rule != number)
+
+
+def places(square: tuple[StartPose, ...]) -> Iterator[StartPose]:
+    """Yield further places of the lattice of a square (front left, front right, rear left, rear right), nearest first.
+
+    None is ahead of the square, where it would stand in the pictures and nearer to the candidates.
+    """
+    corners = [start.position_ned for start in square]
+    north, east, down = (sum(axis) / len(corners) for axis in zip(*corners, strict=True))
+    right = (corners[1][0] - corners[0][0], corners[1][1] - corners[0][1])
+    ahead = (corners[0][0] - corners[2][0], corners[0][1] - corners[2][1])
+    steps = [k + 0.5 for k in range(-RINGS - 1, RINGS + 1)]
+    lattice = [(a, r) for a, r in itertools.product(steps, steps) if a < 1.0 and not (abs(a) < 1.0 and abs(r) < 1.0)]
+    for a, r in sorted(lattice, key=lambda place: (round(math.hypot(*place), 6), place)):
+        place = (north + a * ahead[0] + r * right[0], east + a * ahead[1] + r * right[1], down)
+        yield StartPose((round(place[0], 3), round(place[1], 3), round(place[2], 3)), square[0].yaw_deg)

@@ -1,0 +1,105 @@
+"""The drones of an episode as things that its pictures show, and that stand between one of them and the target."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from episodes.maps.assets.multirotor import X500, Outline, multirotor
+from episodes.maps.scene import Instance, Moved
+from episodes.records.record import StartPose
+from episodes.world.visibility import Hides
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class DronePose:
+    """Where a drone is."""
+
+    position_ned: Vec3  # m, body origin
+    attitude: Quat  # FRD → NED
+
+
+class Fleet:
+    """The drones of a record, each seen by all but itself. A drone that is alone is nowhere to be seen."""
+
+    def __init__(
+        self, starts: tuple[StartPose, ...], first_id: int, shape: Outline = X500, count: int | None = None
+    ) -> None:
+        """Drone k has the id `first_id` + k in a picture. `count`: how many fly, if not one from each start."""
+        self.starts = tuple(hovering(start) for start in starts)
+        everyone = (*starts, *[starts[-1]] * ((count or 0) - len(starts)))[:count]
+        self.instances: tuple[Instance, ...] = ()
+        self._shape = _Shape(shape) if len(everyone) > 1 else None
+        if self._shape:
+            mesh = multirotor(shape)
+            self.instances = tuple(
+                Instance(first_id + k, f"drone-{k}", "drone", mesh, one.position_ned, math.radians(one.yaw_deg), True)
+                for k, one in enumerate(everyone)
+            )
+
+    def moved(self, poses: Mapping[int, DronePose]) -> Moved:
+        """Return for the renderer where each drone is; one that `poses` (by number) leaves out is not there."""
+        return {
+            one.id: (poses[k].position_ned, poses[k].attitude) if k in poses else None
+            for k, one in enumerate(self.instances)
+        }
+
+    def others(self, drone: int) -> dict[int, DronePose]:
+        """Return where all drones but one hover when the episode begins."""
+        return {k: pose for k, pose in enumerate(self.starts) if k != drone}
+
+    def among(self, standing: Hides, poses: Iterable[DronePose]) -> Hides:
+        """Return what stands and drones at `poses` as one."""
+        return _Among(standing, self._shape, tuple(poses)) if self._shape else standing
+
+
+@dataclass(frozen=True, slots=True)
+class _Among:
+    standing: Hides
+    shape: "_Shape"
+    poses: tuple[DronePose, ...]
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something lies between it and the origin."""
+        hidden = self.standing.hidden(origin, points)
+        for pose in self.poses:
+            hidden = hidden | self.shape.between(origin, points, pose)
+        return hidden
+
+
+class _Shape:
+    """One drone's triangles for rays, in its own axes."""
+
+    def __init__(self, shape: Outline) -> None:
+        mesh = multirotor(shape)
+        self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
+        self._scene = EmbreeScene()
+        corners = np.ascontiguousarray(mesh.vertices[mesh.triangles].reshape(-1, 3), dtype=np.float32)
+        TriangleMesh(self._scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+
+    def between(self, origin: Vec3, points: Array, pose: DronePose) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether the ray from the origin meets the drone first."""
+        axes = np.array([rotate(pose.attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
+        way = points - np.array(origin)
+        toward = np.array(pose.position_ned) - np.array(origin)
+        along = np.clip(way @ toward / np.maximum(np.einsum("ij,ij->i", way, way), 1e-12), 0.0, 1.0)
+        near = np.flatnonzero(np.linalg.norm(along[:, None] * way - toward, axis=1) <= self._radius)
+        hidden = np.zeros(len(points), dtype=np.bool_)
+        if len(near):
+            start = np.broadcast_to((-(axes @ toward)).astype(np.float32), (len(near), 3))
+            ray = np.ascontiguousarray((way[near] @ axes.T).astype(np.float32))
+            reach = np.full(len(near), 0.999, dtype=np.float32)  # a ray's parameter is 1 at its point
+            hidden[near] = np.asarray(self._scene.run(np.ascontiguousarray(start), ray, reach, query="OCCLUDED")) >= 0
+        return hidden
+
+
+def hovering(start: StartPose) -> DronePose:
+    """Return the pose of a drone that hovers level at its start."""
+    return DronePose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)))

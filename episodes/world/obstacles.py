@@ -1,0 +1,169 @@
+"""The solid things of a map as the physics wants them: triangles in a grid, and the moving target as a box."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.maps.scene import Instance, Scene
+from episodes.world.visibility import turn
+from foundation.frames import Vec3
+from foundation.obstacles import OPEN, MovingBox, Obstacles
+from foundation.once import recurring
+
+CELL_M = 2.0
+BATCH = 4096  # triangles sorted at a time: bounds the memory that sorting takes
+REACH_M = 0.7  # m, from a vehicle's origin to the farthest part of it: the camera sits half a metre ahead
+
+Array = NDArray[np.float64]
+
+
+def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
+    """Return what a vehicle that reaches `reach_m` from its origin can hit in a scene, its ground excepted.
+
+    What stands is taken triangle by triangle; the first solid that may move becomes an upright box.
+    """
+    moving = [one for one in scene.instances if one.solid and one.movable]
+    box = bounding_box(moving[0]) if moving else None
+    if scene.base and (of_map := _of_map(scene.base, reach_m)):
+        more = _standing(scene.instances[len(scene.base.instances) :])
+        whole = with_more(of_map, *more) if more[2] else of_map
+        if whole:
+            return replace(whole, moving=box)
+    triangles, owner, names = _standing(scene.instances)
+    return sorted_into_cells(triangles, owner, names, reach_m, moving=box) if names else replace(OPEN, moving=box)
+
+
+@recurring(3)
+def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
+    triangles, owner, names = _standing(scene.instances)
+    return sorted_into_cells(triangles, owner, names, reach_m) if names else None
+
+
+def _standing(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
+    """Return the triangles of what stands among these, ground excepted, for each its row of the names, and those."""
+    standing = [one for one in instances if one.solid and one.kind != "ground" and not one.movable]
+    placed = [_triangles(one) for one in standing]
+    owner = np.repeat(np.arange(len(standing), dtype=np.int32), [len(t) for t in placed])
+    return np.concatenate([np.zeros((0, 3, 3)), *placed]), owner, tuple(one.name for one in standing)
+
+
+def bounding_box(one: Instance) -> MovingBox:
+    """Return the box around an instance, in its own axes."""
+    low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
+    return MovingBox(one.name, _vector((high - low) / 2), _vector((high + low) / 2))
+
+
+def sorted_into_cells(
+    triangles: Array,
+    owner: NDArray[np.int32],
+    names: tuple[str, ...],
+    reach_m: float,
+    *,
+    cell_m: float = CELL_M,
+    moving: MovingBox | None = None,
+) -> Obstacles:
+    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each goes into every cell it comes within reach of."""
+    low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
+    origin = np.floor(low.min(axis=0) / cell_m) * cell_m
+    cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)
+    number, which = _in_cells(triangles, low, high, origin, cells, cell_m, reach_m)
+    start = np.zeros(cells.prod() + 1, np.int32)
+    start[1:] = np.cumsum(np.bincount(number, minlength=cells.prod()))
+    return Obstacles(
+        corners=np.ascontiguousarray(triangles.reshape(-1, 9), dtype=np.float32),
+        bounds=_bounds(triangles),
+        owner=owner,
+        names=names,
+        origin_ned=_vector(origin),
+        cell_m=cell_m,
+        cells=(int(cells[0]), int(cells[1]), int(cells[2])),
+        start=start,
+        index=which[np.argsort(number, kind="stable")],
+        reach_m=reach_m,
+        moving=moving,
+    )
+
+
+def with_more(whole: Obstacles, triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...]) -> Obstacles | None:
+    """Return what `sorted_into_cells` returns of those of `whole` and these after them, byte for byte and sooner.
+
+    None where these reach beyond the cells of `whole`, which then would be others.
+    """
+    low, high = triangles.min(axis=1) - whole.reach_m, triangles.max(axis=1) + whole.reach_m
+    origin, cells = np.array(whole.origin_ned), np.array(whole.cells, np.int64)
+    if (low.min(axis=0) < origin).any() or (np.ceil((high.max(axis=0) - origin) / whole.cell_m) > cells).any():
+        return None
+    number, which = _in_cells(triangles, low, high, origin, cells, whole.cell_m, whole.reach_m)
+    order = np.argsort(number, kind="stable")
+    number, which = number[order], which[order] + np.int32(len(whole.corners))
+    start = whole.start.copy()
+    start[1:] += np.cumsum(np.bincount(number, minlength=len(start) - 1)).astype(np.int32)
+    return replace(
+        whole,
+        corners=np.concatenate([whole.corners, triangles.reshape(-1, 9).astype(np.float32)]),
+        bounds=np.concatenate([whole.bounds, _bounds(triangles)]),
+        owner=np.concatenate([whole.owner, owner + np.int32(len(whole.names))]),
+        names=whole.names + names,
+        start=start,
+        index=np.insert(whole.index, whole.start[number + 1], which),
+    )
+
+
+def _bounds(triangles: Array) -> NDArray[np.float32]:
+    """Return the middle and the radius (T, 4) of a ball around each triangle."""
+    middle = (triangles.min(axis=1) + triangles.max(axis=1)) / 2
+    radius = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1) * (1.0 + 1e-5) + 1e-5
+    return np.column_stack([middle, radius]).astype(np.float32)
+
+
+def _in_cells(
+    triangles: Array, low: Array, high: Array, origin: Array, cells: NDArray[np.int64], cell_m: float, reach_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return (cell, triangle) for all that `_cells_of` returns, a batch after the other."""
+    pairs = [
+        _cells_of(triangles[k : k + BATCH], k, low[k : k + BATCH], high[k : k + BATCH], origin, cells, cell_m, reach_m)
+        for k in range(0, len(triangles), BATCH)
+    ]
+    return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
+
+
+def _cells_of(
+    triangles: Array,
+    number: int,
+    low: Array,
+    high: Array,
+    origin: Array,
+    cells: NDArray[np.int64],
+    cell_m: float,
+    reach_m: float,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return (cell, triangle) for every cell that a batch of triangles, counted from `number`, comes within reach of.
+
+    Cells off a triangle's plane are left out: a slanted roof would otherwise fill all those of its bounding box.
+    """
+    first = np.floor((low - origin) / cell_m).astype(np.int32)
+    span = np.minimum(np.floor((high - origin) / cell_m).astype(np.int32), cells - 1) - first + 1
+    count = span.prod(axis=1)
+    which = np.repeat(np.arange(len(triangles)), count)
+    step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    _, columns, layers = span[which].T
+    cell = first[which] + np.stack([step // (columns * layers), step // layers % columns, step % layers], axis=1)
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    offset = np.einsum("ij,ij->i", normal, triangles[:, 0] - origin)
+    away = np.einsum("ij,ij->i", normal[which], (cell + 0.5) * cell_m) - offset[which]
+    near = np.abs(away) <= reach_m + math.sqrt(0.75) * cell_m
+    flat = (cell[:, 0] * cells[1] + cell[:, 1]) * cells[2] + cell[:, 2]
+    return flat[near].astype(np.int32), (which[near] + number).astype(np.int32)
+
+
+def _triangles(one: Instance) -> Array:
+    placed: Array = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
+    return placed[one.mesh.triangles]
+
+
+def _vector(values: Array) -> Vec3:
+    return (float(values[0]), float(values[1]), float(values[2]))

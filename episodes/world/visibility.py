@@ -1,0 +1,284 @@
+"""What the camera can see of a target, and how far anything solid is: ray casts and distances, all exact geometry."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from episodes.maps.scene import Instance, Mesh
+from foundation.camera import CameraModel, CameraPose
+from foundation.frames import Quat, Vec3, rotate, rotate_inverse
+from foundation.protocol import DETECTION_RANGE_M
+
+SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
+SURELY_M = 0.01  # m, beside a ball around the target, for what rounding does
+NEAR_M = 0.05  # as the renderer's near plane
+VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and inside the frame: less than that names no target
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Visibility:
+    """How much of a target one camera sees."""
+
+    fraction: float  # 0 … 1 of the target's silhouette (as seen unclipped and unhidden) that is in the picture
+    depth_m: float | None  # median planar depth of what is seen; None when nothing is
+
+    @property
+    def visible(self) -> bool:
+        """Whether enough is seen to count."""
+        return self.fraction >= VISIBLE_FRACTION
+
+
+class Hides(Protocol):
+    """Whatever may stand in the way."""
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something lies between it and the origin."""
+        ...
+
+
+def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
+    """Return `count` points (N, 3) and face normals (N, 3) spread evenly over a mesh's area, always the same ones."""
+    tri = mesh.vertices[mesh.triangles].astype(np.float64)
+    cross = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    reach = np.cumsum(area)
+    which = np.searchsorted(reach, (np.arange(count) + 0.5) / count * reach[-1])
+    which = np.minimum(which, len(tri) - 1)
+    # the two-dimensional golden-ratio sequence, folded into the triangle
+    golden = 1.32471795724474602596
+    k = np.arange(count) + 0.5
+    u, v = np.mod(k / golden, 1.0), np.mod(k / golden**2, 1.0)
+    fold = u + v > 1.0
+    u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
+    a, b, c = tri[which, 0], tri[which, 1], tri[which, 2]
+    return a + u[:, None] * (b - a) + v[:, None] * (c - a), cross[which] / area[which, None]
+
+
+def turn(turned: float | Quat) -> Array:
+    """Return the (3, 3) matrix from an asset's FRD axes to NED, of its yaw (rad) or its attitude."""
+    if isinstance(turned, tuple):
+        return np.array([rotate(turned, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
+    c, s = math.cos(turned), math.sin(turned)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _embree(triangles: NDArray[np.float32]) -> EmbreeScene:
+    scene = EmbreeScene()
+    corners = np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.float32)
+    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    return scene
+
+
+class Solids:
+    """Everything that stands in the way and does not move."""
+
+    def __init__(self, instances: Iterable[Instance]) -> None:
+        self._instances = [i for i in instances if i.solid and not i.movable]
+        world, self._boxes = [], np.empty((len(self._instances), 2, 3))
+        for k, one in enumerate(self._instances):
+            placed = one.mesh.vertices @ turn(one.turned).T + np.array(one.position_ned)
+            world.append(placed[one.mesh.triangles])
+            self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
+        self._owner = np.repeat(np.arange(len(world)), [len(triangles) for triangles in world])
+        self._scene = _embree(np.concatenate(world).astype(np.float32))
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something solid lies between it and the origin."""
+        start = np.broadcast_to(np.array(origin, dtype=np.float32), points.shape)
+        way = (points - np.array(origin)).astype(np.float32)
+        # rays are not normalised: a parameter of 1 is the point itself
+        reach = np.full(len(points), 0.999, dtype=np.float32)
+        return np.asarray(self._scene.run(np.ascontiguousarray(start), way, reach, query="OCCLUDED")) >= 0
+
+    def range_m(self, origin: Vec3, direction: Vec3) -> float:
+        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        unit = np.array(direction) / np.linalg.norm(direction)
+        hit = self._scene.run(np.array([origin], np.float32), unit[None].astype(np.float32), output=1)
+        return float(hit["tfar"][0]) if hit["primID"][0] >= 0 else math.inf
+
+    def clearance_m(self, point: Vec3) -> float:
+        """Return the distance (m) from a point to the nearest solid surface."""
+        p = np.array(point)
+        outside = np.maximum(np.maximum(self._boxes[:, 0] - p, p - self._boxes[:, 1]), 0.0)
+        to_box = np.linalg.norm(outside, axis=1)
+        best = math.inf
+        for k in np.argsort(to_box):
+            if to_box[k] >= best:
+                break
+            one = self._instances[k]
+            local = turn(one.turned).T @ (p - np.array(one.position_ned))
+            best = min(best, distance_to_mesh(one.mesh, local))
+        return best
+
+
+class Together(Solids):
+    """Several groups of solids as one: a map's, laid out once, and the few that a record adds."""
+
+    def __init__(self, *groups: Solids) -> None:
+        self._groups = groups
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something solid lies between it and the origin."""
+        hidden: NDArray[np.bool_] = np.any([group.hidden(origin, points) for group in self._groups], axis=0)
+        return hidden
+
+    def range_m(self, origin: Vec3, direction: Vec3) -> float:
+        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        return min(group.range_m(origin, direction) for group in self._groups)
+
+    def clearance_m(self, point: Vec3) -> float:
+        """Return the distance (m) from a point to the nearest solid surface."""
+        return min(group.clearance_m(point) for group in self._groups)
+
+
+class Without(Solids):
+    """A map's solids but one, on the rays that are laid out for all of them: what may hide that one."""
+
+    def __init__(self, everything: Solids, left_out: Instance) -> None:
+        """Share what `everything` has laid out. Raises ValueError when the one left out is none of it."""
+        self._instances, self._boxes = everything._instances, everything._boxes.copy()
+        self._owner, self._scene = everything._owner, everything._scene
+        self._out = next((k for k, one in enumerate(self._instances) if one.id == left_out.id), -1)
+        if self._out < 0:
+            raise ValueError(f"{left_out.name} is not among the solids")
+        self._boxes[self._out] = np.inf  # never near anything
+
+    def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
+        """Return for each point (N, 3) whether something solid lies between it and the origin.
+
+        The points are of the one left out, on its side towards the origin: a ray that meets it first is at its end.
+        """
+        start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
+        way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
+        hit = self._scene.run(start, way, np.full(len(points), 0.999, dtype=np.float32), output=1)
+        met = hit["primID"] >= 0
+        met &= hit["tfar"] < 0.999
+        met[met] = self._owner[hit["primID"][met]] != self._out
+        return np.asarray(met)
+
+    def range_m(self, origin: Vec3, direction: Vec3) -> float:
+        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        unit = (np.array(direction) / np.linalg.norm(direction)).astype(np.float32)[None]
+        gone = 0.0
+        while True:
+            from_here = (np.array(origin) + gone * unit[0]).astype(np.float32)[None]
+            hit = self._scene.run(from_here, unit, output=1)
+            if hit["primID"][0] < 0:
+                return math.inf
+            gone += float(hit["tfar"][0])
+            if self._owner[hit["primID"][0]] != self._out:
+                return gone
+            gone += 1e-3  # through the surface of the one left out
+
+
+def distance_to_mesh(mesh: Mesh, point: Array) -> float:
+    """Return the distance (m) from a point in the mesh's axes to its nearest triangle.
+
+    Closest point by the regions of the triangle (Ericson, Real-Time Collision Detection, section 5.1.5), as the nearer
+    of its plane's foot when inside and its three edges.
+    """
+    tri = mesh.vertices[mesh.triangles].astype(np.float64)
+    a, b, c = tri[:, 0], tri[:, 1], tri[:, 2]
+    normal = np.cross(b - a, c - a)
+    square = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-18)
+    above = np.einsum("ij,ij->i", point - a, normal)
+    inside = np.ones(len(tri), dtype=bool)
+    nearest = np.full(len(tri), np.inf)
+    for p, q in ((a, b), (b, c), (c, a)):
+        edge, to = q - p, point - p
+        inside &= np.einsum("ij,ij->i", np.cross(edge, to), normal) >= 0.0
+        share = np.clip(
+            np.einsum("ij,ij->i", to, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-18), 0.0, 1.0
+        )
+        gap = to - share[:, None] * edge
+        nearest = np.minimum(nearest, np.einsum("ij,ij->i", gap, gap))
+    nearest = np.where(inside, above**2 / square, nearest)
+    return math.sqrt(float(nearest.min()))
+
+
+class TargetView:
+    """Answers how much of one target a camera sees past the solids."""
+
+    def __init__(self, mesh: Mesh, solids: Hides) -> None:
+        self._points, self._normals = surface_samples(mesh)
+        self._own = _embree(mesh.vertices[mesh.triangles])
+        self._solids = solids
+        self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
+
+    def sight(
+        self,
+        position_ned: Vec3,
+        turned: float | Quat,
+        pose: CameraPose,
+        camera: CameraModel,
+        past: Hides | None = None,
+    ) -> Visibility:
+        """Return what the camera sees of the target standing at a pose, past the solids or past what is given.
+
+        Each sample that the target shows towards the camera counts with the solid angle of the surface it stands for.
+        """
+        matrix, eye = turn(turned), np.array(pose.position_ned)
+        origin = np.array(position_ned)
+        if np.linalg.norm(origin - eye) > DETECTION_RANGE_M + self._radius or self._beside(position_ned, pose, camera):
+            return Visibility(0.0, None)
+        local_eye = matrix.T @ (eye - origin)
+        way = self._points - local_eye
+        square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-12)
+        weight = -np.einsum("ij,ij->i", way, self._normals) / square**1.5
+        front = np.flatnonzero(weight > 0.0)
+        if len(front) == 0:
+            return Visibility(0.0, None)
+        start = np.ascontiguousarray(np.broadcast_to(local_eye.astype(np.float32), (len(front), 3)))
+        hit = self._own.run(start, way[front].astype(np.float32), output=1)
+        shown = front[hit["tfar"] > 0.9998]  # the first thing the ray meets on the target is the sample itself
+        total = float(weight[shown].sum())
+        if total <= 0.0:
+            return Visibility(0.0, None)
+        points = self._points[shown] @ matrix.T + origin
+        seen = self._in_frame(points, pose, camera)
+        if seen.any():
+            seen[seen] = ~(past or self._solids).hidden(pose.position_ned, points[seen])
+        seen &= square[shown] <= DETECTION_RANGE_M**2
+        if not seen.any():
+            return Visibility(0.0, None)
+        forward = np.array(_axes(pose)[0])
+        depth, share = (points[seen] - eye) @ forward, weight[shown][seen]
+        order = np.argsort(depth)
+        middle = order[np.searchsorted(np.cumsum(share[order]), share.sum() / 2)]
+        return Visibility(float(share.sum()) / total, float(depth[middle]))
+
+    def _beside(self, position_ned: Vec3, pose: CameraPose, camera: CameraModel) -> bool:
+        """Return whether all of the ball around the target is outside the picture: no ray has to be cast then."""
+        eye = pose.position_ned
+        offset = (position_ned[0] - eye[0], position_ned[1] - eye[1], position_ned[2] - eye[2])
+        x, y, z = rotate_inverse(pose.attitude, offset)
+        reach = self._radius + SURELY_M
+        across, under = camera.width / 2 / camera.focal_px, camera.height / 2 / camera.focal_px
+        return (
+            x < -reach
+            or abs(y) - across * x > reach * math.hypot(1.0, across)
+            or abs(z) - under * x > reach * math.hypot(1.0, under)
+        )
+
+    @staticmethod
+    def _in_frame(points: Array, pose: CameraPose, camera: CameraModel) -> NDArray[np.bool_]:
+        forward, right, down = (np.array(axis) for axis in _axes(pose))
+        way = points - np.array(pose.position_ned)
+        x = way @ forward
+        across, under = camera.width / 2 / camera.focal_px, camera.height / 2 / camera.focal_px
+        inside = (x > NEAR_M) & (np.abs(way @ right) <= across * x) & (np.abs(way @ down) <= under * x)
+        return np.asarray(inside)
+
+
+def _axes(pose: CameraPose) -> tuple[Vec3, Vec3, Vec3]:
+    """Return the camera's forward, right and down axes in NED."""
+    n, e, d = (rotate_inverse(pose.attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    return (n[0], e[0], d[0]), (n[1], e[1], d[1]), (n[2], e[2], d[2])

@@ -1,0 +1,224 @@
+"""One episode's world: its map with the target in it, and every true answer about the two."""
+
+import difflib
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from episodes import maps
+from episodes.camera.framing import PictureBox, in_camera, picture_box
+from episodes.maps import assets
+from episodes.maps.assets.multirotor import X500, Outline
+from episodes.maps.scene import Instance, Moved, Scene
+from episodes.records.record import EpisodeRecord, TargetRecord
+from episodes.world.fleet import DronePose, Fleet
+from episodes.world.target import TargetMotion, motion
+from episodes.world.visibility import Hides, Solids, TargetView, Together, Without, turn
+from episodes.world.wheels import Wheels, on_ground
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
+from foundation.once import once
+from foundation.terrain import HeightField
+
+NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
+NATIVE_TURNED_RAD = math.radians(0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The truth about one drone and the target at one instant."""
+
+    target_ned: Vec3  # m, centre of the target's box
+    distance_m: float  # m, body origin to that centre, in three dimensions
+    distance_box_m: float  # m, body origin to the nearest point of the target's oriented box; 0 inside
+    visible: bool
+    visible_fraction: float  # 0 … 1 of the target's silhouette that is in the picture and not hidden
+    bearing_deg: float  # [-180, 180), of the centre, horizontal, from the nose, + to the right
+    oracle_depth_m: float | None  # m, median planar depth of the visible surface; None when none is visible
+    target_frd: Vec3  # m, the target's centre in camera axes: forward, right, down of the optical centre
+    target_box: PictureBox | None  # its oriented box in the picture, nothing counted as hidden; None: not in it
+
+
+class World:
+    """The map of a record with its target and look-alikes. Time is seconds since the episode began."""
+
+    def __init__(self, record: EpisodeRecord, drone: Outline = X500, drones: int | None = None) -> None:
+        """Build the scene; of a fleet, each drone looks like `drone`, and there are as many as the record has starts.
+
+        Raises UsageError for an unknown map, asset or paint, or a native target that is not so.
+        """
+        self.record = record
+        self._motion = motion(record.target)
+        built = maps.build(record.map, record.map_seed)
+        next_id = max(i.id for i in built.instances) + 1
+        native = _native(built, record)
+        if native:  # to the last digit where the map has it; a record's are rounded
+            self._motion = TargetMotion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
+        moves, ground = self._motion.speed_mps > 0.0, built.terrain
+        target = native or _placed(next_id, "target", record.target, ground, movable=moves)
+        others = tuple(
+            _placed(next_id + k, f"candidate-{k}", one, ground) for k, one in enumerate(record.candidates, 1)
+        )
+        self.target = target
+        self.target_id: int = target.id
+        self.target_and_lookalikes = (target, *others)
+        added = others if native else (target, *others)
+        self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
+        self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
+        # what cameras see: the scene and the drones of a fleet
+        self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
+        # what may hide the target: everything that stands but the target itself
+        standing = solids(record.map, record.map_seed)
+        if native:
+            standing = Without(standing, native)
+        self.solids = Together(standing, Solids(others)) if others else standing
+        self._view = TargetView(target.mesh, self.solids)
+        # what keeps a target that drives on the ground
+        self._wheels = Wheels.if_any(record.target.asset, target.mesh) if moves else None
+        low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
+        self._half = tuple(float(v) for v in (high - low) / 2)
+        self._middle = tuple(float(v) for v in (high + low) / 2)
+
+    def target_pose(self, t_s: float) -> tuple[Vec3, float | Quat]:
+        """Return how the target stands: m NED of its origin, and its yaw (rad) or its attitude (FRD → NED)."""
+        if not self.target.movable:
+            return self.target.position_ned, self.target.turned
+        return on_ground(self._wheels, self.scene.terrain, self._motion.pose(t_s))
+
+    def target_upright(self, t_s: float) -> tuple[Vec3, float]:
+        """Return where the target's origin (m NED) would be if it stood level around the same middle, and its yaw."""
+        place, yaw = self._motion.pose(t_s)
+        standing, turned = self.target_pose(t_s)
+        if not isinstance(turned, tuple):
+            return place, yaw
+        higher = self._centre(standing, turned)[2] - self._centre(place, yaw)[2]
+        return (place[0], place[1], place[2] + higher), yaw
+
+    def target_centre(self, t_s: float) -> Vec3:
+        """Return the centre (m, NED) of the target's box."""
+        return self._centre(*self.target_pose(t_s))
+
+    def _centre(self, place: Vec3, turned: float | Quat) -> Vec3:
+        x, y, z = self._middle
+        if isinstance(turned, tuple):
+            arm = rotate(turned, (x, y, z))
+            return (place[0] + arm[0], place[1] + arm[1], place[2] + arm[2])
+        c, s = math.cos(turned), math.sin(turned)
+        return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
+
+    def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
+        """Return for the renderer where everything that moves is: of `scene`, or with `drones` of `filmed`.
+
+        `drones` are those that are to be seen, by number: all but the one whose camera it is.
+        """
+        moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
+        return moved if drones is None else {**moved, **self.fleet.moved(drones)}
+
+    def past(self, others: Iterable[DronePose]) -> Hides:
+        """Return what may hide the target: everything that stands, and drones at these poses among it."""
+        poses = tuple(others)
+        return self.fleet.among(self.solids, poses) if poses else self.solids
+
+    def measure(
+        self,
+        t_s: float,
+        position_ned: Vec3,
+        attitude: Quat,
+        camera: CameraModel,
+        others: Iterable[DronePose] = (),
+    ) -> Measurement:
+        """Return the truth about a drone whose body origin and attitude (FRD → NED) are given, other drones around."""
+        place, turned = self.target_pose(t_s)
+        centre = self._centre(place, turned)
+        local = turn(turned).T @ (np.array(position_ned) - np.array(centre))
+        beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
+        lever = rotate(attitude, camera.offset_frd)
+        eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
+        pose = CameraPose(eye, attitude)
+        sight = self._view.sight(place, turned, pose, camera, self.past(others))
+        toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
+        return Measurement(
+            target_ned=centre,
+            distance_m=math.dist(position_ned, centre),
+            distance_box_m=math.hypot(*beyond),
+            visible=sight.visible,
+            visible_fraction=sight.fraction,
+            bearing_deg=math.degrees(wrap_pi(toward - quat_yaw(attitude))),
+            oracle_depth_m=sight.depth_m,
+            target_frd=in_camera(centre, pose),
+            target_box=picture_box([in_camera(corner, pose) for corner in self._corners(centre, turned)], camera),
+        )
+
+    def _corners(self, centre: Vec3, turned: float | Quat) -> list[Vec3]:
+        """Return the corners (m, NED) of the target's box, where its centre is and as it is turned."""
+        x, y, z = self._half
+        if isinstance(turned, tuple):
+            arms = [rotate(turned, (a * x, b * y, d * z)) for a, b, d in itertools.product((-1.0, 1.0), repeat=3)]
+            return [(centre[0] + n, centre[1] + e, centre[2] + down) for n, e, down in arms]
+        c, s = math.cos(turned), math.sin(turned)
+        return [
+            (centre[0] + a * x * c - b * y * s, centre[1] + a * x * s + b * y * c, centre[2] + d * z)
+            for a, b, d in itertools.product((-1.0, 1.0), repeat=3)
+        ]
+
+    def ground_down(self, north: float, east: float) -> float:
+        """Return the NED z (m) of the ground."""
+        return self.scene.terrain.at(north, east)
+
+    def clearance_m(self, point_ned: Vec3) -> float:
+        """Return the distance (m) from a point to the nearest solid that does not move, ground included.
+
+        The target is not among them: its distance is `measure(…).distance_box_m`.
+        """
+        return self.solids.clearance_m(point_ned)
+
+
+def solids(name: str, seed: int) -> Solids:
+    """Return what stands on a map and does not move; of one that ships, laid out once per process."""
+    return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
+
+
+@once(4)
+def _solids(name: str, seed: int) -> Solids:
+    return Solids(maps.build(name, seed).instances)
+
+
+def _placed(number: int, name: str, one: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
+    """Return a thing that a record adds to its map, where it is at the beginning, on its wheels if it has any."""
+    if one.paint is None:
+        raise UsageError(f"field '{name}.paint' is missing: only a target that the map brings has none.")
+    mesh = assets.build(one.asset, one.paint, one.inscription)
+    level = motion(one).pose(0.0)
+    place, turned = on_ground(Wheels.if_any(one.asset, mesh), ground, level)
+    attitude = turned if isinstance(turned, tuple) else None
+    return Instance(number, name, one.asset, mesh, place, level[1], movable=movable, attitude=attitude)
+
+
+def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
+    """Return the map's own instance that a record names as its target; None when it names none. Raises UsageError."""
+    name = record.target.native
+    if name is None:
+        return None
+    found = next((i for i in built.instances if i.name == name and i.kind != "ground" and i.solid), None)
+    if found is None:
+        near = difflib.get_close_matches(name, [i.name for i in built.instances if i.kind != "ground"], 3, 0.4)
+        hint = f": did you mean {', '.join(near)}?" if near else "."
+        raise UsageError(
+            f"{record.id}: field 'target.native' is '{name}', which map '{record.map}' does not have{hint}"
+        )
+    if found.kind != record.target.asset:
+        raise UsageError(
+            f"{record.id}: field 'target.asset' is '{record.target.asset}', but '{name}' is a '{found.kind}'."
+        )
+    place, yaw = motion(record.target).pose(0.0)
+    off, turned = math.dist(place, found.position_ned), wrap_pi(yaw - found.yaw)
+    if off > NATIVE_OFF_M or abs(turned) > NATIVE_TURNED_RAD:
+        raise UsageError(
+            f"{record.id}: field 'target.position_ned' or 'target.yaw_deg' is {off:.3f} m and "
+            f"{math.degrees(turned):.2f}° off where '{name}' stands."
+        )
+    return found

@@ -1,0 +1,351 @@
+"""The rows of the logs, a dataclass each: names, units and frames of everything that is flown into a file.
+
+Times are vehicle seconds since the episode began, places metres in the map's NED frame, unless a field says otherwise.
+A field with a default may be missing in the line of an older version: None, or UNSET where null would say something
+else. Fields may be added and none renamed, so that a reader takes what it does not know as it comes.
+
+The annotations are read three times over: by mypy, by the strict reader (`reading.py`), and by the published schemas
+(`schemas/`), which hold the descriptions.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from msgspec import UNSET, Meta, UnsetType
+
+from foundation.protocol import FINISHED
+
+LARGE = 1e12  # beyond it a number is damage
+DRONES = 255  # as many as MAVLink has system ids
+
+# `wrong`: what the reader says of a value that is none of these
+Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
+DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is the first",
+                                  extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
+Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
+Seconds = Annotated[float, Meta(gt=-LARGE, lt=LARGE, description="s of vehicle time since the episode began")]
+Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
+Deviation = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a standard deviation"})]
+Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
+InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]
+Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: nobody measured it",
+                                      extra={"wrong": "is neither true nor false"})]  # fmt: skip
+ActionObject = Annotated[
+    dict[str, Any],
+    Meta(
+        extra={"wrong": "is not an action"},
+        extra_json_schema={"properties": {"action": {"type": "string"}}, "required": ["action"]},
+    ),
+]
+Cap = Annotated[float, Meta(gt=0.0, lt=LARGE, extra={"wrong": "is not a time"})]
+TraceSource = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
+ResetQuantity = Literal["yaw", "position", "velocity", "height"]
+Surveyed = Annotated[dict[str, Number | None], Meta(extra={"wrong": "is not a surveyed place"})]
+
+
+def _of(description: str) -> Meta:
+    return Meta(description=description)
+
+
+def drone_label(drone: int) -> str:
+    """Return a drone's name for people, who count from 1; files and columns count from 0."""
+    return f"drone {drone + 1}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What every run.json tells, whatever flew; all else in it is the run's configuration."""
+
+    schema: Annotated[int, Meta(ge=1, description="version of the folder's files; none before there were any",
+                                extra={"wrong": "is not a version"})] | UnsetType = UNSET  # fmt: skip
+    versions: Annotated[dict[str, str], _of("of dronecats, Python and the packages that matter to a number")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeIdentity:
+    """What was really flown: identity.json. Episodes that differ in it are not of one kind."""
+
+    code_sha256: Annotated[str, _of("of the sources that decide what is flown and how it is judged")]
+    record_sha256: Annotated[str | None, _of("of the bytes of episode.json; null: there is none")]
+    frames: Annotated[Whole, _of("pictures that the pilot was shown")]
+    frames_sha256: Annotated[str | None, _of("of their JPEG bytes in the order of their names; null: none was taken")]
+    served: Annotated[
+        tuple[str, ...],
+        _of("models as the vendor's answers name them, and its version of each; empty: nothing but what was asked for"),
+    ]
+    pace: Annotated[dict[str, float], _of("how well a real-time flight held it")] | UnsetType = UNSET
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What the pilot decided, on which frame, when: a line of decisions.jsonl, by the agent."""
+
+    step: Whole
+    drone: DroneNumber
+    frame_id: Whole
+    t_frame: Annotated[Seconds, _of("s, when the picture was taken")]
+    t_decided: Annotated[Seconds, _of("s, when the reply was there")]
+    reply: Annotated[str, _of("as received")] | UnsetType = UNSET
+    action: Annotated[ActionObject | None, _of("parsed, point in [x, y]; null: the reply holds no valid action")]
+    error: Annotated[str | None, _of("why there is no action")] = None
+    mended: Annotated[tuple[str, ...], _of("what was mended in the reply, codes: docs/replies.md")] | UnsetType = UNSET
+    latency_s: Annotated[Number | None, _of("s of vehicle time that the reply took")] = None
+    tokens_in: int | None = None
+    tokens_out: int | None = None
+    thinking: Annotated[bool | None, _of("whether the model was let to reason at length")] = None
+    rate_hz: Annotated[Number | None, _of("decisions per s of vehicle time since the last; null: the first")] = None
+    finish: (
+        Annotated[str, _of("why the reply ends: length, filtered, refusal, …; missing: it was done")] | UnsetType
+    ) = UNSET
+    report: Annotated[bool, _of("under a commander: arrival is reported to it here, and not declared")] | UnsetType = (
+        UNSET
+    )
+    confirmed_by: (
+        Annotated[Whole, _of("number of the commander's exchange that declares, on the frame that it saw")] | UnsetType
+    ) = UNSET
+    served: (
+        Annotated[str, _of("what answered, in the vendor's words; missing: as before, at first the name asked for")]
+        | UnsetType
+    ) = UNSET
+    tokens_cached: Annotated[Whole, _of("of tokens_in, had from before; missing: not told")] | UnsetType = UNSET
+    tokens_reasoning: Annotated[Whole, _of("of tokens_out, reasoning; missing: not told")] | UnsetType = UNSET
+    endpoint: (
+        Annotated[str, _of("whom a router had answer, in its words, as OpenRouter's provider; missing: not told")]
+        | UnsetType
+    ) = UNSET
+    host_lag_s: (
+        Annotated[
+            Number, _of("s of wall time × speed by which the vehicle's clock fell behind since the last decision")
+        ]
+        | UnsetType
+    ) = UNSET  # in lockstep there is no such thing
+    frame_wait_s: (
+        Annotated[Number, _of("s of wall time × speed for which the picture was waited for, of a fleet for each")]
+        | UnsetType
+    ) = UNSET
+
+    @property
+    def kind(self) -> str | None:
+        """The action's name, as in `foundation.protocol`; None where the reply holds none."""
+        return None if self.action is None else str(self.action["action"])
+
+    @property
+    def declares(self) -> bool:
+        """Whether it declares arrival; what is reported to a commander is for the commander to declare."""
+        return self.kind == FINISHED and self.report is not True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """Why a commander was asked."""
+
+    why: Annotated[Literal["start", "report", "stall", "time"], Meta(extra={"wrong": "is no cause"})]
+    drone: Annotated[DroneNumber | None, _of("whose report or stall it is")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """What a commander has one drone do."""
+
+    drone: DroneNumber
+    goal: Annotated[str, _of("the instruction of the drone's own agent from its next question on")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exchange:
+    """A question to the commander and what came of it: a line of commander.jsonl, by the agent."""
+
+    number: Annotated[Whole, _of("0 is the first")]
+    t_asked: Annotated[Seconds, _of("s, when it was asked: no earlier than its newest picture")]
+    t_answered: Annotated[Seconds | None, _of("s, when the reply was there; null: the episode was over before")]
+    causes: tuple[Cause, ...]
+    roster: Annotated[str, _of("what was said of the drones, as it stood in the question")]
+    frames: Annotated[tuple[Whole, ...], _of("frame_id of each drone's picture, the first drone's first")]
+    reply: Annotated[str | None, _of("as received; null: none came in time")]
+    orders: Annotated[tuple[Order, ...], _of("those that were carried out")]
+    confirms: Annotated[tuple[DroneNumber, ...], _of("drones whose report was confirmed: a decision each")]
+    error: Annotated[str | None, _of("why the reply, or a part of it, changed nothing")] = None
+    latency_s: Annotated[Number | None, _of("s of vehicle time that the reply took")] = None
+    tokens_in: int | None = None
+    tokens_out: int | None = None
+    model: Annotated[str, _of("its name")]
+    served: (
+        Annotated[str, _of("what answered, in the vendor's words; missing: as before, at first the name asked for")]
+        | UnsetType
+    ) = UNSET
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Begin:
+    """The beginning of the episode, in truth.jsonl."""
+
+    kind: Literal["begin"] = "begin"
+    t: Seconds = 0.0
+    t0_us: Annotated[int, _of("µs, the vehicle's clock at t = 0, whatever that counts from")]
+    cap_s: Annotated[Cap | None, _of("s, the length of the flight")] = None
+    source: Annotated[TraceSource | UnsetType | None, _of("estimate: all that follows is an autopilot's own")] = UNSET
+    contacts: Annotated[bool, _of("whether hits are written; missing: they are not")] | UnsetType = UNSET
+    resets: (
+        Annotated[bool, _of("whether estimator resets are written; missing: the autopilot does not tell them")]
+        | UnsetType
+    ) = UNSET
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Where a drone was, every half second, in truth.jsonl."""
+
+    kind: Literal["pose"] = "pose"
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place, _of("m, NED, of the body")]
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
+    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
+    visible: Visible
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameTruth:
+    """What was true when a frame was taken, in truth.jsonl."""
+
+    kind: Literal["frame"] = "frame"
+    frame_id: Whole
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place | None, _of("m, NED, of the body")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
+    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
+    distance_box_m: Annotated[Distance | None, _of("m, body to the nearest point of the target's box")] = None
+    visible: Visible
+    visible_fraction: Annotated[Number | None, _of("share of the target's silhouette that is open to view")] = None
+    bearing_deg: Annotated[Number | None, _of("°, of the target's centre from the nose, + right")] = None
+    oracle_depth_m: Annotated[
+        Number | None, _of("m along the optical axis, median of the target's surface that is seen; null: none is")
+    ] = None
+    target_frd: Annotated[
+        Place | None, _of("m, of the target's centre from the optical centre: forward, right, down of the camera")
+    ] = None
+    target_box: Annotated[
+        InPicture | None,
+        _of("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hit:
+    """A drone flew into something, in truth.jsonl. Of one contact each thing is written once."""
+
+    kind: Literal["hit"] = "hit"
+    t: Seconds
+    drone: DroneNumber
+    what: Annotated[str, _of("its name on the map, 'another drone' or 'the ground'")]
+    closing_speed: Annotated[Number | None, _of("m/s, with which the contact began; null: of the ground")] = None
+    crash: Annotated[bool, _of("it was the first that was hard enough to break something")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clear:
+    """A drone has touched nothing for half a second, in truth.jsonl."""
+
+    kind: Literal["clear"] = "clear"
+    t: Seconds
+    drone: DroneNumber
+    contact_s: Annotated[Number, _of("s, from the first hit of the contact to its last touch")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reset:
+    """The autopilot's estimator was reset, in truth.jsonl: its counter in ODOMETRY went up.
+
+    The jumps are what the estimate moved by between two messages beyond its own velocity and rate of turn.
+    """
+
+    kind: Literal["reset"] = "reset"
+    t: Seconds
+    drone: DroneNumber
+    count: Annotated[Whole, _of("resets since the message before, 1 or more")]
+    quantities: Annotated[
+        tuple[ResetQuantity, ...], _of("yaw, position, velocity, height: those whose jump is too large to be motion")
+    ]
+    yaw_deg: Annotated[Number, _of("°, jump of the heading, + right")]
+    position_m: Annotated[Number, _of("m, horizontal jump of the position")]
+    height_m: Annotated[Number, _of("m, jump of the height, + up")]
+    velocity_mps: Annotated[Number, _of("m/s, change of the velocity")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """The end of the episode, in truth.jsonl."""
+
+    kind: Literal["end"] = "end"
+    t: Seconds
+    reason: Annotated[str, _of("cap, decided, budget, rejected, interrupted, takeover or error")]
+    error: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimateHead:
+    """What an estimate was derived from, the first line of estimate.jsonl."""
+
+    kind: Literal["estimate"] = "estimate"
+    source: Annotated[str, _of("name of the log that the positions are of")] | UnsetType = UNSET
+    origin: Annotated[Place | None, _of("lat °, lon °, alt m above mean sea level, of the local frame")] = None
+    target: Annotated[Surveyed | None, _of("latitude_deg, longitude_deg, altitude_m, std_m, as surveyed")] = None
+    target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedPose:
+    """Where the autopilot thought it was, smoothed, every half second, in estimate.jsonl."""
+
+    kind: Literal["pose"] = "pose"
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place, _of("m, NED in the autopilot's local frame")]
+    position_std_m: Annotated[Place | None, _of("m, standard deviation per axis")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
+    distance_m: Annotated[Distance | None, _of("m to the surveyed target, horizontally where it has no altitude")]
+    distance_std_m: Annotated[Deviation | None, _of("m, standard deviation of that")] = None
+    visible: Visible
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatedFrame:
+    """Where the autopilot thought it was when a frame was taken, in estimate.jsonl."""
+
+    kind: Literal["frame"] = "frame"
+    frame_id: Whole
+    t: Seconds
+    drone: DroneNumber
+    position_ned: Annotated[Place | None, _of("m, NED in the autopilot's local frame")] = None
+    position_std_m: Annotated[Place | None, _of("m, standard deviation per axis")] = None
+    yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
+    target_ned: Annotated[Place | None, _of("m, NED in the local frame")] = None
+    distance_m: Annotated[Distance | None, _of("m to the surveyed target, horizontally where it has no altitude")]
+    distance_std_m: Annotated[Deviation | None, _of("m, standard deviation of that")] = None
+    visible: Visible
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownThing:
+    """A thing of the record that stands somewhere."""
+
+    position_ned: Annotated[Place | None, _of("m, NED, on the ground under its middle; null: it moves")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownRecord:
+    """What of episode.json the judging of a fleet goes by; the record itself is `episodes.records.record`."""
+
+    cell: str
+    target: FlownThing
+    candidates: tuple[FlownThing, ...] = ()
+
+
+TRUTH_ROWS = {  # by `kind`
+    "begin": Begin, "pose": Pose, "frame": FrameTruth, "hit": Hit, "clear": Clear, "reset": Reset, "end": End,
+}  # fmt: skip
+ESTIMATE_ROWS = {"estimate": EstimateHead, "pose": EstimatedPose, "frame": EstimatedFrame}

@@ -1,0 +1,59 @@
+"""The published schemas of the run folder's files, made from the rows themselves. `make schemas` writes them."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from foundation.run_folder import layout
+from foundation.run_folder.benchmark import Benchmark
+from foundation.run_folder.results import Result, Verdict
+from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, Run
+from foundation.run_folder.study import Study
+
+FOLDER = Path(__file__).with_name("schemas")
+SAYS = "https://json-schema.org/draft/2020-12/schema"
+EMPTY = {"type": "object", "maxProperties": 0}
+FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name -> (what it is of, the rows that it may be)
+    "run": (layout.RUN, (Run,)),
+    "bench": (layout.BENCH, (Benchmark,)),
+    "study": (layout.STUDY, (Study,)),
+    "decisions": ("A line of decisions.jsonl", (Decision,)),
+    "commander": ("A line of commander.jsonl", (Exchange,)),
+    "truth": ("A line of truth.jsonl", tuple(TRUTH_ROWS.values())),
+    "estimate": ("A line of estimate.jsonl", tuple(ESTIMATE_ROWS.values())),
+    "verdict": (layout.VERDICT, (Verdict,)),
+    "identity": (layout.IDENTITY, (EpisodeIdentity,)),
+    "result": ("What `dronecats fly --json` prints", (Result,)),
+}
+
+
+def published() -> dict[str, dict[str, Any]]:
+    """Return the JSON Schemas by the names of their files."""
+    return {f"{name}.schema.json": _of(title, rows) for name, (title, rows) in FILES.items()}
+
+
+def text(schema: Mapping[str, Any]) -> str:
+    """Return a schema as its file holds it."""
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+
+
+def write() -> None:
+    """Write the files. Raises OSError."""
+    FOLDER.mkdir(exist_ok=True)
+    for name, schema in published().items():
+        (FOLDER / name).write_text(text(schema), encoding="utf-8")
+
+
+def _of(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
+    tops, parts = msgspec.json.schema_components(rows, ref_template="#/$defs/{name}")
+    for part in parts.values():
+        if kind := part["properties"].pop("kind", None):  # which a row's constructor knows, and a line has to tell
+            part["properties"] = {"kind": {"const": kind["default"]}, **part["properties"]}
+            part["required"] = ["kind", *part["required"]]
+    if verdict := parts.get("Verdict"):
+        verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # as a row it is None
+    one = dict(next(iter(tops))) if len(rows) == 1 else {"anyOf": list(tops)}
+    return {"$schema": SAYS, "title": title, **one, "$defs": parts}

@@ -1,0 +1,31 @@
+"""Numbers become the replies that the reader reads as those numbers."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.reply.reading import reading
+from dronecats.bench.bridges.actions import KINDS, reply
+
+
+@given(
+    st.sampled_from(range(len(KINDS))),
+    st.tuples(st.floats(0, 1000), st.floats(0, 1000)),
+    st.floats(0.1, 300),
+    st.floats(-90, 90),
+)
+def test_every_action_in_the_space_is_read_strictly_as_itself(kind, point, depth_m, angle_deg):
+    (one,) = reading(reply(kind, point, depth_m, angle_deg), 1, "xy", "strict")
+    assert one.action is not None, one
+    told = one.action.as_json()
+    assert told["action"] == KINDS[kind]
+    if told["action"] == "go":
+        assert told["point"] == pytest.approx(list(point))
+        assert told["depth_m"] == pytest.approx(depth_m)
+    if told["action"] == "rotate":
+        assert told["angle_deg"] == pytest.approx(angle_deg)
+
+
+def test_a_kind_that_is_none_is_refused():
+    with pytest.raises(ValueError, match=r"0 .*3, .*4"):
+        reply(4, (0, 0), 1, 0)

@@ -1,0 +1,94 @@
+"""`DroneCATS-v0` against Gymnasium's own checker, and against the run folder of what it flew."""
+
+import json
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Text
+from gymnasium.utils.env_checker import check_env
+
+from dronecats.bench.bridges import gymnasium_spaces as spaces
+from dronecats.bench.bridges.gymnasium_env import ENV_ID
+from dronecats.bench.bridges.pictures import picture
+from foundation.errors import UsageError
+from foundation.run_folder.layout import frame_name
+
+EPISODE, FLEET = "residential-approaching-03", "blocks-commanding-01"
+DECLARE = {"kind": 3, "point": np.zeros(2, np.float32), "depth_m": np.ones(1, np.float32),
+           "angle_deg": np.zeros(1, np.float32)}  # fmt: skip
+
+
+def made(**options):
+    return gymnasium.make(ENV_ID, **{"episodes": [EPISODE], "seconds": 5.0, **options}).unwrapped
+
+
+@pytest.mark.slow  # some twenty flights begin
+def test_gymnasiums_own_checker_finds_nothing():
+    env = made(render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized space.*")  # ours are the paper's units
+        check_env(env)
+    env.close()
+
+
+def test_an_episode_ends_with_its_time_and_the_verdict(tmp_path):
+    env = made(out=tmp_path, reward="verdict")
+    seen, about = env.reset(seed=0)
+    assert about == {"episode": EPISODE}
+    assert seen in env.observation_space
+    assert "motorcycle" in seen["instruction"]
+    assert seen["frame"].std() > 10.0  # a picture, and no grey one
+    steps = 0
+    while True:
+        seen, reward, terminated, truncated, about = env.step(DECLARE)
+        steps += 1
+        if terminated or truncated:
+            break
+    assert (reward, terminated, truncated) == (0.0, False, True)
+    assert about["verdict"]["outcome"] == "failure"
+    (folder,) = tmp_path.glob(f"*/{EPISODE}")
+    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+    assert [row["action"] for row in decisions] == [{"action": "finished"}] * steps
+    assert json.loads((folder.parent / "run.json").read_text())["flight"]["outside"]["harness"] == "gymnasium"
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(DECLARE)
+
+
+def test_a_fleet_is_commanded_by_one_action_for_each_drone(tmp_path):
+    env = made(episodes=[FLEET], out=tmp_path, render_mode="rgb_array")
+    seen, about = env.reset(seed=0)
+    assert seen in env.observation_space
+    assert seen["frames"].shape == (4, 360, 640, 3)
+    assert env.render().shape == (4 * 360, 640, 3)
+    assert len({frame.tobytes() for frame in seen["frames"]}) == 4  # each drone's own
+    joint = tuple({**DECLARE, "kind": 1, "angle_deg": np.array([turn], np.float32)} for turn in (10, 20, -30, 40))
+    assert joint in env.action_space
+    terminated = truncated = False
+    while not (terminated or truncated):
+        last, _, terminated, truncated, about = env.step(joint)
+    assert last in env.observation_space
+    assert about["verdict"]["outcome"] == "failure"
+    (folder,) = tmp_path.glob(f"*/{FLEET}")
+    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+    first = [row for row in decisions if row["step"] == 0]
+    assert [(row["drone"], row["action"]["angle_deg"]) for row in first] == [(0, 10), (1, 20), (2, -30), (3, 40)]
+    for row, frame in zip(first, seen["frames"], strict=True):  # in the drones' order
+        kept = folder / "frames" / frame_name(row["frame_id"], row["drone"])
+        np.testing.assert_array_equal(picture(kept.read_bytes()), frame)
+    with pytest.raises(ValueError, match=r"4 .*1"):
+        spaces.joint_reply(DECLARE, 4)
+
+
+def test_one_environment_flies_one_number_of_drones():
+    with pytest.raises(UsageError, match=f"{FLEET} .*4 .*{EPISODE} .*1"):
+        made(episodes=[EPISODE, FLEET])
+
+
+def test_a_space_is_printed_on_a_line_and_is_one_of_texts():
+    space = spaces.observation_space(1)
+    assert len(str(space)) < 200
+    assert "1000" in str(space)
+    assert space["instruction"] == Text(1000, charset=spaces.CHARACTERS)

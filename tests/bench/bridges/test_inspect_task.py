@@ -1,0 +1,110 @@
+"""The suite under Inspect: flown by its own model, scored by our verifier, errors left unscored.
+
+Importing Inspect takes five seconds, so these tests are slow, and each imports it itself.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from foundation.errors import UsageError
+
+pytestmark = pytest.mark.slow
+
+EPISODES = "residential-approaching-03,blocks-commanding-01"
+GO = '{"action": "go", "point": [500, 520], "depth_m": 10}'
+FLEET = "[" + ", ".join([GO] * 4) + "]"
+
+
+def said(text):
+    from inspect_ai.model import ModelOutput, ModelUsage
+
+    usage = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
+    output = ModelOutput.from_content("mockllm/model", text)
+    output.usage = usage
+    return output
+
+
+def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0, **options):
+    from inspect_ai import eval as evaluate
+    from inspect_ai.log import read_eval_log
+    from inspect_ai.model import get_model
+
+    from dronecats.bench.bridges.inspect_task import dronecats
+
+    model = get_model("mockllm/model", custom_outputs=answer, memoize=False)
+    task = dronecats(episodes, seconds=seconds, out=str(tmp_path / "runs"), **options)
+    (log,) = evaluate(task, model=model, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False,
+                      reasoning_effort=reasoning_effort)  # fmt: skip
+    return read_eval_log(log.location)
+
+
+def test_what_inspects_model_says_is_what_is_flown_and_judged(tmp_path):
+    def answer(question, tools, choice, config):
+        pictures = sum(part.type == "image" for part in question[0].content)
+        assert (config.temperature, config.max_tokens) == (0.4, 8192)
+        return said(FLEET if pictures == 4 else GO)
+
+    log = run(tmp_path, answer, seconds=4.0)
+    assert log.status == "success"
+    assert {sample.id for sample in log.samples} == set(EPISODES.split(","))
+    for sample in log.samples:
+        score = sample.scores["verdict"]
+        assert score.value == "I"
+        folder = Path(score.metadata["folder"])
+        assert json.loads((folder / "verdict.json").read_text())["outcome"] == score.metadata["outcome"] == "failure"
+        rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+        assert {row["reply"] for row in rows} == {FLEET if sample.id.startswith("blocks") else GO}
+        assert rows[0]["tokens_in"] == 10
+        asked = [message for message in sample.messages if message.role == "user"]
+        assert len(asked) == len({row["step"] for row in rows}) + 1  # the sample's own input comes first
+    metrics = log.results.scores[0].metrics
+    assert {"accuracy", "approaching", "commanding", "residential", "blocks"} <= set(metrics)
+
+
+@pytest.mark.parametrize("lifted", [None, "high"])
+def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, lifted):
+    words = ['{"action": "think"}', GO, GO]
+    efforts = []
+
+    def answer(question, tools, choice, config):
+        assert (config.temperature, config.max_tokens) == (0.4, 8192)
+        efforts.append(config.reasoning_effort)
+        return said(words[min(len(efforts), len(words)) - 1])
+
+    log = run(tmp_path, answer, episodes=EPISODES.split(",")[0], lifted=lifted, reasoning_effort="low")
+    (sample,) = log.samples
+    folder = Path(sample.scores["verdict"].metadata["folder"])
+    rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+    assert [row["thinking"] for row in rows[:3]] == [False, True, False]
+    assert efforts == [lifted if row["thinking"] and lifted else "low" for row in rows]
+    assert json.loads((folder.parent / "run.json").read_text())["flight"]["outside"].get("lifted") == lifted
+
+
+@pytest.mark.parametrize("text", [EPISODES, json.dumps(EPISODES.split(","))])
+def test_a_list_of_episodes_is_read_as_inspect_hands_it_over(text):
+    from inspect_ai._cli.util import parse_cli_args  # type: ignore[attr-defined]
+
+    from dronecats.bench.bridges.inspect_task import dronecats
+
+    task = dronecats(**parse_cli_args((f"suite={text}",)))
+    assert [sample.id for sample in task.dataset] == EPISODES.split(",")
+
+
+def test_an_effort_that_inspect_does_not_know_is_refused():
+    from dronecats.bench.bridges.inspect_task import dronecats
+
+    with pytest.raises(UsageError, match=r"-T lifted .*minimal, .*'much'"):
+        dronecats("quick", lifted=cast(Any, "much"))
+
+
+def test_a_model_that_breaks_is_an_error_and_no_score(tmp_path):
+    def answer(question, tools, choice, config):
+        raise ConnectionError("the vendor is away")
+
+    log = run(tmp_path, answer)
+    for sample in log.samples:
+        assert sample.error is not None
+        assert not sample.scores

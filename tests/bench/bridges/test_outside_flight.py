@@ -1,0 +1,91 @@
+"""A flight that is answered from outside is to the byte the flight of a pilot that says the same."""
+
+import json
+
+import pytest
+
+from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Outside, Simulated
+from foundation.errors import UsageError
+
+EPISODE = "blocks-commanding-01"
+WORDS = [
+    '{"action": "go", "point": [430, 520], "depth_m": 9}',
+    '{"action": "rotate", "angle_deg": 30}',
+    '{"action": "finished"}',
+]
+
+
+def spec(**more):
+    return FlightSpec(
+        **{
+            "episode": EPISODE,
+            "drones": 1,
+            "simulated": Simulated(speed=None),
+            "outside": Outside(harness="a test", name="three words"),
+            "latency": "fixed:0.5",
+            "seconds": 9.0,
+            **more,
+        }
+    )
+
+
+def flown(flight):
+    asked: list[object] = []
+    while (question := flight.question()) is not None:
+        flight.answer(OutsideReply(WORDS[min(len(asked), 2)], tokens_in=7, tokens_out=3))
+        asked.append(question)
+    return asked
+
+
+def test_it_equals_the_flight_of_a_pilot_that_says_the_same(tmp_path):
+    flight = OutsideFlight(spec(), tmp_path / "outside")
+    asked = flown(flight)
+    result = flight.result()
+    assert result.outcome == "failure"
+    assert result.steps == len(asked) >= 3
+    assert result.pilot == "a test:three words"
+    script = tmp_path / "script.jsonl"
+    script.write_text("".join(json.dumps({"step": k, "reply": word}) + "\n" for k, word in enumerate(WORDS)))
+    with script.open("a") as more:
+        more.writelines(json.dumps({"step": k, "reply": WORDS[2]}) + "\n" for k in range(3, 40))
+    fly(spec(outside=None, pilot=f"recorded:{script}"), tmp_path / "served", lambda line: None)
+    other = tmp_path / "served" / EPISODE
+    for log in ("truth.jsonl", "verdict.json"):
+        assert (flight.folder / log).read_bytes() == (other / log).read_bytes()
+    ours, theirs = ([json.loads(line) for line in (f / "decisions.jsonl").open()] for f in (flight.folder, other))
+    tokens = ("tokens_in", "tokens_out")
+    assert [{**row, **dict.fromkeys(tokens)} for row in ours] == [{**row, **dict.fromkeys(tokens)} for row in theirs]
+    assert {(row["tokens_in"], row["tokens_out"]) for row in ours} == {(7, 3)}
+
+
+def test_a_flight_that_nobody_answers_any_more_is_nobodys_failure(tmp_path):
+    flight = OutsideFlight(spec(), tmp_path)
+    assert flight.question() is not None
+    with pytest.raises(RuntimeError):
+        flight.question()
+    flight.close()
+    assert flight.question() is None
+    told = flight.result()
+    assert (told.outcome, told.reason) == ("error", "interrupted")
+    with pytest.raises(RuntimeError):
+        flight.answer(OutsideReply(WORDS[2]))
+
+
+def test_an_answer_that_cannot_be_had_is_an_error_of_the_infrastructure(tmp_path):
+    flight = OutsideFlight(spec(), tmp_path)
+    assert flight.question() is not None
+    flight.fail("the vendor is away")
+    assert flight.question() is None
+    told = flight.result()
+    assert told.outcome == "error"
+    assert "the vendor is away" in str(told.error)
+
+
+def test_nobody_else_can_fly_it():
+    with pytest.raises(UsageError, match=r"three words.*--model replay:RUN"):
+        look_up(spec())
+    with pytest.raises(ValueError, match="pilot, model or outside"):
+        spec(pilot="vision")

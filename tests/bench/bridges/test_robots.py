@@ -1,0 +1,56 @@
+"""The embodiment under Inspect Robots: conformant, flown by its rollout, scored by our verifier."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from inspect_robots.conformance import assert_embodiment_conformant
+from inspect_robots.eval import eval as evaluate
+from inspect_robots.policy import PolicyBase, PolicyInfo
+from inspect_robots.types import Action, ActionChunk
+
+from dronecats.bench.bridges.robots import DroneEmbodiment, dronecats_task
+
+
+class Turns(PolicyBase):
+    """Turns to the right, and says each third time that it has arrived."""
+
+    def __init__(self, embodiment):
+        self.info = PolicyInfo(
+            name="turns",
+            action_space=embodiment.info.action_space,
+            observation_space=embodiment.info.observation_space,
+        )
+        self.pictures = []
+
+    def act(self, observation):
+        self.pictures.append(observation.images["forward"])
+        kind = 3.0 if len(self.pictures) % 3 == 0 else 1.0
+        return ActionChunk([Action(np.array([kind, 0.0, 0.0, 1.0, 45.0]))])
+
+
+def test_it_is_conformant_and_flown_and_judged(tmp_path):
+    embodiment = DroneEmbodiment(seconds=8.0, out=tmp_path / "run")
+    assert_embodiment_conformant(embodiment.info)
+    policy = Turns(embodiment)
+    task = dronecats_task("residential-approaching-03")
+    (log,) = evaluate(task, policy, embodiment, log_dir=str(tmp_path / "logs"))
+    embodiment.close()
+    assert log.status == "success"
+    folder = tmp_path / "run" / "residential-approaching-03"
+    rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
+    kinds = [row["action"]["action"] for row in rows]
+    assert kinds[:3] == ["rotate", "rotate", "finished"]
+    assert rows[0]["action"]["angle_deg"] == 45.0
+    assert len(policy.pictures) == len(rows)
+    assert policy.pictures[0].shape == (360, 640, 3)
+    assert json.loads((folder / "verdict.json").read_text())["outcome"] == "failure"
+    assert len(list(Path(tmp_path / "logs").rglob("*.json"))) >= 1
+
+
+def test_a_suite_is_its_episodes_of_one_drone():
+    task = dronecats_task("quick")
+    assert len(task.scenes) == 8
+    assert {scene.metadata["cell"] for scene in task.scenes} == {
+        "approaching", "searching", "tracking", "search-and-track"
+    }  # fmt: skip

@@ -1,0 +1,121 @@
+"""A run of many episodes on disk: gone on with, never mixed, nothing thrown away."""
+
+import dataclasses
+import json
+import re
+from typing import Any
+
+import pytest
+
+from dronecats.bench.audit import pars, table, text
+from dronecats.bench.batch import Batch
+from episodes.records import catalogue
+from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.results import Result
+
+FIRST, SECOND, *OTHERS = catalogue.ids()
+
+
+def judged(batch, episode, outcome):
+    folder = batch.fresh(episode)
+    (folder / "episode.json").write_text(catalogue.load(episode).to_json())
+    (folder / "verdict.json").write_text(json.dumps({"outcome": outcome, "steps": 3}))
+    return folder
+
+
+def test_only_what_was_scored_is_done(tmp_path):
+    batch = Batch(tmp_path / "run", {"pilot": "oracle"})
+    broken, torn, nested, empty, absent = OTHERS[:5]
+    judged(batch, FIRST, "success")
+    judged(batch, SECOND, "failure")
+    judged(batch, broken, "error")
+    (judged(batch, torn, "success") / "verdict.json").write_text('{"outcome": "succ')  # killed while it was written
+    (judged(batch, nested, "success") / "verdict.json").write_text("[" * 100_000)
+    batch.fresh(empty)
+    batch.close()
+    again = Batch(tmp_path / "run", {"pilot": "oracle"})
+    assert again.left([FIRST, SECOND, *OTHERS[:5]]) == [broken, torn, nested, empty, absent]
+
+
+def test_a_file_is_kept_under_the_id_in_it_and_is_done_as_long_as_it_is_the_same(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text(catalogue.load(FIRST).to_json())
+    batch = Batch(tmp_path / "run", {})
+    folder = judged(batch, str(file), "success")
+    assert folder == batch.folder(FIRST) == tmp_path / "run" / FIRST
+    batch.close()
+    again = Batch(tmp_path / "run", {})
+    assert again.left([str(file), str(folder)]) == []
+    again.close()
+    file.write_text(dataclasses.replace(catalogue.load(FIRST), instruction="fly home").to_json())
+    assert Batch(tmp_path / "run", {}).left([str(file)]) == [str(file)]
+
+
+def test_a_second_attempt_keeps_the_first(tmp_path):
+    batch = Batch(tmp_path / "run", {})
+    for attempt in ("one", "two", "three"):
+        (batch.fresh(FIRST) / "decisions.jsonl").write_text(attempt)
+    kept = sorted((tmp_path / "run" / layout.UNFINISHED).glob(f"{FIRST}-*/decisions.jsonl"))
+    assert [path.read_text() for path in kept] == ["one", "two"]
+    assert (tmp_path / "run" / FIRST / "decisions.jsonl").read_text() == "three"
+
+
+def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):
+    Batch(tmp_path / "run", {"pilot": "oracle", "seed": 0}).close()
+    with pytest.raises(UsageError, match=r"\bseed\b"):
+        Batch(tmp_path / "run", {"pilot": "oracle", "seed": 1})
+
+
+def test_settings_are_compared_as_they_stand_in_the_file(tmp_path):
+    Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
+    Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
+    with pytest.raises(UsageError, match=r"\benvelope\b"):
+        Batch(tmp_path / "run", {"envelope": {"exclusions": ()}})
+
+
+def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
+    first = Batch(tmp_path / "run", {})
+    with pytest.raises(UsageError, match=f"{tmp_path}/run"):
+        Batch(tmp_path / "run", {})
+    first.close()
+    Batch(tmp_path / "run", {}).close()
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("three years of work")
+    with pytest.raises(UsageError, match=r"run\.json"):
+        Batch(tmp_path, {})
+
+
+def test_a_folder_that_cannot_be_is_a_sentence(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match=f"{tmp_path}/file"):
+        Batch(tmp_path / "file" / "run", {})
+
+
+def results():
+    rows: list[tuple[str, Any, int]] = [
+        ("residential-tracking", "success", 4),
+        ("residential-search-and-track", "success", 9),
+    ]
+    rows += [("campus-approaching", "failure", 30), ("residential-tracking", "error", 1)]
+    return [Result(episode=f"{g}-{k:02d}", outcome=o, steps=s) for k, (g, o, s) in enumerate(rows, 1)]
+
+
+def test_errors_are_nobodys_score():
+    rows = {each.name: each for each in table(results())}
+    assert (rows["residential-tracking"].solved, rows["residential-tracking"].flown) == (1, 1)
+    assert rows["residential-tracking"].errors == 1
+    assert (rows["all"].solved, rows["all"].flown, rows["all"].errors) == (2, 3, 1)
+    assert rows["all"].steps == 6.5
+
+
+def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
+    names = [each.name for each in table(results())]
+    assert names[:3] == ["campus-approaching", "residential-tracking", "residential-search-and-track"]
+    assert re.search(r"\b1 error\b", text(table(results()), {}))
+
+
+def test_pars_are_of_solved_episodes_only():
+    assert pars(results()) == {"residential-tracking-01": 4, "residential-search-and-track-02": 9}

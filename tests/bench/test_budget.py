@@ -1,0 +1,52 @@
+"""A run whose budget is spent is gone on with under a greater one, and what it has cost before counts."""
+
+from dataclasses import replace
+
+import pytest
+
+from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.bench.batch import Batch
+from dronecats.bench.campaign import Came, Campaign, OpenRun
+from dronecats.bench.local import LocalEngine
+from dronecats.bench.matrix import BenchEntry
+from dronecats.flight.run.settings import settings
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
+from dronecats.pilots import roster
+from dronecats.pilots.server import PilotServer
+from foundation.run_folder.layout import LEDGER
+
+EASY = "residential-approaching-01"
+
+
+@pytest.mark.slow
+def test_an_episode_that_cost_too_much_is_flown_again_under_a_greater_limit(tmp_path):
+    server = PilotServer(roster.answer("vision"), "vision").start()
+    model = ModelSpec(provider="local", name="vision", base_url=server.base_url)
+    spec = FlightSpec(
+        model=model, simulated=Simulated(speed=None), seed=3, latency="fixed:0.5", accounts=Accounts(token_limit=2000)
+    )
+
+    def flown(each):
+        flight = look_up(each)
+        batch = Batch(tmp_path / "run", settings(flight, flight.camera))
+        try:
+            came: list[Came] = []
+            run = OpenRun(entry=BenchEntry(name="run", flight=each, episodes=(EASY,)), batch=batch, part=(EASY,))
+            ending = Campaign([run], jobs=1).fly(LocalEngine(tmp_path / "worker.log", 1), came.append)
+            return ending, [one.result for one in came], batch.left([EASY])
+        finally:
+            batch.close()
+
+    ending, (spent,), left = flown(spec)
+    assert ending == "budget"
+    assert (spent.outcome, spent.reason, left) == ("error", "budget", [EASY])
+    assert spent.error is not None
+    assert "2,000 tokens" in spent.error
+    ending, (again,), left = flown(replace(spec, accounts=Accounts(token_limit=10**6)))
+    assert (ending, again.outcome, left) == ("flown", "success", [])
+    ledger = Ledger(tmp_path / "run" / LEDGER)
+    assert ledger.spent().questions == spent.steps + again.steps
+    ledger.close()
+    server.close()

@@ -1,0 +1,80 @@
+"""What a benchmark is going to cost: foreseen, and then measured on the flights that have ended."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from dronecats.agent.models.ledger import Spent
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.bench.batch import Batch
+from dronecats.bench.campaign import OpenRun
+from dronecats.bench.estimate import CostEstimate, foreseen_usd
+from dronecats.bench.matrix import BenchEntry
+from dronecats.bench.progress import Progress
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from foundation.run_folder.results import Result
+from tests.judge.episode_logs import decision
+
+IDS = ("residential-approaching-01", "residential-approaching-02", "campus-tracking-01", "campus-tracking-02")
+PRICED = ModelSpec(provider="local", name="m", base_url="http://h/v1", input_usd=1.0, output_usd=10.0)
+FLIGHT = FlightSpec(model=PRICED, simulated=Simulated(speed=None))
+
+
+@pytest.fixture
+def run(tmp_path):
+    batch = Batch(tmp_path / "run-f1", {"agent": "x"})
+    yield OpenRun(entry=BenchEntry(name="run-f1", flight=FLIGHT, episodes=IDS), batch=batch, part=IDS)
+    batch.close()
+
+
+def ended(run, episode, outcome, tokens):
+    """Leave the log of a flight of two steps with so many tokens in each, and return its result."""
+    folder = run.batch.run / episode
+    folder.mkdir(parents=True)
+    told = [decision(k, k, 2.0 * k, tokens_in=tokens, tokens_out=tokens // 10) for k in range(2)]
+    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
+    return Result(episode=episode, outcome=outcome)
+
+
+def test_the_median_of_the_failed_flights_is_what_each_that_is_left_is_going_to_cost(run):
+    estimate = CostEstimate([run], [("run-f1", episode) for episode in IDS])
+    before = estimate.left_usd()
+    assert before == pytest.approx(sum(foreseen_usd(FLIGHT, run.batch.record(episode)) for episode in IDS))
+    estimate.came(run, ended(run, IDS[0], "success", 1000))
+    assert estimate.flights == 3  # while none has failed
+    assert estimate.left_usd() == pytest.approx(3 * 0.004)
+    estimate.came(run, ended(run, IDS[1], "failure", 5000))
+    assert estimate.flights == 2
+    assert estimate.left_usd() == pytest.approx(2 * 0.020)
+    estimate.came(run, ended(run, IDS[2], "error", 9000))
+    assert estimate.flights == 1
+    assert estimate.left_usd() == pytest.approx(0.020)
+
+
+def test_a_flight_that_is_flown_once_more_is_left(run):
+    estimate = CostEstimate([run], [("run-f1", IDS[0])])
+    estimate.came(run, ended(run, IDS[0], "failure", 1000), again=True)
+    assert estimate.flights == 1
+    assert estimate.left_usd() == pytest.approx(0.004)
+
+
+def test_more_drones_longer_replies_and_no_price(run):
+    record = run.batch.record(IDS[0])
+    four = {**record, "starts": record["starts"] * 4}
+    one = foreseen_usd(FLIGHT, record)
+    assert one > 0.0
+    assert foreseen_usd(replace(FLIGHT, command="solo"), four) == pytest.approx(4 * one)
+    assert one < foreseen_usd(FLIGHT, four) < 4 * one  # one question with four pictures
+    assert foreseen_usd(replace(FLIGHT, latency="fixed:3"), record) < one
+    unpriced = replace(run, entry=replace(run.entry, flight=replace(FLIGHT, model=replace(PRICED, input_usd=None))))
+    estimate = CostEstimate([unpriced], [("run-f1", IDS[0])])
+    assert (estimate.left_usd(), estimate.unpriced) == (None, "local/m")
+    pilot = replace(run, entry=replace(run.entry, flight=FlightSpec(pilot="vision", simulated=Simulated())))
+    assert CostEstimate([pilot], [("run-f1", IDS[0])]).flights == 0
+
+
+def test_the_line_on_the_way_tells_what_it_comes_to():
+    line = Progress(total=8).line(1.0, Spent(3, 1000, 234, 1.5), left_usd=2.25)
+    assert "$1.50 of about $3.75" in line
+    assert "about" not in Progress(total=8).line(1.0, Spent(3, 1000, 234, 1.5), left_usd=None)

@@ -1,0 +1,289 @@
+"""Workers are real processes: they fly, they are killed or hang, and what was left is flown by the next run."""
+
+import dataclasses
+import os
+import queue
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+
+import psutil
+import pytest
+
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.bench.batch import Batch
+from dronecats.bench.campaign import Came, Campaign, OpenRun
+from dronecats.bench.engine import Sortie
+from dronecats.bench.local import LocalEngine
+from dronecats.bench.matrix import BenchEntry
+from dronecats.cli.main import main
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_kept
+from episodes.records import catalogue
+from foundation.errors import InfrastructureError
+from foundation.run_folder import layout
+from tests.support.children import children
+from tests.support.command_line import last_object
+
+ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
+SHORT = dataclasses.replace(ORACLE, seconds=2.0, full=True)
+EASY = "residential-approaching-01"
+TWO = ("blocks-commanding-01", "blocks-commanding-02")  # each worker builds its map, and blocks is built at once
+
+
+def audit(out, *arguments):
+    command = [sys.executable, "-m", "dronecats.cli.main", "episodes", "audit", "--json", "--out", str(out), *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def batch_of(folder, flight):
+    return Batch(folder, {"flight": as_kept(flight)})
+
+
+def campaign(batch, flight, episodes, jobs=1):
+    run = OpenRun(
+        entry=BenchEntry(name="run", flight=flight, episodes=tuple(episodes)), batch=batch, part=tuple(episodes)
+    )
+    return Campaign([run], jobs=jobs, retry=False)
+
+
+def fly(batch, flight, episodes, jobs=1, engine=LocalEngine, **how):
+    """Fly what is left, and return the results by episode."""
+    came: list[Came] = []
+    made = engine(batch.run / "worker.log", jobs, **how)
+    campaign(batch, flight, episodes, jobs).fly(made, came.append)
+    return {each.result.episode: each.result for each in came}
+
+
+def workers():
+    """Return this process's children that fly, or start to."""
+    return children("dronecats.flight.processes.child")
+
+
+def flown_bytes(folder):
+    return {name: (folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")}
+
+
+def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path, capsys):
+    def report_of(*episodes):
+        assert main(["episodes", "audit", "--json", "--out", str(tmp_path / "run"), *episodes]) == 0
+        return last_object(capsys.readouterr().out)
+
+    report = report_of(EASY)
+    assert report["unsolved"] == {}
+    assert report["rows"][-1]["solved"] == report["rows"][-1]["flown"] == 1
+    log = tmp_path / "run" / EASY / "decisions.jsonl"
+    flown = log.stat().st_mtime_ns
+    file = tmp_path / "mine.json"
+    file.write_text(catalogue.load(EASY).to_json())
+    assert report_of(str(file))["rows"] == report["rows"]
+    assert log.stat().st_mtime_ns == flown
+
+
+@pytest.mark.slow("flights with pictures, together and alone")
+def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
+    """Whatever a process keeps for all of its flights must not move one of them."""
+    seen = FlightSpec(pilot="vision", simulated=Simulated(speed=None), latency="fixed:0.1", seconds=6.0, full=True)
+    # one map twice, a fleet, and a target that moves
+    episodes = [EASY, "residential-tracking-01", "blocks-commanding-01"]
+    together, alone = (batch_of(tmp_path / name, seen) for name in ("together", "alone"))
+    in_flight = []
+
+    class Watched(LocalEngine):
+        def _turn(self, worker, fresh, flying):
+            in_flight.append((worker.pid, len(flying)))
+            super()._turn(worker, fresh, flying)
+
+    fly(together, seen, episodes, jobs=3, engine=Watched, workers=1)
+    assert max(count for _, count in in_flight) == 3
+    assert len({pid for pid, _ in in_flight}) == 1
+    fly(alone, seen, episodes)
+    for episode in episodes:
+        assert flown_bytes(together.folder(episode)) == flown_bytes(alone.folder(episode))
+
+
+def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
+    alone = dataclasses.replace(SHORT, episode=TWO[0], drones=1, seconds=3.0)
+    pinned, charged = (dataclasses.replace(alone, latency=policy) for policy in ("rate:2", "fixed:0.5"))
+    two = [flown_bytes(fly_once(spec).run / TWO[0]) for spec in (pinned, charged)]
+    assert two[0] == two[1]
+    assert b'"latency_s": 0.5' in two[0]["decisions.jsonl"]
+
+
+def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
+    """The others of its worker fly on, since nothing has died."""
+    batch = batch_of(tmp_path / "run", SHORT)
+    lost = TWO[1]
+    batch._records[lost] = dataclasses.replace(batch._record(lost), map="nowhere")
+    results = fly(batch, SHORT, TWO, jobs=2, workers=1)
+    assert results[TWO[0]].outcome == "failure"
+    assert results[lost].outcome == "error"
+    assert "nowhere" in str(results[lost].error)
+
+
+def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
+    batch, killed = batch_of(tmp_path / "run", SHORT), []
+
+    class Fragile(LocalEngine):
+        """Its second episode's worker dies when it has just been told to fly."""
+
+        def _turn(self, worker, fresh, flying):
+            if [each for each in fresh if each.folder.name == TWO[1]]:
+                killed.append(worker.pid)
+                os.kill(worker.pid, signal.SIGKILL)
+            super()._turn(worker, fresh, flying)
+
+    results = fly(batch, SHORT, TWO, engine=Fragile)
+    assert len(killed) == 1
+    assert {name: each.outcome for name, each in results.items()} == dict(zip(TWO, ("failure", "error"), strict=True))
+    assert batch.left(TWO) == [TWO[1]]
+    assert fly(batch, SHORT, TWO, jobs=2)[TWO[1]].outcome == "failure"
+    assert not workers()
+
+
+@pytest.mark.slow
+def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
+    """A stopped process answers nothing, and is alive for ever."""
+    batch = batch_of(tmp_path / "run", SHORT)
+    stopped: list[int] = []
+
+    class Frozen(LocalEngine):
+        def _turn(self, worker, fresh, flying):
+            if not stopped:
+                stopped.append(worker.pid)
+                os.kill(worker.pid, signal.SIGSTOP)
+            super()._turn(worker, fresh, flying)
+
+    results = fly(batch, SHORT, TWO, engine=Frozen, answer_s=3.0)
+    assert results[TWO[0]].outcome == "error"
+    assert "hangs" in str(results[TWO[0]].error)
+    assert results[TWO[1]].outcome == "failure"
+    assert not psutil.pid_exists(stopped[0])
+    assert not workers()
+
+
+@pytest.mark.slow
+def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_path):
+    """A model that never answers: its client waits for 300 s, and here the patience of the campaign is shorter."""
+    sockets, asked = [], threading.Event()
+
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def swallow():
+        while True:
+            try:
+                connection, _ = server.accept()
+            except OSError:
+                return
+            sockets.append(connection)  # taken, and never answered
+            asked.set()
+
+    threading.Thread(target=swallow, daemon=True).start()
+    silent = ModelSpec(provider="local", name="silent", base_url=f"http://127.0.0.1:{server.getsockname()[1]}/v1")
+    seen = Simulated(speed=None)
+    flight = FlightSpec(model=silent, simulated=seen, latency="fixed:0.5", seconds=6.0, drones=1)
+    batch = batch_of(tmp_path / "run", flight)
+
+    class Impatient(LocalEngine):
+        """From when the model is asked: a flight that starts is silent, too, on a busy machine for long."""
+
+        def _turn(self, worker, fresh, flying):
+            if asked.is_set():
+                self._hang_s = 1.0
+            super()._turn(worker, fresh, flying)
+
+    results = fly(batch, flight, TWO[:1], engine=Impatient)
+    server.close()
+    assert results[TWO[0]].outcome == "error"
+    assert re.search(r"\bhangs\b.*\b1 s", str(results[TWO[0]].error))
+    assert batch.left(TWO[:1]) == [TWO[0]]
+    assert not workers()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_no_worker_outlives_the_run(tmp_path, how):
+    parent = audit(tmp_path / "run", "--jobs", "2")
+    folder = tmp_path / "run"
+    while not list(folder.glob("*/flight.tlog")):  # until something is in the air
+        assert parent.poll() is None, parent.stderr.read()
+    children = psutil.Process(parent.pid).children(recursive=True)
+    assert children
+    os.kill(parent.pid, how)
+    _, errors = parent.communicate(timeout=60)
+    _, alive = psutil.wait_procs(children, timeout=20)
+    assert not alive
+    if how == signal.SIGINT:
+        assert parent.returncode == 130
+        assert f"--out {folder}" in errors
+
+
+def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
+    batch = batch_of(tmp_path / "run", ORACLE)
+    batch.fresh(EASY)
+    (tmp_path / "run" / layout.UNFINISHED).write_text("a file where what was broken off has to be moved to")
+    with pytest.raises(InfrastructureError, match=f"{tmp_path}/run"):
+        fly(batch, ORACLE, [EASY])
+    assert not workers()
+
+
+def test_a_mistake_in_what_watches_a_worker_ends_the_run(tmp_path):
+    """Rather than waiting for flights that nobody will ever tell of."""
+
+    class Mistaken(LocalEngine):
+        def _turn(self, worker, fresh, flying):
+            raise ZeroDivisionError
+
+    batch = batch_of(tmp_path / "run", SHORT)
+    with pytest.raises(InfrastructureError, match="ZeroDivisionError"):
+        fly(batch, SHORT, TWO[:1], engine=Mistaken)
+    assert not workers()
+
+
+def test_a_worker_that_cannot_be_started_ends_the_run(tmp_path, monkeypatch):
+    batch = batch_of(tmp_path / "run", ORACLE)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))
+    with pytest.raises(InfrastructureError, match=r"\bworker\b"):
+        fly(batch, ORACLE, [EASY])
+
+
+def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
+    engine = LocalEngine(tmp_path / "log", jobs=1)
+    engine.close()
+    with pytest.raises(InfrastructureError, match="SIGKILL"):
+        engine._start()
+    assert not workers()
+
+
+def test_an_engine_that_is_closed_in_the_middle_of_a_start_leaves_nothing(tmp_path):
+    engine = LocalEngine(tmp_path / "log", jobs=2)
+    batch = batch_of(tmp_path / "run", SHORT)
+    for episode in TWO:
+        record = batch.record(episode)
+        engine.begin(Sortie(flight=dataclasses.replace(SHORT, record=record), folder=batch.fresh(episode)))
+    engine.close()
+    assert not [thread for thread in engine._threads if thread.is_alive()]
+    with pytest.raises(queue.Empty):
+        engine._landed.get_nowait()
+    assert not workers()
+
+
+def test_what_cannot_be_flown_is_refused_at_once(tmp_path, capsys):
+    like = tmp_path / "like.json"
+    like.write_text(dataclasses.replace(catalogue.load(EASY), instruction="go home").to_json())
+    for arguments, sentence in (
+        (["--pilot", "nobody"], "nobody"),
+        (["no-such-episode"], "no-such-episode"),
+        ([str(like)], "like.json: 'residential-approaching-01' is the id of an episode that ships"),
+        ([str(like), EASY], "two of the episodes have the id"),
+        (["--suite", "quik"], "did you mean quick"),
+        (["--jobs", "0"], "--jobs"),
+        (["--pilot", "vision", "--write-par"], "--write-par"),
+    ):
+        assert main(["episodes", "audit", "--json", "--out", str(tmp_path / "run"), *arguments]) == 2
+        errors = capsys.readouterr().err
+        assert sentence in errors
+        assert len(errors.strip().splitlines()) == 1

@@ -1,0 +1,140 @@
+"""Flights of one worker wait for their models side by side, though one computes at a time."""
+
+import dataclasses
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.bench import local
+from dronecats.bench.batch import Batch
+from dronecats.bench.campaign import Came, Campaign, OpenRun
+from dronecats.bench.engine import Sortie
+from dronecats.bench.local import LocalEngine
+from dronecats.bench.matrix import BenchEntry
+from dronecats.bench.worker import flown, waits_for_models_alone
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_json, as_kept
+from foundation.run_folder.folder import prepare
+from foundation.turn import COMPUTING
+
+EPISODES = ("blocks-commanding-01", "blocks-commanding-02")  # the map that is built at once
+PATIENCE_S = 60.0  # s for the other flight's question; two that wait for one another never ask together
+REPLY = {
+    "choices": [{"message": {"content": '{"action": "rotate", "angle_deg": 5}'}}],
+    "usage": {"prompt_tokens": 90, "completion_tokens": 10},
+}
+
+
+class Together(ThreadingHTTPServer):
+    """A model that answers its first question when another is there, too, and every one after that at once."""
+
+    daemon_threads = True
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Question)
+        self.asked, self.met, self.lock = 0, threading.Event(), threading.Lock()
+        threading.Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()
+
+    @property
+    def spec(self):
+        return ModelSpec(provider="local", name="together", base_url=f"http://127.0.0.1:{self.server_port}/v1")
+
+
+class Question(BaseHTTPRequestHandler):
+    server: Together
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self):
+        self.say(200, {"data": []})
+
+    def do_POST(self):
+        self.rfile.read(int(self.headers["Content-Length"]))
+        with self.server.lock:
+            self.server.asked += 1
+            if self.server.asked == 2:
+                self.server.met.set()
+        if self.server.met.wait(PATIENCE_S):
+            self.say(200, REPLY)
+        else:
+            self.say(400, {"error": {"message": "nobody else has asked"}})
+
+    def say(self, status, told):
+        body = json.dumps(told).encode()
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *arguments):
+        pass
+
+
+# the reply's time foreseen: the hold is flown meanwhile; not foreseen: nothing is
+@pytest.mark.parametrize("latency", ["fixed:1", "tokens:0.5,100"], ids=["beside", "inline"])
+def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
+    server = Together()
+    flight = FlightSpec(model=server.spec, simulated=Simulated(speed=None), latency=latency, seconds=3.0, drones=1)
+    batch = Batch(tmp_path / "run", {"flight": as_kept(flight)})
+    run = OpenRun(entry=BenchEntry(name="run", flight=flight, episodes=EPISODES), batch=batch, part=EPISODES)
+    came: list[Came] = []
+    Campaign([run], jobs=2, retry=False).fly(LocalEngine(tmp_path / "log", 2, workers=1), came.append)
+    server.shutdown()
+    assert [each.result.error for each in came] == [None, None]
+    assert server.met.is_set()
+
+
+def test_who_waits_for_more_than_a_model_computes_beside_the_others():
+    flight = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
+    assert waits_for_models_alone(flight)
+    for others in (Simulated(speed=1.0), Simulated(speed=None, autopilot="px4")):
+        assert not waits_for_models_alone(dataclasses.replace(flight, simulated=others))
+
+
+def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
+    told: list[dict[str, object]] = []
+    flight = as_json(FlightSpec(episode="nowhere", pilot="oracle", simulated=Simulated(speed=None)))
+    with COMPUTING.taken():
+        waiting = threading.Thread(target=lambda: told.append(flown(flight, tmp_path)), daemon=True)
+        waiting.start()
+        while not COMPUTING._queue:
+            assert waiting.is_alive(), told
+        assert not told
+    waiting.join(60.0)
+    assert "nowhere" in str(told[0]["fault"])
+
+
+def test_who_waits_for_a_first_turn_hangs_only_where_nobody_goes_on(tmp_path, monkeypatch):
+    now, flying = [0.0], []
+    monkeypatch.setattr("dronecats.bench.local.time.monotonic", lambda: now[0])
+    for name in ("flies", "waits"):
+        prepare(tmp_path / name)
+        sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / name)
+        flying.append(local._InFlight(sortie=sortie))
+    log = tmp_path / "flies" / "truth.jsonl"
+    for now[0] in (0.0, 80.0, 160.0, 240.0):
+        log.write_text(f"{now[0]}" + log.read_text())
+        assert local._hanging(flying, 100.0) is None
+    now[0] = 341.0
+    assert local._hanging(flying, 100.0) is flying[0]
+    assert local._hanging(flying[1:], 100.0) is flying[1]  # alone it has nobody to wait for
+
+
+def test_a_flight_that_hangs_before_its_first_line_is_found_while_others_go_on(tmp_path, monkeypatch):
+    """It had its turn, since its record is there: it builds its map for ever."""
+    now, flying = [0.0], []
+    monkeypatch.setattr("dronecats.bench.local.time.monotonic", lambda: now[0])
+    for name in ("flies", "hangs"):
+        prepare(tmp_path / name)
+        (tmp_path / name / "episode.json").write_text("{}")
+        sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / name)
+        flying.append(local._InFlight(sortie=sortie))
+    log = tmp_path / "flies" / "truth.jsonl"
+    for now[0] in (0.0, 80.0, 99.0):
+        log.write_text(f"{now[0]}" + log.read_text())
+        assert local._hanging(flying, 100.0) is None
+    now[0] = 101.0
+    log.write_text("more" + log.read_text())
+    assert local._hanging(flying, 100.0) is flying[1]

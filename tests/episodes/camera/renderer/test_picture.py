@@ -1,0 +1,276 @@
+"""What the picture shows: light, shadow, textures, moving things; and that it is always the same picture."""
+
+import hashlib
+import threading
+
+import numpy as np
+import pytest
+
+from episodes.camera.renderer import Renderer
+from episodes.camera.renderer.textures import build_atlas
+from episodes.maps.scene import Material
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
+from tests.episodes.camera.renderer.scenes import (
+    EASTERN,
+    OVERHEAD,
+    box_mesh,
+    ground_mesh,
+    instance,
+    looking,
+    mesh_of,
+    quad_mesh,
+    random_boxes,
+    scene_of,
+)
+
+CAMERA = CameraModel(width=160, height=120)
+RED, GREEN, BLUE, WHITE = (200, 0, 0), (0, 200, 0), (0, 0, 200), (220, 220, 220)
+
+
+def from_above(height):
+    """Return a pose that looks straight down with north at the top of the picture."""
+    return looking((0.0, 0.0, -height), pitch_deg=-90.0)
+
+
+def digest(view):
+    return hashlib.sha256(view.rgb.tobytes() + view.depth.tobytes() + view.ids.tobytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def post():
+    """A post 4 m high on level ground with the sun in the east at 45°: its shadow reaches 4 m to the west."""
+    things = [
+        instance(1, ground_mesh(40.0), (0, 0, 0), "ground"),
+        instance(2, box_mesh(1.0, 1.0, 4.0), (0, 0, 0), movable=True),
+        instance(3, box_mesh(1.0, 1.0, 1.0), (15.0, 15.0, 0.0)),
+    ]
+    return Renderer(scene_of(things, EASTERN), CAMERA, shadow_cells=1024)
+
+
+def ground_at(view, height, north, east):
+    """Return the brightness of the ground at a place, seen by `from_above(height)`."""
+    x = CAMERA.width / 2 + CAMERA.focal_px * east / height
+    y = CAMERA.height / 2 - CAMERA.focal_px * north / height
+    assert view.ids[int(y), int(x)] == 1
+    return float(view.rgb[int(y), int(x)].mean())
+
+
+def test_shadow_falls_away_from_the_sun_and_nowhere_else(post):
+    view = post.render(from_above(20.0))
+    lit = ground_at(view, 20.0, 8.0, -8.0)
+    for east in (-2.0, -3.0, -4.0):
+        assert ground_at(view, 20.0, 0.0, east) < 0.75 * lit
+    for north, east in ((0.0, 4.0), (0.0, -5.5), (2.0, -2.0), (-2.0, -2.0), (3.0, 3.0)):
+        assert ground_at(view, 20.0, north, east) == pytest.approx(lit, abs=4.0)
+
+
+def test_shadow_begins_at_the_foot(post):
+    """No gap between a thing and its shadow that a person would see (a few cells of the map)."""
+    view = post.render(from_above(12.0))
+    assert ground_at(view, 12.0, 0.0, -2.2) < 0.75 * ground_at(view, 12.0, 4.0, -4.0)
+    low = post.render(looking((0.0, -6.0, -1.0), 90.0, -10.0))
+    foot = np.nonzero(low.ids[:, CAMERA.width // 2] == 2)[0].max() + 2
+    assert low.rgb[foot, CAMERA.width // 2].mean() < 0.75 * low.rgb[foot, 5].mean()
+
+
+def test_lit_planes_do_not_shade_themselves(post):
+    """Acne would show as a spread of brightness on ground and walls that the sun reaches everywhere."""
+    view = post.render(looking((8.0, 8.0, -3.0), 20.0, -25.0))
+    ground = view.rgb[(view.ids == 1) & (view.depth < 6.0)].mean(axis=1)
+    assert ground.size > 500
+    assert ground.std() < 3.0
+    wall = post.render(looking((0.0, 5.0, -2.0), -90.0))
+    face = wall.rgb[(wall.ids == 2)].mean(axis=1)
+    assert face.size > 200
+    assert np.percentile(face, 95) - np.percentile(face, 15) < 6.0
+
+
+def test_a_moved_thing_moves_with_its_shadow_and_comes_back(post):
+    home = post.render(from_above(20.0))
+    away = post.render(from_above(20.0), {2: ((5.0, 0.0, 0.0), 0.3)})
+    assert away.ids[CAMERA.height // 2, CAMERA.width // 2] == 1
+    assert ground_at(away, 20.0, 5.0, -3.0) < 0.75 * ground_at(away, 20.0, 0.0, -3.0)
+    assert away.ids[int(CAMERA.height / 2 - CAMERA.focal_px * 5.0 / 18.0), CAMERA.width // 2] == 2
+    assert digest(post.render(from_above(20.0))) == digest(home)
+
+
+def test_a_moved_thing_may_be_tilted_or_not_be_there(post):
+    place = (3.0, -2.0, -1.0)
+    yawed = post.render(from_above(20.0), {2: (place, 0.7)})
+    level = post.render(from_above(20.0), {2: (place, quat_from_euler(0.0, 0.0, 0.7))})
+    assert (yawed.ids != level.ids).mean() < 1e-4
+    rolled = post.render(from_above(20.0), {2: (place, quat_from_euler(np.pi / 2, 0.0, 0.0))})
+    rows, columns = np.nonzero(rolled.ids == 2)  # its right has become its down, so its top points to the right
+    assert np.ptp(columns) > 3.0 * np.ptp(rows)
+    assert columns.mean() > CAMERA.width / 2 + CAMERA.focal_px * -2.0 / 19.0
+    assert (post.render(from_above(20.0)).ids == 2).any()
+    gone = post.render(from_above(20.0), {2: None})
+    assert not (gone.ids == 2).any()
+    lit = ground_at(gone, 20.0, 8.0, -8.0)
+    assert ground_at(gone, 20.0, 0.0, -3.0) == pytest.approx(lit, abs=4.0)  # nor its shadow
+
+
+def test_only_movable_things_can_be_moved(post):
+    with pytest.raises(UsageError, match="3"):
+        post.render(from_above(20.0), {3: ((0.0, 0.0, 0.0), 0.0)})
+
+
+def test_faces_towards_the_sun_are_brighter():
+    renderer = Renderer(scene_of([instance(2, box_mesh(2, 2, 2), (0, 0, 0))], EASTERN), CAMERA, shadow_cells=256)
+    east = renderer.render(looking((0.0, 4.0, -1.0), -90.0)).rgb[60, 80].mean()
+    west = renderer.render(looking((0.0, -4.0, -1.0), 90.0)).rgb[60, 80].mean()
+    assert east > 1.5 * west
+
+
+def test_both_sides_of_a_triangle_are_drawn_and_lit_alike():
+    corners = [(0.0, -1.0, -1.0), (0.0, 1.0, -1.0), (0.0, 1.0, 1.0), (0.0, -1.0, 1.0)]
+    shown = []
+    for order in (corners, corners[::-1]):
+        mesh = mesh_of(order, [(0, 2, 1), (0, 3, 2)])
+        view = Renderer(scene_of([instance(1, mesh, (4.0, 0, 0))], EASTERN), CAMERA, shadow_cells=64).render(
+            looking((0, 0, 0))
+        )
+        assert (view.ids == 1).any()
+        shown.append(view.rgb)
+    np.testing.assert_array_equal(shown[0], shown[1])
+
+
+def quarters():
+    """Return a picture whose quarters are red, green (top), blue, white (bottom)."""
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[:32, :32], picture[:32, 32:], picture[32:, :32], picture[32:, 32:] = RED, GREEN, BLUE, WHITE
+    return picture
+
+
+def test_a_texture_stands_upright_and_is_not_mirrored():
+    """uv (0, 0) is the top-left corner of the picture, as seen from in front."""
+    material = Material("sign", (1.0, 1.0, 1.0), quarters())
+    sign = quad_mesh([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], material)
+    view = Renderer(scene_of([instance(1, sign, (2.0, 0, 0))]), CAMERA, shadow_cells=64).render(looking((0, 0, 0)))
+    colors = [view.rgb[y, x].astype(int) for y, x in ((40, 60), (40, 100), (80, 60), (80, 100))]
+    assert [int(np.argmax(c)) for c in colors[:3]] == [0, 1, 2]
+    assert np.ptp(colors[3]) < 60
+
+
+def test_texture_coordinates_are_correct_in_perspective():
+    """On a floor with a boundary every metre, the boundaries stand where the analytic floor has them."""
+    stripes = np.zeros((64, 64, 3), np.uint8)
+    stripes[:32] = 255
+    uv = [(0.0, 0.0), (1.0, 0.0), (1.0, 20.0), (0.0, 20.0)]  # two metres per repeat, counted from 40 m towards 0 m
+    floor = mesh_of(
+        [(40, -20, 0), (40, 20, 0), (0, 20, 0), (0, -20, 0)],
+        [(0, 2, 1), (0, 3, 2)],
+        Material("f", (1, 1, 1), stripes),
+        uv,
+    )
+    camera = CameraModel(width=64, height=480, hfov_deg=8.0)
+    view = Renderer(scene_of([instance(1, floor, (0, 0, 0))]), camera, shadow_cells=64).render(
+        looking((0.0, 0.0, -2.0), pitch_deg=-40.0)
+    )
+    column = view.rgb[:, 32].mean(axis=1)
+    y = np.arange(camera.height) + 0.5 - camera.height / 2
+    below = np.radians(40.0) + np.arctan(y / camera.focal_px)
+    north = 2.0 / np.tan(below)
+    seen = (view.ids[:, 32] == 1) & (north < 6.0) & (np.abs(north - np.round(north)) > 0.06)
+    white = ((40.0 - north) % 2.0) < 1.0
+    assert seen.sum() > 200
+    assert (column[seen & white].min()) > column[seen & ~white].max() + 50
+
+
+def test_a_fine_texture_far_away_becomes_its_mean():
+    """A checkerboard finer than the pixels must turn grey, not into a pattern of its own."""
+    checks = np.where(np.indices((64, 64)).sum(axis=0) % 2, 255, 0).astype(np.uint8)
+    material = Material("checks", (1.0, 1.0, 1.0), np.repeat(checks[..., None], 3, axis=2))
+    wall = mesh_of(
+        [(0, -50, -50), (0, 50, -50), (0, 50, 50), (0, -50, 50)],
+        [(0, 2, 1), (0, 3, 2)],
+        material,
+        [(0, 0), (100, 0), (100, 100), (0, 100)],
+    )
+    view = Renderer(scene_of([instance(1, wall, (45.0, 0, 0))], EASTERN), CAMERA, shadow_cells=64).render(
+        looking((0, 0, 0))
+    )
+    assert view.rgb.std(axis=(0, 1)).max() < 6.0
+
+
+def test_lettering_of_a_tenth_of_a_metre_is_read_at_eight_metres():
+    """Bars 2 cm wide with 2 cm between them (strokes of 0.1 m letters) keep their contrast at 1280 px."""
+    bars = np.zeros((8, 160, 3), np.uint8)
+    bars[:, (np.arange(160) // 8) % 2 == 0] = 255
+    plate = quad_mesh(
+        [(0, -0.2, -0.06), (0, 0.2, -0.06), (0, 0.2, 0.06), (0, -0.2, 0.06)], Material("p", (1, 1, 1), bars)
+    )
+    camera = CameraModel(width=1280, height=64)
+    view = Renderer(scene_of([instance(1, plate, (8.0, 0, 0))], EASTERN), camera, shadow_cells=64).render(
+        looking((0, 0, 0))
+    )
+    row = view.rgb[32, 626:654].mean(axis=1)
+    assert np.ptp(row) > 60
+    assert ((np.diff(np.sign(row - row.mean())) != 0).sum()) >= 12
+
+
+def test_edges_are_smoothed():
+    view = Renderer(scene_of([instance(1, box_mesh(1, 4, 4), (8.0, 0, 2.0))]), CAMERA, shadow_cells=64).render(
+        looking((0, 0, 0), roll_deg=10.0)
+    )
+    levels = np.unique(view.rgb[10:110, 30:130, 0])
+    assert len(levels) > 12
+
+
+def test_thread_count_changes_no_byte():
+    scene = random_boxes(7)
+    pose = looking((-20.0, 3.0, -4.0), 20.0, -5.0, 4.0)
+    digests = {digest(Renderer(scene, CAMERA, threads, shadow_cells=512).render(pose)) for threads in (1, 2, 3, 7)}
+    assert len(digests) == 1
+
+
+def test_the_same_pose_gives_the_same_bytes_from_any_thread():
+    renderer = Renderer(random_boxes(8), CAMERA, shadow_cells=512)
+    poses = [looking((-20.0, 3.0, -4.0), yaw) for yaw in (0.0, 90.0, 180.0, 270.0)]
+    alone = [digest(renderer.render(pose)) for pose in poses]
+    together: dict[int, str] = {}
+    crowd = [
+        threading.Thread(target=lambda k=k: together.update({k: digest(renderer.render(poses[k % 4]))}))
+        for k in range(12)
+    ]
+    for one in crowd:
+        one.start()
+    for one in crowd:
+        one.join()
+    assert [together[k] for k in range(12)] == alone * 3
+    renderer.close()
+
+
+def test_looking_at_nothing_but_sky():
+    view = Renderer(scene_of([]), CAMERA, shadow_cells=64).render(looking((0, 0, -5.0)))
+    assert not view.ids.any()
+    assert np.isinf(view.depth).all()
+    assert view.rgb[0].astype(int)[:, 2].min() > view.rgb[0].astype(int)[:, 0].max()  # blue
+
+
+def test_the_sun_stands_where_the_scene_says():
+    up = Renderer(scene_of([], OVERHEAD), CAMERA, shadow_cells=64).render(looking((0, 0, 0), pitch_deg=80.0))
+    bright = np.argwhere(up.rgb.sum(axis=2) == up.rgb.sum(axis=2).max()).mean(axis=0)
+    expected = CAMERA.height / 2 - CAMERA.focal_px * np.tan(np.radians(10.0))
+    assert bright[0] == pytest.approx(expected, abs=1.5)
+    assert bright[1] == pytest.approx(CAMERA.width / 2, abs=1.5)
+
+
+def test_a_texture_of_the_wrong_kind_is_refused():
+    with pytest.raises(UsageError, match="texture 0"):
+        build_atlas([np.zeros((4, 4), np.uint8)])
+
+
+def test_a_mesh_with_a_corner_at_infinity_is_refused():
+    uv = [(0, 0), (1, 0), (float("inf"), 1)]
+    mesh = mesh_of([(0, -1, -1), (0, 1, -1), (0, 1, 1)], [(0, 1, 2)], uv=uv)
+    with pytest.raises(UsageError, match="finite"):
+        Renderer(scene_of([instance(1, mesh, (0, 0, 0))]), CAMERA, shadow_cells=64)
+
+
+def test_the_picture_alone_is_that_of_the_view():
+    renderer = Renderer(random_boxes(8), CAMERA, shadow_cells=512)
+    for pose in (looking((0, 0, -2.0)), looking((-6.0, 3.0, -4.0), pitch_deg=-20.0)):
+        assert (renderer.picture(pose) == renderer.render(pose).rgb).all()

@@ -1,0 +1,164 @@
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dronecats.flight.processes.supervisor import ChildKind, Supervisor
+from dronecats.flight.stages import parts
+from dronecats.pilots.config import PilotConfig
+from foundation.errors import InfrastructureError, LinkError, UsageError
+from tests.flight.processes.ending_part import EndingConfig
+
+ENDING = ChildKind("ending", "tests.flight.processes.ending_part", EndingConfig)
+
+
+@pytest.fixture
+def supervisor(tmp_path):
+    made = Supervisor(tmp_path)
+    yield made
+    made.close()
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] == "Z"
+
+
+def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
+    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    assert child.ready()["base_url"].startswith("http://127.0.0.1:")
+    supervisor.check()
+    supervisor.close()
+    assert gone(child.pid)
+
+
+@pytest.mark.parametrize("asks", [False, True], ids=["looked after", "told something"])
+def test_a_child_that_ends_is_told_of_in_its_own_words(supervisor, asks):
+    child = supervisor.start(ENDING, EndingConfig(turns=3))
+    child.ready()
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    with pytest.raises(InfrastructureError, match="the wire is out"):
+        child.do("begin") if asks else supervisor.check()
+
+
+def test_a_killed_child_is_named_with_the_signal(supervisor):
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    os.kill(child.pid, signal.SIGKILL)
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    with pytest.raises(InfrastructureError, match=r"ending.*SIGKILL"):
+        supervisor.check()
+
+
+def looks(supervisor, until, limit_s=60):
+    """Check again and again, as a flight does, until something is so."""
+    deadline = time.monotonic() + limit_s
+    while not until():
+        assert time.monotonic() < deadline, "it never came to that"
+        supervisor.check()
+        time.sleep(0.01)  # the flight's tick, on which nothing here depends
+
+
+def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_path):
+    supervisor = Supervisor(tmp_path, answer_s=1.0)
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    os.kill(child.pid, signal.SIGSTOP)
+    words = r"1 s.*ending\.log"
+    with pytest.raises(InfrastructureError, match=words):
+        looks(supervisor, lambda: False)
+    with pytest.raises(InfrastructureError, match=words):
+        child.do("begin", 1e6)  # rather than for another eleven days
+    supervisor.close()
+    assert gone(child.pid)
+
+
+def test_the_child_that_hangs_is_the_cause_of_what_else_went_wrong(tmp_path):
+    supervisor = Supervisor(tmp_path)
+    well, stopped = (supervisor.start(ChildKind(name, ENDING.module, EndingConfig), EndingConfig()) for name in "ab")
+    for child in (well, stopped):
+        child.ready()
+    symptom = LinkError("the vehicle has been silent")
+    assert supervisor.cause(symptom, within_s=0.5) is symptom
+    beat: Any = stopped._heartbeat
+    beat._answered_s = None  # due at once
+    os.kill(stopped.pid, signal.SIGSTOP)
+    named = supervisor.cause(symptom, within_s=0.5)
+    assert isinstance(named, InfrastructureError)
+    assert re.search(r"\bb\b.*hangs.*b\.log", str(named))
+    supervisor.close()
+
+
+def test_the_child_that_has_ended_is_the_cause_of_what_else_went_wrong(supervisor):
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    child._process.kill()
+    child._process.wait()
+    assert "SIGKILL" in str(supervisor.cause(LinkError("the vehicle has been silent")))
+
+
+def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    os.kill(child.pid, signal.SIGSTOP)
+    supervisor.check()
+    supervisor.check()
+    os.kill(child.pid, signal.SIGCONT)
+    looks(supervisor, lambda: child._heartbeat._answered_s is not None)
+
+
+def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    for _ in range(3):
+        child._heartbeat._answered_s = None  # due at once
+        supervisor.check()
+        assert child.do("begin") is None
+        assert not child._answers
+
+
+def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
+    supervisor = Supervisor(tmp_path, answer_s=0.0)
+    child = supervisor.start(ENDING, EndingConfig())
+    for _ in range(3):
+        supervisor.check()
+        time.sleep(0.01)
+    child.ready()
+    supervisor.close()
+
+
+def test_wrong_usage_in_a_child_is_wrong_usage_here(supervisor):
+    first = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    port = int(first.ready()["base_url"].split(":")[2].split("/")[0])
+    with pytest.raises(UsageError, match=str(port)):
+        supervisor.start(parts.PILOT, PilotConfig(pilot="blind", port=port)).ready()
+
+
+def test_children_of_a_killed_parent_end_by_themselves(tmp_path):
+    script = (
+        "import sys, time\nfrom pathlib import Path\n"
+        "from dronecats.flight.processes.supervisor import ChildKind, Supervisor\n"
+        "from tests.flight.processes.ending_part import EndingConfig\n"
+        "ending = ChildKind('ending', 'tests.flight.processes.ending_part', EndingConfig)\n"
+        "s = Supervisor(Path(sys.argv[1]))\nc = s.start(ending, EndingConfig())\nc.ready()\n"
+        "print(c.pid, flush=True)\ntime.sleep(60)\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    pid = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 10
+    while not gone(pid):
+        assert time.monotonic() < deadline, "the child outlived its parent"
+        time.sleep(0.05)  # polls another process; there is nothing to wait on for a process that is not our child

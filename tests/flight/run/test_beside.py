@@ -1,0 +1,84 @@
+"""While a model is asked whose charge is known before, the hold is flown; and nothing of the flight tells of it."""
+
+import threading
+from dataclasses import replace
+
+import pytest
+
+from dronecats.agent import decider
+from dronecats.agent.asking import Asking
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.flight.run import pilot as run_pilot
+from dronecats.flight.run.simulated import fly_simulated
+from dronecats.flight.sitl.lockstep import Lockstep
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.pilots.server import PilotServer
+from tests.support.first_question import after_first_question
+
+LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
+PATIENCE_S = 30.0  # of a test that is to fail
+
+
+class Model:
+    """Answers, and first waits until vehicle time has passed since it was asked."""
+
+    def __init__(self, monkeypatch, waits):
+        self.held = []  # for each question whether the vehicle was flown meanwhile
+        self._waits, self._ticks, self._asked_at = waits, 0, 0
+        self._changed = threading.Condition()
+        pump = Lockstep.pump
+        model = self
+
+        def pumped(clock):
+            pump(clock)
+            with model._changed:
+                model._ticks += 1
+                model._changed.notify()
+
+        class Noted(Asking):
+            def __init__(self, *arguments):
+                model._asked_at = model._ticks
+                super().__init__(*arguments)
+
+        monkeypatch.setattr(Lockstep, "pump", pumped)
+        monkeypatch.setattr(decider, "Asking", Noted)
+
+    def __call__(self, prompt, images):
+        with self._changed:
+            flown_on = self._waits and self._changed.wait_for(lambda: self._ticks > self._asked_at, PATIENCE_S)
+            self.held.append(flown_on)
+        return '{"action": "rotate", "angle_deg": 30}'
+
+
+def flown(folder, model, latency):
+    """Return the bytes of what is logged of a short flight under a model."""
+    server = PilotServer(after_first_question(model), "stub").start()
+    try:
+        spec = FlightSpec(
+            model=ModelSpec(provider="local", name="stub", base_url=server.base_url),
+            episode="blocks-commanding-01",
+            drones=1,
+            simulated=Simulated(speed=None),
+            latency=latency,
+            seconds=4.0,
+            full=True,
+        )
+        result = fly_simulated(spec, folder, lambda line: None)
+    finally:
+        server.close()
+    assert result["reason"] == "cap", result["error"]
+    found = next(folder.rglob("truth.jsonl")).parent
+    return {name: (found / name).read_bytes() for name in LOGS}
+
+
+@pytest.mark.parametrize("latency", ["fixed:0.7", "lognormal:0.8,0.3"])
+def test_the_hold_is_flown_while_the_model_is_asked_and_no_log_tells(tmp_path, monkeypatch, latency):
+    meanwhile = Model(monkeypatch, waits=True)
+    beside = flown(tmp_path / "beside", meanwhile, latency)
+    assert len(meanwhile.held) >= 2
+    assert all(meanwhile.held)
+
+    questions = run_pilot.questions_of
+    monkeypatch.undo()
+    monkeypatch.setattr(run_pilot, "questions_of", lambda *of: replace(questions(*of), beside=False))
+    assert flown(tmp_path / "in turn", Model(monkeypatch, waits=False), latency) == beside

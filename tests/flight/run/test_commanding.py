@@ -1,0 +1,113 @@
+"""A commanding episode flown in the three ways, in lockstep: same records, same verifier, same bytes every time."""
+
+import json
+
+import pytest
+
+from dronecats.agent.command_prompt import CommandPrompt
+from dronecats.cli.main import main
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.judge.episode import judge_run
+from dronecats.pilots import places
+from foundation.errors import UsageError
+from foundation.run_folder.reading import exchanges
+from tests.foundation.run_folder.published import check
+from tests.support.json_lines import rows
+
+EPISODE = "blocks-commanding-01"
+GREY = Simulated(speed=None, rendered=False)
+
+
+def flown(out, command, **more):
+    """Fly the oracle in one of the ways; return (result, folder)."""
+    spec = FlightSpec(pilot="oracle", episode=EPISODE, command=command, simulated=GREY, **more)
+    return fly(spec, out, lambda line: None), out / EPISODE
+
+
+def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
+    result, folder = flown(tmp_path / "first", "hierarchical", latency="lognormal:0.4,0.5")
+    assert (result["outcome"], result["declarations"]) == ("success", 1)
+    told, decisions = exchanges(folder), rows(folder / "decisions.jsonl")
+    assert {order.drone: places.told(order.goal) for order in told[0].orders} == {0: 1, 1: 2, 2: 3, 3: 4}
+    (confirmed,) = [d for d in decisions if "confirmed_by" in d]
+    assert told[-1].confirms == (confirmed["drone"],)
+    assert told[-1].frames[confirmed["drone"]] == confirmed["frame_id"]
+    assert check(folder / "commander.jsonl") == len(told)
+    assert check(folder / "decisions.jsonl") == len(decisions) == result["steps"]
+    for frame, drone in ((frame, drone) for one in told for drone, frame in enumerate(one.frames)):
+        assert (folder / "frames" / (f"{frame:06d}_d{drone}.jpg" if drone else f"{frame:06d}.jpg")).exists()
+    (judged,) = judge_run(tmp_path / "first").values()
+    assert not judged.doubtful
+    assert judged.verdict.commanding
+    assert judged.verdict.commanding.candidates_neared >= 3
+    kept = json.loads((tmp_path / "first" / "run.json").read_text())
+    assert kept["commander_prompt_sha256"] == CommandPrompt.load().digest
+
+
+def test_a_hierarchy_is_the_same_every_time(tmp_path):
+    same = {"drones": 2, "seconds": 8.0, "full": True, "latency": "lognormal:0.4,0.5"}
+    folder, again = (flown(tmp_path / name, "hierarchical", **same)[1] for name in ("first", "again"))
+    for log in ("truth.jsonl", "decisions.jsonl", "commander.jsonl", "verdict.json"):
+        assert (folder / log).read_bytes() == (again / log).read_bytes()
+
+
+def test_alone_each_drone_flies_the_instruction_and_declares_for_itself(tmp_path):
+    result, folder = flown(tmp_path / "run", "solo", drones=2)
+    assert result["outcome"] == "success"
+    decisions = rows(folder / "decisions.jsonl")
+    assert {d["drone"] for d in decisions} == {0, 1}
+    assert len({d["step"] for d in decisions}) == len(decisions)
+    assert not any("report" in d or "confirmed_by" in d for d in decisions)
+    assert not (folder / "commander.jsonl").exists()
+    (judged,) = judge_run(tmp_path / "run").values()
+    assert not judged.doubtful
+
+
+def test_who_has_found_the_wrong_one_is_sent_on(tmp_path):
+    """One drone, whose first place from the left is not the target's; the scripted commander hears that it stands."""
+    result, folder = flown(tmp_path / "run", "hierarchical", drones=1)
+    assert result["outcome"] == "success"
+    told = exchanges(folder)
+    assert [cause.why for one in told for cause in one.causes] == ["start", "stall", "report"]
+    assert [places.told(order.goal) for one in told for order in one.orders] == [1, 2]
+
+
+@pytest.mark.slow("flies a fleet in real time")
+def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
+    spec = FlightSpec(
+        pilot="blind", episode=EPISODE, command="hierarchical", drones=2, seconds=30.0, latency="real",
+        simulated=Simulated(speed=1.0),
+    )  # fmt: skip
+    result = fly(spec, tmp_path / "run", lambda line: None)
+    assert (result["outcome"], result["error"]) == ("failure", None)
+    told = exchanges(tmp_path / "run" / EPISODE)
+    assert len(told[0].orders) == 2
+    assert told[0].model == "scripted:divide"
+    assert {d["drone"] for d in rows(tmp_path / "run" / EPISODE / "decisions.jsonl")} == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("words", "word"),
+    [
+        (("--commander", "local/m"), "--command hierarchical"),
+        (("--command", "hierarchical", "--commander", "scripted:x"), "'scripted:x'"),
+        (("--command", "hierarchical", "--commander", "m"), "'m'"),
+        (("--command", "hierarchical", "--commander", "local/m"), "--commander-url"),
+        (("--command", "hierarchical", "--commander-url", "http://h/v1"), "--commander-url"),
+        (("--command", "solo", "--pilot", "blind:straight"), "--command solo"),
+    ],
+)
+def test_what_does_not_go_together_is_told_in_one_sentence(words, word, tmp_path, capsys):
+    assert main(["fly", "--sitl", "--episode", EPISODE, *words, "--out", str(tmp_path / "run")]) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_a_commander_that_looks_wants_pictures():
+    from dronecats.agent.models.spec import ModelSpec
+
+    model = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:9/v1")
+    spec = FlightSpec(pilot="oracle", episode=EPISODE, command="hierarchical", commander=model, simulated=GREY)
+    with pytest.raises(UsageError, match="rendering"):
+        look_up(spec)

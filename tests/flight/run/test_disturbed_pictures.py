@@ -1,0 +1,136 @@
+"""Flights whose pictures are late, stale or seldom on purpose: by the logs, told from the truth and from the clock."""
+
+import itertools
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from dronecats.agent.models.replay import RecordedFlight, RecordedStep
+from dronecats.flight.run.simulated import fly_simulated
+from dronecats.flight.spec.disturbances import Disturbances, FrameFaults
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from foundation.frames import wrap_pi
+from tests.support.json_lines import rows
+
+EPISODE = "residential-approaching-03"
+LATENCY_S = 0.5
+LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
+UNSEEN = FlightSpec(
+    pilot="blind:straight", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=18.0, full=True
+)
+TICK_S = 0.05
+
+
+def flown(folder, spec=UNSEEN, **faults):
+    """Fly, and return the episode's folder."""
+    spec = replace(spec, disturbances=Disturbances(frame=FrameFaults(**faults)))
+    result = fly_simulated(spec, folder, lambda line: None)
+    assert result["reason"] == "cap", result["error"]
+    return next(path.parent for path in folder.rglob("truth.jsonl"))
+
+
+def ages(folder, latency_s=LATENCY_S):
+    """Return how old (s) the picture of each decision was when it was asked on, by the decisions' own times."""
+    return [said["t_decided"] - latency_s - said["t_frame"] for said in rows(folder / "decisions.jsonl")]
+
+
+def test_no_disturbance_is_the_flight_as_it_was_and_none_leaves_a_word_in_its_run(tmp_path):
+    assert FrameFaults(dropped=0.0, stale=0.0) == FrameFaults()
+    plain = flown(tmp_path / "plain")
+    assert ages(plain) == pytest.approx([0.0] * len(ages(plain)), abs=1e-6)
+    assert "disturbed" not in json.loads((plain.parent / "run.json").read_text())
+
+
+def test_a_late_picture_is_asked_on_so_much_later_and_measured_where_it_was_taken(tmp_path):
+    folder = flown(tmp_path / "run", delay_s=1.2)
+    late = ages(folder)
+    assert len(late) >= 4
+    assert late == pytest.approx([1.2] * len(late), abs=TICK_S + 1e-6)
+    taken = {row["frame_id"]: row["t"] for row in rows(folder / "truth.jsonl", "frame")}
+    assert [taken[said["frame_id"]] for said in rows(folder / "decisions.jsonl")] == [
+        said["t_frame"] for said in rows(folder / "decisions.jsonl")
+    ]
+    run = json.loads((folder.parent / "run.json").read_text())
+    assert "1.2 s" in run["disturbed"]
+    assert run["flight"]["disturbances"]["frame"]["delay_s"] == 1.2
+    again = flown(tmp_path / "again", delay_s=1.2)
+    assert all((folder / name).read_bytes() == (again / name).read_bytes() for name in LOGS)
+
+
+TURN, GO = {"action": "rotate", "angle_deg": 60}, {"action": "go", "point": [500, 500], "depth_m": 20}
+
+
+TURNING = RecordedFlight(
+    flight="made up",
+    to_the_cap=True,
+    steps=tuple(RecordedStep(step=step, drone=0, reply=json.dumps((TURN, GO)[step % 2])) for step in range(60)),
+)
+
+
+@pytest.mark.parametrize(
+    "faults", [{"rate_hz": 2.0, "delay_s": 2.0}, {"stale": 0.6}, {"delay_s": 1.0}], ids=["rate", "stale", "delay"]
+)
+def test_a_go_flies_along_the_pixels_ray_of_the_picture_wherever_the_nose_is_meanwhile(tmp_path, faults):
+    spec = replace(UNSEEN, replay=TURNING, seconds=60.0, seed=3)
+    folder = flown(tmp_path / "run", spec, **faults)
+    truth = rows(folder / "truth.jsonl")
+    frames = {row["frame_id"]: row for row in truth if row["kind"] == "frame"}
+    poses = [row for row in truth if row["kind"] == "pose"]
+    across, apart = [], []
+    for before, after in itertools.pairwise(rows(folder / "decisions.jsonl")):
+        if before["action"]["action"] != "go":
+            continue
+        picture = frames[before["frame_id"]]
+        begin = min(poses, key=lambda row: abs(row["t"] - before["t_decided"]))
+        end = max((row for row in poses if row["t"] <= after["t_decided"]), key=lambda row: row["t"])
+        yaw = math.radians(picture["yaw_deg"])
+        north, east = (end["position_ned"][i] - picture["position_ned"][i] for i in (0, 1))
+        across.append(abs(-math.sin(yaw) * north + math.cos(yaw) * east))
+        apart.append(abs(wrap_pi(math.radians(begin["yaw_deg"]) - yaw)))
+    assert len(across) >= 5
+    assert max(across) < 0.25
+    if "delay_s" not in faults or "rate_hz" in faults:
+        assert sum(each > math.radians(45.0) for each in apart) >= 3  # the nose was elsewhere, and it did not matter
+
+
+@pytest.mark.slow
+def test_the_oracle_is_told_what_was_to_be_seen_when_the_picture_was_taken(tmp_path):
+    """So its goes point at the target in their own pictures, however late these come."""
+    for name, faults in (("rate", {"rate_hz": 1.0, "delay_s": 2.0}), ("stale", {"stale": 0.6})):
+        folder = flown(tmp_path / name, replace(UNSEEN, pilot="oracle", seconds=40.0), **faults)
+        frames = {row["frame_id"]: row for row in rows(folder / "truth.jsonl", "frame")}
+        gone = [
+            said
+            for said in rows(folder / "decisions.jsonl")
+            if said["action"]["action"] == "go" and frames[said["frame_id"]]["distance_m"] > 5.0  # nearer it backs away
+        ]
+        assert len(gone) >= 4
+        for said in gone:
+            bearing = math.degrees(math.atan(said["action"]["point"][0] / 500.0 - 1.0))
+            assert bearing == pytest.approx(frames[said["frame_id"]]["bearing_deg"], abs=1.5)
+
+
+@pytest.mark.slow("flies in real time, twice")
+def test_so_it_is_over_sockets_in_real_time(tmp_path):
+    """The same questions lose and keep the same pictures; how long a picture really takes is the host's."""
+    there = replace(UNSEEN, simulated=Simulated(speed=2.0))
+    late = flown(tmp_path / "late", there, delay_s=2.5)
+    assert all(2.5 - 1e-6 <= age < 4.0 for age in ages(late))
+    truth = {row["frame_id"]: row["t"] for row in rows(late / "truth.jsonl", "frame")}
+    assert all(truth[said["frame_id"]] == said["t_frame"] for said in rows(late / "decisions.jsonl"))
+    stale = [
+        [
+            said["frame_id"] == before["frame_id"]
+            for before, said in itertools.pairwise(rows(folder / "decisions.jsonl"))
+        ]
+        for folder in (flown(tmp_path / "real", there, stale=0.5), flown(tmp_path / "step", stale=0.5))
+    ]
+    steps = min(map(len, stale))
+    assert steps >= 3
+    assert stale[0][:steps] == stale[1][:steps]
+    assert any(stale[1])
+    often = flown(tmp_path / "rate", there, rate_hz=2.0, delay_s=1.5)
+    taken = [said["t_frame"] % 0.5 for said in rows(often / "decisions.jsonl")]
+    assert all(each <= 0.02 + 1e-6 for each in taken)  # the first truth at 50 Hz after the shutter

@@ -1,0 +1,33 @@
+"""What ends a flight is said when it happens, not after everything is closed."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from dronecats.flight.run.episode import fly
+from dronecats.flight.spec.flight_spec import Authority
+from foundation.errors import DronecatsError, LinkError
+from hil.link.link import Link, TakeoverError
+from tests.hil.link.scripted_vehicle import ScriptedVehicle
+
+
+@pytest.mark.parametrize("fault", [TakeoverError("another hand has it"), LinkError("it is silent")])
+def test_the_reason_is_said_before_the_vehicle_is_landed_and_the_logger_told(tmp_path, fault):
+    vehicle = ScriptedVehicle()
+    happened: list[str] = []
+    link = Link(vehicle.transport())
+    stage = SimpleNamespace(
+        links=[link], camera=None, camera_model=None, executor=None, lockstep=False, speed=1.0,
+        check=lambda: None, check_vehicles=lambda: None, cause=lambda error: error,
+        mend=lambda: happened.append("mend"), begin=lambda t0_us, cap_s: None,
+        end=lambda reason, error: happened.append(reason),
+    )  # fmt: skip
+
+    def broken(cap_s, decided):
+        raise fault
+
+    agent = SimpleNamespace(now_s=1.0, steps=0, fly=broken)
+    flown = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), say=happened.append)
+    assert isinstance(flown.error, DronecatsError)
+    said = next(k for k, line in enumerate(happened) if str(fault) in line)
+    assert said < min(happened.index("mend"), happened.index(flown.reason))

@@ -1,0 +1,83 @@
+"""A disk that is full says so in a sentence, ends with status 3, and leaves no half-written verdict."""
+
+import json
+import re
+import resource
+from contextlib import contextmanager
+
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.flight.run.episode import Flown
+from dronecats.flight.run.outcome import fly_and_judge
+from tests.support.command_line import last_object
+
+
+@contextmanager
+def file_sizes_limited(limit):
+    """Let no file of this process grow beyond `limit` bytes; Python ignores the signal that goes with it."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "decisions.jsonl").write_text(
+        '{"step": 0, "drone": 0, "frame_id": 0, "t_frame": 4.5, "t_decided": 5.0, "action": {"action": "finished"}}\n'
+    )
+    (tmp_path / "truth.jsonl").write_text(
+        '{"kind": "begin", "t": 0.0, "t0_us": 0}\n'
+        '{"kind": "frame", "t": 4.5, "drone": 0, "frame_id": 0, "distance_m": 4.0, "visible": true}\n'
+        '{"kind": "end", "t": 6.0, "reason": "decided"}\n'
+    )
+    return tmp_path
+
+
+def concluded(folder, limit):
+    """What a flight comes to whose files may not grow beyond `limit` bytes after it."""
+
+    def afterwards(flown):
+        (folder / "afterwards.json").write_text("x" * 5000)
+
+    with file_sizes_limited(limit):
+        return fly_and_judge(lambda: Flown("decided", None, 6.0, 1.0, 1), folder, "e", "blind", afterwards)
+
+
+def test_a_verdict_that_cannot_be_written_is_told_and_known_all_the_same(folder):
+    result = concluded(folder, 100)
+    assert (result["status"], result["outcome"]) == (3, "success")
+    assert re.search(r"verdict\.json.*File too large", result["error"])
+    assert not list(folder.glob("verdict.json*"))
+
+
+def test_what_comes_after_the_verdict_costs_the_verdict_nothing(folder):
+    result = concluded(folder, 4000)
+    assert (result["status"], result["outcome"]) == (3, "success")
+    assert "File too large" in result["error"]
+    assert (result["success_at_first"], result["success_within_three"], result["censored"]) == (True, True, True)
+    assert (result["declaration_precision"], result["false_declarations"]) == (1.0, 0)
+    assert json.loads((folder / "verdict.json").read_text())["outcome"] == "success"
+
+
+def test_an_older_verdict_outlives_a_full_disk(folder):
+    (folder / "verdict.json").write_text('{"outcome": "error"}')
+    concluded(folder, 100)
+    assert json.loads((folder / "verdict.json").read_text()) == {"outcome": "error"}
+    assert [path.name for path in folder.glob("verdict.json*")] == ["verdict.json"]
+
+
+@pytest.mark.parametrize("limit", [5000, 60_000])  # run.json fits, the logs do not
+def test_logs_that_a_disk_does_not_take_end_a_flight_with_status_3(tmp_path, capsys, rendered_run, limit):
+    """The rendered run comes first, so that every kernel that this flight needs has been compiled and kept."""
+    words = ["--pilot", "oracle", "--latency", "fixed:0.5", "--out", str(tmp_path / "run"), "--json"]
+    with file_sizes_limited(limit):
+        status = main(["fly", "--sitl", "--speed", "max", *words])
+    said = capsys.readouterr()
+    assert status == 3, said.err
+    assert "Traceback" not in said.err
+    assert "File too large" in said.err
+    assert last_object(said.out)["outcome"] in ("error", "success")

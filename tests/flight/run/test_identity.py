@@ -1,0 +1,142 @@
+"""Two flights are of one kind, or identity.json says in what they differ."""
+
+import hashlib
+import json
+import shutil
+
+import pytest
+
+from dronecats.flight.run import identity, source_digest
+from dronecats.flight.run.identity import code_digest, identify, protocol_numbers, suite_digest
+from foundation import protocol
+from foundation.run_folder.reading import json_object
+from foundation.run_folder.rows import EpisodeIdentity
+
+
+@pytest.fixture
+def sources(tmp_path, monkeypatch):
+    """A copy of the sources that are digested."""
+    for floor in identity.FLOORS:
+        shutil.copytree(identity.ROOT / floor, tmp_path / floor, ignore=shutil.ignore_patterns("__pycache__"))
+    for room in identity.ROOMS:
+        copied = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(identity.ROOT / "dronecats" / room, tmp_path / "dronecats" / room, ignore=copied)
+    monkeypatch.setattr(identity, "ROOT", tmp_path)
+    code_digest.cache_clear()
+    yield tmp_path
+    code_digest.cache_clear()
+
+
+def digest_now():
+    code_digest.cache_clear()
+    return code_digest()
+
+
+def edited(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_what_decides_a_flight_moves_the_digest(sources):
+    seen = [digest_now()]
+    edited(sources / "dronecats/agent/controller.py", "= ", "= 1 + ")
+    seen.append(digest_now())
+    with (sources / "dronecats/agent/prompt.txt").open("a") as file:
+        file.write("Fly slowly.")
+    seen.append(digest_now())
+    edited(sources / "vehicles/airframes/x500.toml", "mass_kg = ", "mass_kg = 1")
+    seen.append(digest_now())
+    weights = next((sources / "dronecats/pilots").rglob("*.npz"))
+    weights.write_bytes(weights.read_bytes() + b" ")
+    seen.append(digest_now())
+    (sources / "hil/more.py").write_text("SPEED = 1.0\n")
+    seen.append(digest_now())
+    edited(sources / "hil/more.py", "1.0", "1.1")
+    seen.append(digest_now())
+    assert len(set(seen)) == len(seen)
+
+
+def test_where_a_source_stands_and_how_it_is_explained_does_not(sources):
+    before = digest_now()
+    controller = sources / "dronecats/agent/controller.py"
+    edited(controller, "\n\n\n", "\n\n\n# a comment\n\n\n")
+    edited(controller, '"""', '"""In other words: ')
+    edited(sources / "vehicles/airframes/x500.toml", "\n", "\n# a comment\n")
+    (sources / "dronecats/flight/spec/moved").mkdir()
+    controller.rename(sources / "dronecats/flight/spec/moved/steering.py")
+    (sources / "vehicles/airframes/x500.toml").rename(sources / "vehicles/x500.toml")
+    assert digest_now() == before
+
+
+def test_a_function_that_moves_to_another_file_stays_what_it_is(sources):
+    (sources / "hil/a.py").write_text("import math\n\n\ndef half(x):\n    return x / 2\n\n\nLIMIT = 3\n")
+    before = digest_now()
+    (sources / "hil/a.py").write_text('"""Limits."""\n\nLIMIT = 3\n')
+    (sources / "dronecats/flight/run/b.py").write_text("def half(x):\n    # of it\n    return x / 2\n")
+    assert digest_now() == before
+
+
+def test_what_reads_flights_back_does_not_count(sources):
+    before = digest_now()
+    (sources / "dronecats" / "cli").mkdir()
+    (sources / "dronecats" / "cli" / "main.py").write_text("x = 1\n")
+    assert digest_now() == before
+
+
+def test_it_is_computed_once_and_kept(sources, monkeypatch):
+    before = digest_now()
+    monkeypatch.setattr(source_digest, "statements", lambda *_: pytest.fail("parsed again"))
+    assert digest_now() == before
+
+
+def test_the_protocol_is_told_number_by_number():
+    told = protocol_numbers()
+    assert told["CAP_S"] == protocol.CAP_S
+    assert told["GO"] == "go"
+    assert set(told) == {name for name in vars(protocol) if name.isupper()}
+    json.dumps(told)
+
+
+def test_a_suite_is_its_records_in_whatever_order():
+    pairs = [("b", "two"), ("a", "one")]
+    assert suite_digest(pairs) == suite_digest(reversed(pairs)) != suite_digest([("b", "two"), ("a", "other")])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "episode.json").write_text('{"id": "a"}')
+    step = {"drone": 0, "frame_id": 0, "t_frame": 0.0, "t_decided": 1.0, "action": None}
+    told = [
+        {"served": "gpt-5-2026-01-01 fp_1"},
+        {},
+        {"served": "gpt-5-2026-01-01 fp_2"},
+        {"served": "gpt-5-2026-01-01 fp_1"},
+    ]
+    lines = [json.dumps({"step": k, **step, **each}) for k, each in enumerate(told)]
+    (tmp_path / "decisions.jsonl").write_text("\n".join(lines) + "\n")
+    for name in ("000010.jpg", "000009.jpg"):
+        (tmp_path / "frames" / name).write_bytes(name.encode())
+    return tmp_path
+
+
+def test_an_episode_is_its_record_its_frames_in_order_and_who_answered(folder):
+    found = identify(folder)
+    assert found.record_sha256 == hashlib.sha256(b'{"id": "a"}').hexdigest()
+    assert (found.frames, found.frames_sha256) == (2, hashlib.sha256(b"000009.jpg000010.jpg").hexdigest())
+    assert found.served == ("gpt-5-2026-01-01 fp_1", "gpt-5-2026-01-01 fp_2")
+    exchange = {"number": 0, "t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}",
+                "orders": [], "confirms": [], "model": "m", "served": "commander-1"}  # fmt: skip
+    (folder / "commander.jsonl").write_text(json.dumps(exchange) + "\n")
+    assert identify(folder).served == (*found.served, "commander-1")
+    identity.write_identity(folder, {"late": 2.0})
+    stored = json_object(folder / "identity.json")
+    assert stored is not None
+    assert stored["pace"] == {"late": 2.0}
+    assert set(stored) == set(EpisodeIdentity.__dataclass_fields__)
+
+
+def test_what_broke_off_before_anything_has_an_identity_too(tmp_path):
+    found = identify(tmp_path)
+    assert (found.record_sha256, found.frames, found.frames_sha256, found.served) == (None, 0, None, ())

@@ -1,0 +1,193 @@
+"""Whatever else breaks at the end of a flight, the vehicle has been told to land."""
+
+import signal
+from types import SimpleNamespace
+
+import pytest
+
+from dronecats.flight.run.ascent import StartOffset, ascend
+from dronecats.flight.run.landing import finish, unexpected
+from dronecats.flight.run.safety_log import SafetyLog
+from foundation.errors import CameraError, InfrastructureError, LinkError
+from foundation.mavlink import dialect
+from hil.link.envelope import Limits
+from hil.link.link import Link
+from tests.hil.link.scripted_vehicle import ScriptedVehicle, flying
+
+
+class Landing(ScriptedVehicle):
+    """Once told to land it is down, so that nobody waits."""
+
+    def step(self):
+        self.armed = self.armed and self.mode != "LAND"
+        super().step()
+
+
+@pytest.fixture
+def vehicle():
+    return Landing()
+
+
+def stage(*links, cause=lambda error: error, check_vehicles=lambda: None, end=lambda reason, error: None):
+    return SimpleNamespace(links=links, end=end, cause=cause, check_vehicles=check_vehicles)
+
+
+def test_a_closed_terminal_keeps_no_vehicle_from_being_landed(vehicle):
+    link = flying(vehicle)
+
+    def say(line):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    finish(stage(link), "error", None, "land", say)
+    assert vehicle.mode == "LAND"
+
+
+def test_a_full_disk_keeps_no_vehicle_from_being_landed(vehicle, tmp_path):
+    link = flying(vehicle, limits=Limits(ceiling_m=3.0, margin_m=0.5))
+    SafetyLog(tmp_path / "no such folder" / "safety.jsonl", [link], lambda line: None)
+    vehicle.position[2] = -4.0  # now the envelope acts, in the very moment of standing still
+    finish(stage(link), "error", None, "land", lambda line: None)
+    assert vehicle.mode == "LAND"
+
+
+def test_a_process_that_hangs_is_the_error_of_the_flight_and_of_its_log(vehicle):
+    ended: list[str | None] = []
+    hangs = InfrastructureError("the camera process hangs: no answer for 10 s; see camera.log")
+    on = stage(flying(vehicle), cause=lambda error: hangs, end=lambda reason, error: ended.append(error))
+    assert finish(on, "error", CameraError("no frame"), "land", lambda line: None) is hangs
+    assert ended == [str(hangs)]
+    assert vehicle.mode == "LAND"
+
+
+def test_the_other_drones_are_kept_up_with_while_one_is_told_to_land(vehicle, monkeypatch):
+    first, second = flying(vehicle), flying(Landing())
+    kept = []
+    monkeypatch.setattr(second, "keep_up", lambda: kept.append(vehicle.mode))
+    finish(stage(first, second), "cap", None, "land", lambda line: None)
+    assert "OFFBOARD" in kept
+    assert vehicle.mode == "LAND"
+
+
+@pytest.mark.parametrize("reason", ["takeover", "budget"])
+def test_what_is_no_fault_has_no_cause_to_look_for(vehicle, reason):
+    error = LinkError("somebody else flies it")
+    on = stage(flying(vehicle), cause=lambda error: InfrastructureError("the camera process hangs"))
+    assert finish(on, reason, error, "land", lambda line: None) is error
+
+
+def test_vehicles_of_a_simulator_that_is_gone_are_not_waited_for_one_by_one(vehicle):
+    def gone():
+        raise InfrastructureError("the simulator process hangs")
+
+    fleet = [flying(vehicle), flying(Landing())]
+    for link in fleet:
+        link.transport = ScriptedVehicle().transport()
+        link.transport.receive = lambda timeout_s: b""
+    said: list[str] = []
+    finish(stage(*fleet, check_vehicles=gone), "error", LinkError("it has been silent"), "land", said.append)
+    assert len([line for line in said if "the simulator process hangs" in line]) == 2
+
+
+def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle):
+    stays_armed = ScriptedVehicle()
+    events: list[str] = []
+    ended = stage(flying(vehicle), flying(stays_armed), end=lambda reason, error: events.append("the log is complete"))
+    assert finish(ended, "decided", None, "land", events.append) is None  # it is no error of the flight
+    complete, (line,) = events.index("the log is complete"), [line for line in events if "not seen to end" in line]
+    assert complete < events.index(line)
+    for words in ("drone 2", "score is not affected", "may still be armed"):
+        assert words in line
+    alone: list[str] = []
+    finish(stage(flying(ScriptedVehicle())), "decided", None, "land", alone.append)
+    assert [line for line in alone if "not seen to end" in line and "drone" not in line]
+
+
+def test_a_vehicle_that_cannot_be_told_to_land_costs_no_score_either(vehicle):
+    def gone():
+        raise LinkError("the cable is out")
+
+    said: list[str] = []
+    finish(stage(flying(vehicle), check_vehicles=gone), "decided", None, "land", said.append)
+    assert [line for line in said if "could not be told" in line and "score is not affected" in line]
+
+
+def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):
+    told = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
+    assert "No space left" in str(told)
+    assert "ZeroDivisionError" in str(unexpected(ZeroDivisionError("division"), tmp_path / "no such folder"))
+
+
+def test_a_wire_that_raises_what_nobody_expects_leaves_the_next_vehicle_landed(vehicle):
+    other = flying(ScriptedVehicle())
+
+    def broken(message):
+        raise RuntimeError("what nobody expects")
+
+    other.send = broken
+    finish(stage(other, flying(vehicle)), "error", None, "land", lambda line: None)
+    assert vehicle.mode == "LAND"
+
+
+@pytest.mark.parametrize("after_ms", [0, 200, 480])
+def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms):
+    link = flying(vehicle)
+    said: list[str] = []
+    pressed: list[bool] = []
+    due_ms, go_on = vehicle.time_ms + after_ms, vehicle.take
+
+    def take():
+        if vehicle.time_ms >= due_ms and not pressed:
+            pressed.append(True)
+            signal.raise_signal(signal.SIGINT)
+        return go_on()
+
+    vehicle.take = take
+    link.transport = vehicle.transport()
+    finish(stage(link), "interrupted", None, "land", said.append)
+    assert vehicle.mode == "LAND"
+    assert any("waiting" in line for line in said)
+
+
+@pytest.mark.parametrize(("armed", "landed"), [(True, True), (True, False), (False, False)])
+def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
+    vehicle.armed, vehicle.landed, vehicle.mode = armed, landed, "POSCTL"
+    with pytest.raises(LinkError, match="--arm"):
+        ascend([Link(vehicle.transport())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
+    assert {c[0] for c in vehicle.commands} <= {511, 512}
+    assert vehicle.mode == "POSCTL"
+
+
+def test_an_empty_battery_takes_nothing_off(vehicle):
+    vehicle.armed, vehicle.landed, vehicle.battery = False, True, 10
+    with pytest.raises(LinkError, match="10%"):
+        ascend([Link(vehicle.transport(), limits=Limits())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
+    assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in {c[0] for c in vehicle.commands}
+
+
+SINKS = "COM_OBL_RC_ACT = 0 (Position)"
+
+
+@pytest.mark.parametrize("ending", ["disarmed", "unreachable", "landed", "taken"])
+def test_what_a_vehicle_does_that_is_left_without_setpoints_is_said(vehicle, ending):
+    link = flying(vehicle)
+    link.failsafe = SINKS
+    said: list[str] = []
+    if ending == "disarmed":  # says a heartbeat; whether it is true nobody knows
+        vehicle.armed = False
+    if ending == "taken":
+        vehicle.mode = "POSCTL"
+    if ending in ("disarmed", "taken"):
+        with pytest.raises(LinkError):
+            link.wait(5.0)
+    if ending == "unreachable":
+        vehicle.command = lambda message: None
+    finish(stage(link), "error", None, "land", said.append)
+    assert any(SINKS in line for line in said) == (ending in ("disarmed", "unreachable"))
+
+
+def test_a_notice_of_the_link_reaches_the_user(vehicle, tmp_path):
+    link = flying(vehicle)
+    said: list[str] = []
+    SafetyLog(tmp_path / "safety.jsonl", [link], said.append)
+    link.on_notice("an address sends messages")
+    assert "an address sends messages" in said[0]

@@ -1,0 +1,83 @@
+"""What the envelope does is written at each change, and said once."""
+
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from dronecats.flight.run.safety_log import SafetyLog
+
+
+def linked() -> Any:
+    """Return two links of which the log wants no more."""
+    return [SimpleNamespace(time_us=k, on_limit=None) for k in range(2)]
+
+
+@pytest.fixture
+def two_drones(tmp_path):
+    """Return the links of two drones, their log, what is said, and the file."""
+    links = linked()
+    said: list[str] = []
+    file = tmp_path / "safety.jsonl"
+    return links, SafetyLog(file, links, said.append), said, file
+
+
+def test_a_limit_that_acts_at_every_step_is_said_twice_in_all(two_drones):
+    links, log, said, file = two_drones
+    for _ in range(70):
+        links[1].on_limit(("climb",))
+        links[1].on_limit(())
+    assert len(said) == 1
+    assert "drone 2" in said[0]
+    assert "climb" in said[0]
+    log.sum_up()
+    assert len(said) == 2
+    assert "climb 70 times" in said[1]
+    assert [json.loads(line)["limits"] for line in file.read_text().splitlines()] == [["climb"], []] * 70
+
+
+def test_each_limit_of_each_drone_is_said_when_it_first_acts(two_drones):
+    links, log, said, _ = two_drones
+    links[0].on_limit(("climb",))
+    links[0].on_limit(("climb", "ceiling"))
+    links[0].on_limit(("ceiling",))
+    links[0].on_limit(("ceiling", "climb"))
+    links[1].on_limit(("climb",))
+    assert [line.split("drone ")[1] for line in said] == ["1 limited by climb", "1 limited by ceiling",
+                                                         "2 limited by climb"]  # fmt: skip
+    log.sum_up()
+    (summary,) = said[3:]
+    assert "drone 1" in summary
+    assert "climb 2 times" in summary
+    assert "ceiling once" in summary
+
+
+def test_a_drone_that_flies_alone_has_no_number(tmp_path):
+    (link, _), said = linked(), list[str]()
+    SafetyLog(tmp_path / "safety.jsonl", [link], said.append)
+    link.on_limit(("climb",))
+    assert "drone" not in said[0]
+
+
+def test_what_acted_once_has_been_said(two_drones):
+    links, log, said, _ = two_drones
+    log.sum_up()
+    links[0].on_limit(("climb",))
+    links[0].on_limit(())
+    log.sum_up()
+    assert len(said) == 1
+
+
+def test_a_closed_terminal_stops_no_setpoint(two_drones, tmp_path):
+    links, _, _, file = two_drones
+
+    def say(line):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    log = SafetyLog(file, links, say)
+    for _ in range(2):
+        links[0].on_limit(("climb",))
+        links[0].on_limit(())
+    log.sum_up()
+    assert len(file.read_text().splitlines()) == 4

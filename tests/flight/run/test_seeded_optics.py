@@ -1,0 +1,51 @@
+"""The noise of a flight's camera is that flight's own, and the same again when it is flown again."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from dronecats.flight.run.simulated import fly_simulated
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from episodes.camera.optics.options import Optics, Sensor
+
+NOISY = Optics(sensor=Sensor(full_well_e=50.0)).as_dict()
+SPEC = FlightSpec(
+    pilot="blind:straight",
+    episode="residential-approaching-03",
+    simulated=Simulated(speed=None, optics=NOISY),
+    full=True,
+)
+
+
+def first_picture(folder, seed, speed=None):
+    """Fly, and return the bytes of the first picture that was decided on."""
+    assert SPEC.simulated is not None
+    latency = "fixed:0.5" if speed is None else "real"
+    seconds = 2.0 if speed is None else 20.0  # the first reply has to come within
+    simulated = replace(SPEC.simulated, speed=speed)
+    spec = replace(SPEC, seed=seed, latency=latency, seconds=seconds, simulated=simulated)
+    result = fly_simulated(spec, folder, lambda line: None)
+    assert result["reason"] == "cap", result["error"]
+    return min(folder.rglob("frames/*.jpg")).read_bytes()
+
+
+def grain(jpeg):
+    """Return what of a picture is finer than a pixel's neighbourhood: nearly all of it noise."""
+    grey = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE), float)
+    return (grey - cv2.GaussianBlur(grey, (0, 0), 1.0)).ravel()
+
+
+@pytest.mark.slow
+def test_in_lockstep_noise_is_the_seeds_and_comes_back_to_the_byte(tmp_path):
+    one, again, other = (first_picture(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
+    assert one == again
+    assert abs(np.corrcoef(grain(one), grain(other))[0, 1]) < 0.1
+
+
+@pytest.mark.slow("flies in real time, twice")
+def test_in_real_time_noise_is_the_seeds_too(tmp_path):
+    one, again, other = (first_picture(tmp_path / name, seed, 4.0) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
+    assert np.corrcoef(grain(one), grain(again))[0, 1] > 0.5
+    assert abs(np.corrcoef(grain(one), grain(other))[0, 1]) < 0.1

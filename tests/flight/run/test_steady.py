@@ -1,0 +1,40 @@
+"""The steady agent on a whole flight: what it declares, and that it flies the same twice."""
+
+import json
+
+import pytest
+
+from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from tests.support.json_lines import rows
+
+EPISODE = "residential-tracking-05"  # of which the paper's agent stays 5.5 m behind at 2 s a reply
+
+
+def steady_flight(folder, seconds=60.0):
+    spec = FlightSpec(
+        pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), latency="fixed:2",
+        seconds=seconds, agent="steady",
+    )  # fmt: skip
+    result = fly(spec, folder, lambda line: None)
+    return result, folder / EPISODE
+
+
+def test_it_catches_up_at_two_seconds_a_reply_declares_of_its_picture_and_does_so_again(tmp_path):
+    result, folder = steady_flight(tmp_path / "a")
+    assert (result["outcome"], result["declarations"]) == ("success", 1)
+    assert json.loads((tmp_path / "a" / "run.json").read_text())["flight"]["agent"] == "steady"
+    decisions, truth = rows(folder / "decisions.jsonl"), rows(folder / "truth.jsonl")
+    declared = decisions[-1]
+    assert declared["action"] == {"action": "finished"}
+    assert declared["t_decided"] - declared["t_frame"] == pytest.approx(2.0, abs=0.06)
+    (taken,) = [row for row in truth if row["kind"] == "frame" and row["frame_id"] == declared["frame_id"]]
+    assert taken["t"] == pytest.approx(declared["t_frame"], abs=0.02)
+    assert taken["distance_m"] == pytest.approx(result["ne_m"], abs=1e-3)  # the verdict is that of the picture
+    # its beginning, flown again
+    _, again = steady_flight(tmp_path / "b", seconds=15.0)
+    repeated = rows(again / "decisions.jsonl")
+    assert len(repeated) >= 4
+    assert repeated == decisions[: len(repeated)]
+    before = [[row for row in each if 0.0 < row["t"] < 15.0] for each in (truth, rows(again / "truth.jsonl"))]
+    assert before[0] == before[1]

@@ -1,0 +1,206 @@
+"""A vehicle over a bad wire, in wind, under a load and with late fixes: each by its physics, against the truth."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.flight.sitl.lockstep import Lockstep
+from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
+from foundation.frames import GRAVITY, quat_to_euler, wrap_pi
+from foundation.mavlink import dialect
+from foundation.setpoints import Hold, Turn, Velocity
+from hil.impairment.channel import Impairment
+from hil.impairment.one_way import PERFECT
+from hil.impairment.stepped import SteppedWire
+from hil.link.envelope import SIMULATED
+from hil.link.link import Link
+from vehicles import airframe
+
+ORIGIN = (47.397742, 8.545594, 488.0)
+X500 = airframe.load("x500")
+
+
+@dataclass
+class Aloft:
+    """A vehicle that holds its place in offboard, and what is noted of it at every tick from then on."""
+
+    vehicle: SimulatedVehicle
+    wire: SteppedWire
+    link: Link
+    lockstep: Lockstep
+    times_s: list[float] = field(default_factory=list)
+    attitudes: list[tuple[float, float, float]] = field(default_factory=list)  # rad, roll pitch yaw
+    places: list[np.ndarray] = field(default_factory=list)  # m, true
+    errors: list[np.ndarray] = field(default_factory=list)  # m, estimate less truth, less what it was at first
+
+    def begin(self) -> None:
+        """Begin what is to be disturbed, and to take notes."""
+        self.lockstep.simulation.begin(self.vehicle.time_us)
+        self._off = self._error()
+        self.lockstep.followers.append(self._note)
+
+    def shot(self) -> tuple[int, np.ndarray, float]:
+        """Return the link's time (µs), and where the autopilot now believes to be, and its heading (m, rad)."""
+        now = self.vehicle.core.estimate
+        return self.link.time_us, now["position_ned"].copy(), quat_to_euler(tuple(now["attitude"].tolist()))[2]
+
+    def _error(self) -> np.ndarray:
+        return np.asarray(self.vehicle.core.estimate["position_ned"] - self.vehicle.plant.truth["position_ned"])
+
+    def _note(self) -> None:
+        truth = self.vehicle.plant.truth
+        self.times_s.append(self.lockstep.time_s)
+        self.attitudes.append(quat_to_euler(tuple(truth["attitude"].tolist())))
+        self.places.append(truth["position_ned"].copy())
+        self.errors.append(self._error() - self._off)
+
+
+def aloft(payload_kg: float = 0.0, disturbed: FlightConditions = AS_EVER, wired: bool = True) -> Aloft:
+    vehicle = SimulatedVehicle(0, X500, BootPose((0.0, 0.0, 0.0), 0.0), seed=5, origin=ORIGIN, payload_kg=payload_kg)
+    lockstep = Lockstep(Simulation([vehicle], disturbed=disturbed))
+    wire = lockstep.wire(0, seed=5)
+    transport = wire if wired else lockstep.transport(0)
+    link = Link(transport, simulated=True, silence_s=1e9)
+    link.connect()
+    link.wait_for(lambda state: state.healthy, 60.0, "becoming ready")
+    link.arm()
+    link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+    link.wait(8.0)
+    link.fly(Hold())
+    link.start_offboard()
+    link.wait(6.0)
+    return Aloft(vehicle, wire, link, lockstep)
+
+
+def noses_down_after_s(flight: Aloft) -> float:
+    """Return the seconds from the order to fly ahead until the nose, by the truth, is 2° below where it was."""
+    flight.begin()
+    flight.link.wait(2.0)
+    asked_s, level = flight.lockstep.time_s, flight.attitudes[-1][1]
+    flight.link.fly(Velocity(3.0, None), 20.0)
+    flight.link.wait(3.0)
+    down = next(
+        t for t, (_, pitch, _) in zip(flight.times_s, flight.attitudes, strict=True)
+        if t > asked_s and pitch < level - math.radians(2.0)
+    )  # fmt: skip
+    return down - asked_s
+
+
+def test_a_setpoint_is_obeyed_later_by_the_wires_delay_and_the_clock_stays_right() -> None:
+    took_s = []
+    for up, down in ((0.0, 0.0), (0.4, 0.0), (0.0, 0.3)):
+        flight = aloft()
+        flight.wire.impair(Impairment(delay_s=up), Impairment(delay_s=down), 1e9)
+        flight.link.behind_us = round(down * 1e6)
+        took_s.append(noses_down_after_s(flight))
+        assert flight.link.time_us / 1e6 == pytest.approx(flight.lockstep.time_s, abs=0.02)
+    assert took_s[1] - took_s[0] == pytest.approx(0.4, abs=0.03)
+    assert took_s[2] - took_s[0] == pytest.approx(0.0, abs=0.06)  # the vehicle is told at once, from where it was
+
+
+@pytest.mark.parametrize("late_s", [0.0, 1.0])
+def test_where_a_picture_was_taken_is_known_however_late_telemetry_comes(late_s: float) -> None:
+    flight = aloft()
+    flight.begin()
+    flight.wire.impair(PERFECT, Impairment(delay_s=late_s), 1e9)
+    flight.link.behind_us = round(late_s * 1e6)
+    flight.link.wait(3.0)
+    limited: list[tuple[str, ...]] = []
+    flight.link.limits, flight.link.on_limit = SIMULATED, limited.append
+    flight.link.fly(Velocity(1.2, None), 30.0)
+    flight.link.wait(4.0)
+    moving = flight.shot()
+    flight.link.wait(2.5)
+    flight.link.fly(Turn(0.5, None), 30.0)
+    flight.link.wait(3.0)
+    turning = flight.shot()
+    flight.link.wait(2.5)
+    for time_us, place, heading in (moving, turning):  # all that was told of then has come long since
+        sight = flight.link.sight(time_us)
+        assert sight.position_ned == pytest.approx(place.tolist(), abs=0.03)
+        assert wrap_pi(sight.heading - heading) == pytest.approx(0.0, abs=0.03)
+    assert limited in ([], [()])  # and a place that came as late as all telemetry does is none that has grown stale
+
+
+def test_an_impaired_wire_is_the_same_to_the_byte_and_before_that_as_if_it_were_none() -> None:
+    plain, perfect = aloft(wired=False), aloft()
+    assert plain.vehicle.plant.record.tobytes() == perfect.vehicle.plant.record.tobytes()
+    flown = []
+    for loss in (0.0, 0.4, 0.4):
+        flight = aloft()
+        assert flight.vehicle.plant.record.tobytes() == plain.vehicle.plant.record.tobytes()
+        flight.begin()
+        flight.wire.impair(Impairment(loss=loss), Impairment(loss=loss, jitter_s=0.1 * loss), 1e9)
+        flight.link.fly(Velocity(2.0, None), 4.0)
+        flight.link.wait(8.0)
+        flown.append(flight.vehicle.plant.record.tobytes())
+        for way in flight.wire.counts:
+            assert way.lost / way.taken == pytest.approx(loss, abs=0.08)
+    assert flown[1] == flown[2] != flown[0]
+
+
+def test_whom_no_setpoint_reaches_any_more_comes_down_by_its_failsafe() -> None:
+    flight = aloft()
+    flight.begin()
+    flight.wire.impair(Impairment(loss=1.0), PERFECT, 1e9)
+    flight.link.wait(2.0)
+    assert flight.link.state.mode != "OFFBOARD"
+    flight.link.wait(6.0)  # and no other hand is seen in it
+    assert flight.places[-1][2] > flight.places[0][2] + 1.0
+
+
+def test_the_hover_is_learnt_with_a_payload_and_the_height_is_held() -> None:
+    empty, laden = aloft(), aloft(payload_kg=0.5)
+    learnt = []
+    for flight in (empty, laden):
+        flight.begin()
+        flight.link.wait(8.0)
+        learnt.append(float(flight.vehicle.core.state["hover_thrust"]))
+        heights = np.array(flight.places)[:, 2]
+        assert np.ptp(heights) < 0.3
+    assert learnt[1] / learnt[0] == pytest.approx(2.5 / 2.0, rel=0.05)  # its battery sags more, besides
+    assert laden.vehicle.core.params["hover_thrust"] == empty.vehicle.core.params["hover_thrust"]  # not tuned for it
+
+
+def test_it_leans_against_the_wind_by_its_drag_from_the_beginning_on() -> None:
+    north = 7.0
+    flight = aloft(disturbed=FlightConditions(wind_ned=(north, 0.0, 0.0)))
+    assert abs(quat_to_euler(tuple(flight.vehicle.plant.truth["attitude"].tolist()))[1]) < math.radians(1.5)
+    flight.begin()
+    flight.link.wait(12.0)
+    speeds = flight.vehicle.plant.state["rotor_speed"][:4]
+    drag = (X500.drag_linear_frd[0] + X500.drag_quadratic_frd[0] * north) * north
+    drag += X500.curve.drag_coefficient * float(np.sum(speeds)) * north
+    pitch = np.mean([euler[1] for euler in flight.attitudes[-400:]])
+    assert pitch == pytest.approx(math.atan2(drag, X500.mass_kg * GRAVITY), rel=0.05)  # its back to it: nose up
+    moved = np.array(flight.places)[:, :2] - flight.places[0][:2]
+    assert 0.1 < moved[:, 0].max() < 3.0  # carried off, and it comes back
+    assert np.linalg.norm(moved[-1]) < 0.5
+
+
+def test_late_fixes_put_the_estimate_behind_by_the_way_flown_meanwhile() -> None:
+    def behind(delay_s: float) -> float:
+        flight = aloft(disturbed=FlightConditions(gps_delay_s=delay_s))
+        flight.begin()
+        flight.link.fly(Velocity(2.0, None), 30.0)
+        flight.link.wait(12.0)
+        return float(-np.mean(np.array(flight.errors)[-200:, 0]))
+
+    assert behind(0.3) - behind(0.0) == pytest.approx(2.0 * 0.3, rel=0.3)
+
+
+@pytest.mark.parametrize(("hz", "told"), [(None, 20.0), (4.0, 4.0), (15.0, 15.0), (40.0, 40.0)])
+def test_setpoints_are_sent_as_often_as_is_asked_for(hz: float | None, told: float) -> None:
+    flight = aloft()
+    sent: list[float] = []
+    flight.begin()
+    flight.link.stream_at(hz)
+    flight.link.wait(2.0)
+    flight.link.on_setpoint = lambda setpoint: sent.append(flight.lockstep.time_s)
+    flight.link.wait(5.0)
+    assert len(sent) / 5.0 == pytest.approx(told, rel=0.06)
+    assert np.ptp(np.array(flight.places), axis=0).max() < 0.3
+    assert flight.link.state.mode == "OFFBOARD"

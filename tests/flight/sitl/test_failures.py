@@ -1,0 +1,73 @@
+"""MAVLink's failure injection reaches the simulated sensors and rotors, and is taken back."""
+
+import pytest
+
+from dronecats.flight.sitl.failures import SENSORS, Failures
+from foundation.mavlink import dialect as d
+from vehicles import airframe
+from vehicles.faults import Fault
+from vehicles.multirotor import Multirotor
+
+
+@pytest.fixture
+def plant():
+    return Multirotor(airframe.load("x500"), seed=1, origin=(47.4, 8.5, 488.0))
+
+
+def test_a_receiver_that_is_off_gives_no_fix_until_it_is_mended(plant):
+    failures = Failures(plant)
+    plant.advance(1000)
+    assert failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_OFF, 0)
+    plant.advance(500)
+    last = int(plant.sensors["gps_time_us"])
+    plant.advance(1000)
+    assert int(plant.sensors["gps_time_us"]) == last
+    assert failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_OK, 0)
+    plant.advance(500)
+    assert int(plant.sensors["gps_time_us"]) > last
+
+
+def test_one_rotor_of_several_stops_and_comes_back(plant):
+    failures = Failures(plant)
+    assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 2)
+    plant.advance(10)
+    assert plant.state["rotor_health"][:4].tolist() == [1, 0, 1, 1]
+    assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OK, 0)
+    plant.advance(10)
+    assert plant.state["rotor_health"][:4].tolist() == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "instance"),
+    [
+        (d.FAILURE_UNIT_SENSOR_AIRSPEED, d.FAILURE_TYPE_OFF, 0),
+        (d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_SLOW, 0),
+        (d.FAILURE_UNIT_SENSOR_BARO, d.FAILURE_TYPE_DELAYED, 0),
+        (d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_STUCK, 1),
+        (d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 9),
+    ],
+)
+def test_what_cannot_be_done_is_refused_and_changes_nothing(plant, unit, kind, instance):
+    assert not Failures(plant).inject(unit, kind, instance)
+    assert int(plant.faults["count"]) == 0
+
+
+@pytest.mark.parametrize("unit", SENSORS, ids=SENSORS.get)
+def test_every_sensor_can_be_wrong_and_then_it_is(plant, unit):
+    assert Failures(plant).inject(unit, d.FAILURE_TYPE_WRONG, 0)
+    assert plant.faults["value"][0].any()
+
+
+def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():
+    script = [Fault("gps", "fail"), Fault("mag", "fail", from_us=500_000)]
+    plant = Multirotor(airframe.load("x500"), seed=1, origin=(47.4, 8.5, 488.0), faults=script)
+    failures = Failures(plant, script)
+    plant.advance(300)
+    assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 1)
+    plant.advance(1000)
+    assert int(plant.sensors["gps_time_us"]) == 0
+    assert int(plant.sensors["mag_time_us"]) < 500_000
+    assert failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_OK, 0)
+    plant.advance(1000)
+    assert int(plant.sensors["gps_time_us"]) > 1_300_000
+    assert int(plant.sensors["mag_time_us"]) < 500_000

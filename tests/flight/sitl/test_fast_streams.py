@@ -1,0 +1,95 @@
+"""Messages faster than the autopilot's tick: as often as they were asked for, and nobody else notices."""
+
+import numpy as np
+import pytest
+
+from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
+from foundation.mavlink import Packer, Parser, dialect
+from vehicles import airframe
+
+IMU, ATTITUDE = dialect.MAVLINK_MSG_ID_HIGHRES_IMU, dialect.MAVLINK_MSG_ID_ATTITUDE
+
+
+class Client:
+    """A client in memory of one vehicle on the ground."""
+
+    def __init__(self) -> None:
+        self.vehicle = SimulatedVehicle(
+            0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=3, origin=(47.4, 8.5, 488.0)
+        )
+        self.port = self.vehicle.open_port("minimal")
+        self._packer, self._parser = Packer(245, 190), Parser()
+        self.steps: list[int] = []  # ms of every call of the compiled loop
+        loop = self.vehicle._fused.advance
+
+        def advance(steps: int) -> None:
+            self.steps.append(steps)
+            loop(steps)
+
+        self.vehicle._fused.advance = advance  # type: ignore[method-assign]
+        self.hear(1.5)  # the sensors have something to say
+
+    def ask(self, message: int, interval_us: float) -> None:
+        command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+        self.port.receive(
+            self._packer.pack(
+                dialect.MAVLink_command_long_message(1, 1, command, 0, message, interval_us, 0, 0, 0, 0, 0)
+            )
+        )
+
+    def hear(self, seconds: float, kind: str = "") -> list[dialect.MAVLink_message]:
+        heard = []
+        for _ in range(round(seconds * 100)):
+            self.vehicle.advance()
+            heard += self._parser.feed(self.port.take())
+        return [message for message in heard if message.get_type() == kind]
+
+
+@pytest.mark.parametrize("rate", [125, 200, 250, 400, 1000])
+def test_inertial_samples_come_as_often_as_they_are_asked_for(rate):
+    client = Client()
+    client.ask(IMU, 1e6 / rate)
+    client.hear(0.1)
+    heard = client.hear(2.0, "HIGHRES_IMU")
+    assert len(heard) == pytest.approx(2 * rate, abs=1)
+    stamps = np.array([message.time_usec for message in heard])
+    gaps = np.diff(stamps)
+    assert gaps.min() > 0
+    # a due sample leaves after the step of the loop in which it fell due, never later
+    assert abs(gaps - 1e6 / rate).max() <= max(client.steps[-10:]) * 1000
+    samples = {(message.xacc, message.yacc, message.zacc) for message in heard}
+    assert len(samples) == len(heard)  # each is a sample of its own, none is sent twice
+
+
+def test_beside_a_fast_stream_the_others_keep_their_rates():
+    client = Client()
+    client.ask(ATTITUDE, 40_000)
+    client.ask(IMU, 4_000)
+    client.hear(0.1)
+    heard = client.hear(4.0, "ATTITUDE")
+    assert len(heard) == pytest.approx(100, abs=1)
+
+
+def test_the_flight_is_the_same_to_the_bit_with_and_without():
+    plain, fast = Client(), Client()
+    fast.ask(IMU, 4_000)
+    for each in (plain, fast):
+        each.hear(1.0)
+    assert plain.vehicle.plant.truth.tobytes() == fast.vehicle.plant.truth.tobytes()
+    assert plain.vehicle.plant.sensors.tobytes() == fast.vehicle.plant.sensors.tobytes()
+    assert plain.vehicle.core.estimate.tobytes() == fast.vehicle.core.estimate.tobytes()
+
+
+def test_who_does_not_ask_does_not_pay():
+    client = Client()
+    assert set(client.steps) == {10}
+    client.ask(IMU, 5_000)
+    client.hear(0.1)
+    assert client.steps[-2:] == [5, 5]
+    client.ask(IMU, -1)
+    client.hear(0.1)
+    assert client.steps[-2:] == [10, 10]
+    other = client.vehicle.open_port("onboard")
+    client.hear(0.1)
+    assert client.steps[-2:] == [10, 10]  # PX4's own rates are no faster than the tick
+    assert other.take()

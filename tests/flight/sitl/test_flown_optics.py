@@ -1,0 +1,118 @@
+"""Options on the simulated camera: they reach its pictures, and nothing that is measured."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.cli.main import main
+from dronecats.flight.sitl.camera import WorldCamera, rates_between
+from dronecats.flight.sitl.scenario import origin
+from dronecats.flight.spec.flight import CAMERA, look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from episodes.camera.optics.file import load
+from episodes.camera.optics.options import Exposure, Optics, Rain, Sensor
+from episodes.records import catalogue
+from episodes.world.world import World
+from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler, quat_integrate
+from foundation.mavlink import Packer
+from foundation.truth import TruthSample, truth_message
+
+SMALL = CameraModel(160, 90)
+
+
+def sample(time_us, attitude):
+    return TruthSample(0, time_us, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), attitude)
+
+
+RATE = st.floats(-5.0, 5.0)
+
+
+@given(st.tuples(RATE, RATE, RATE), st.floats(-3.0, 3.0))
+def test_rates_are_those_that_lead_from_one_attitude_to_the_next(rates, yaw):
+    before = quat_from_euler(0.1, -0.2, yaw)
+    after = quat_integrate(before, tuple(0.02 * w for w in rates))
+    assert rates_between(sample(0, before), sample(20_000, after)) == pytest.approx(rates, abs=1e-4)
+
+
+def test_samples_of_another_age_say_nothing_of_rates():
+    turned = quat_from_euler(0.0, 0.0, 1.0)
+    assert rates_between(sample(0, (1.0, 0.0, 0.0, 0.0)), sample(2_000_000, turned)) == (0.0, 0.0, 0.0)
+    assert rates_between(sample(5, turned), sample(5, turned)) == (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return World(catalogue.load(catalogue.DEFAULT))
+
+
+def bus(world, time_us, yaw, drone=0):
+    spawn = world.scene.spawn_ned
+    place = (spawn[0], spawn[1], spawn[2] - 3.0)
+    zero = (0.0, 0.0, 0.0)
+    message = truth_message(time_us, place, zero, quat_from_euler(0.0, 0.0, yaw), zero, zero, origin(world))
+    return Packer(drone + 1, 51).pack(message)
+
+
+def frames(world, optics, turn, seed=0, count=2):
+    """Return the first pictures and what was announced, the vehicle turning by `turn` (rad) in 20 ms."""
+    said: list[bytes] = []
+    camera = WorldCamera(world, SMALL, said.append, optics=optics, seed=seed)
+    camera.feed(bus(world, 1_000_000, 0.3))
+    camera.feed(bus(world, 1_020_000, 0.3 + turn))
+    return [camera.newest().image_rgb for _ in range(count)], said
+
+
+def test_a_turn_on_the_truth_bus_blurs_the_frame_and_the_announcement_stays(world):
+    plain, said = frames(world, None, 0.02)
+    still, _ = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.0)
+    blurred, said_too = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.02)
+    sharpness = [np.abs(np.diff(p[0].astype(float), axis=1)).mean() for p in (plain, still, blurred)]
+    assert sharpness[2] < 0.9 * sharpness[0]
+    assert sharpness[1] > 0.9 * sharpness[0]
+    assert said == said_too
+
+
+def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
+    (first, second), _ = frames(world, Optics(sensor=Sensor(2000.0, 5.0)), 0.0)
+    assert (first != second).mean() > 0.5
+    assert np.abs(first.astype(float) - second.astype(float)).mean() < 15.0
+    np.testing.assert_array_equal(frames(world, Optics(sensor=Sensor(2000.0, 5.0)), 0.0)[0][1], second)
+
+
+@pytest.mark.parametrize("optics", [Optics(sensor=Sensor(2000.0, 5.0)), Optics(rain=Rain(100.0))])
+def test_another_flight_has_other_noise_and_other_drops(world, optics):
+    (one,), (other,), (again,) = (frames(world, optics, 0.0, seed, count=1)[0] for seed in (1, 2, 2))
+    assert (one != other).any()
+    np.testing.assert_array_equal(again, other)
+    plain = [frames(world, None, 0.0, seed, count=1)[0][0] for seed in (1, 2)]
+    np.testing.assert_array_equal(*plain)
+
+
+def test_two_drones_of_a_fleet_at_one_place_have_each_its_own_noise():
+    fleet, seen = World(catalogue.load("residential-commanding-01")), []
+    for drone in (0, 1):
+        camera = WorldCamera(fleet, SMALL, lambda data: None, optics=Optics(sensor=Sensor(2000.0, 5.0)))
+        camera.feed(bus(fleet, 1_000_000, 0.3, drone))
+        seen.append(camera.newest(drone).image_rgb)
+    assert (seen[0] != seen[1]).mean() > 0.5
+    assert np.abs(seen[0].astype(float) - seen[1].astype(float)).mean() < 15.0
+
+
+def test_a_run_says_what_it_was_flown_with(tmp_path):
+    file = tmp_path / "hazy.toml"
+    file.write_text("[haze]\ndensity_per_m = 0.02\n")
+    flight = look_up(FlightSpec(pilot="oracle", simulated=Simulated(optics=load(file).as_dict())))
+    assert json.loads(json.dumps(flight.camera))["optics"]["haze"]["density_per_m"] == 0.02
+    assert look_up(FlightSpec(pilot="oracle", simulated=Simulated())).camera == CAMERA
+
+
+@pytest.mark.parametrize("verb", [["fly", "--sitl"], ["sitl", "--camera"]])
+def test_a_broken_file_is_refused_before_anything_starts(verb, tmp_path, capsys):
+    file = tmp_path / "broken.toml"
+    file.write_text("[haze]\ndensity_per_m = -1\n")
+    assert main([*verb, "--optics", str(file)]) == 2
+    assert "density_per_m" in capsys.readouterr().err

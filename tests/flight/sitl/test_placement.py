@@ -1,0 +1,172 @@
+"""Somebody else's truth on our map: the pure part, and the process that does it over sockets."""
+
+import itertools
+import math
+import socket
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.flight.processes.supervisor import ChildProcess
+from dronecats.flight.sitl.config import TruthBridgeConfig
+from dronecats.flight.sitl.placement import TruthClock, standing
+from dronecats.flight.sitl.scenario import boot_poses, load_world, origin
+from dronecats.flight.sitl.truth_bridge import TruthSource
+from dronecats.flight.stages import parts
+from foundation.errors import UsageError
+from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.truth import NewestTruth, truth_message
+from hil.link.transport import connect
+from tests.support.ports import free_port
+
+HOME = (47.397743, 8.545594, 489.4)  # where PX4's own simulation begins
+EPISODE = "residential-approaching-01"
+ANGLE = st.floats(-math.pi, math.pi)
+METRES = st.floats(-300.0, 300.0)
+
+
+def said(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), time_us=0, roll=0.0):
+    """Return what a vehicle says that is at `position` (m NED from HOME)."""
+    still = (0.0, 0.0, 0.0)
+    return truth_message(time_us, position, velocity, quat_from_euler(roll, 0.0, yaw), still, still, HOME)
+
+
+def test_where_it_stood_is_where_the_episode_begins():
+    placement = standing(said(yaw=0.7), (12.0, -5.0, 1.5), 2.0)
+    sample = placement.sample(said(yaw=0.7), 4_000)
+    assert sample.position_ned == pytest.approx((12.0, -5.0, 1.5), abs=0.02)
+    assert quat_to_euler(sample.attitude)[2] == pytest.approx(2.0, abs=1e-6)
+    assert (sample.drone, sample.time_us) == (0, 4_000)
+
+
+@given(METRES, METRES, st.floats(-50.0, 0.0), ANGLE, ANGLE, ANGLE)
+def test_what_it_flies_is_what_is_seen(north, east, down, stood, began, yaw):
+    """Distances, heights and turns are the same; ahead there is ahead here."""
+    placement = standing(said(yaw=stood), (3.0, 4.0, 0.5), began)
+    sample = placement.sample(said((north, east, down), yaw, (1.0, 0.0, -0.5), roll=0.2), 0)
+    moved = [a - b for a, b in zip(sample.position_ned, (3.0, 4.0, 0.5), strict=True)]
+    assert math.dist(moved, (0.0, 0.0, 0.0)) == pytest.approx(math.hypot(north, east, down), abs=0.03)
+    assert moved[2] == pytest.approx(down, abs=0.002)
+    roll, _, here = quat_to_euler(sample.attitude)
+    assert wrap_pi(here - began - (yaw - stood)) == pytest.approx(0.0, abs=1e-5)
+    assert roll == pytest.approx(0.2, abs=1e-5)
+    assert sample.velocity_ned == pytest.approx((math.cos(began - stood), math.sin(began - stood), -0.5), abs=1e-5)
+    ahead = rotate(quat_from_euler(0.0, 0.0, began - stood), (north, east, down))
+    assert moved == pytest.approx(list(ahead), abs=0.03)
+
+
+def test_a_truth_without_time_takes_that_of_the_actuators():
+    clock = TruthClock()
+    actuators = dialect.MAVLink_hil_actuator_controls_message(38_904_250, [0.0] * 16, 1, 0)
+    assert clock.see(said()) is None  # nobody has told the time yet
+    assert clock.see(actuators) is None
+    assert clock.see(said()) == 38_904_000
+    assert clock.see(said(time_us=7_654_321)) == 7_654_000
+
+
+class Somebody:
+    """A vehicle that says where it is, as PX4's own simulation does: 25 Hz, time only beside it, system 6."""
+
+    def __init__(self, port, *, speed=0.0, timed=True):
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to, self._speed, self._timed = ("127.0.0.1", port), speed, timed
+        self.north = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._speak)
+        self._thread.start()
+
+    def _speak(self):
+        packer = Packer(6, 1)
+        for tick in itertools.count(1):
+            if self._stop.wait(0.04):
+                return
+            actuators = dialect.MAVLink_hil_actuator_controls_message(tick * 40_000, [0.0] * 16, 1, 0)
+            where = said((self.north, 0.0, 0.0), 0.3, (self._speed, 0.0, 0.0))
+            for message in (actuators, where) if self._timed else (where,):
+                self._socket.sendto(packer.pack(message), self._to)
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+
+@pytest.fixture
+def port():
+    return free_port()
+
+
+def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
+    somebody = Somebody(port)
+    world = load_world(EPISODE)
+    bridge = ChildProcess(
+        parts.TRUTH_BRIDGE,
+        TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}"),
+        tmp_path / "bridge.log",
+    )
+    try:
+        ready = bridge.ready()
+        turn = boot_poses(world)[0].yaw - 0.3
+        assert math.cos(ready["placement"]["turn"] - turn) == pytest.approx(1.0, abs=1e-9)
+        camera, logger = (connect(f"udpout://127.0.0.1:{ready['truth']}") for _ in range(2))
+        hello = Packer(246, 191)
+        heartbeat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+        logger.send(hello.pack(heartbeat))
+        place = boot_poses(world)[0]
+        somebody.north = 10.0
+        newest = NewestTruth(origin(world))
+        ahead = (
+            place.position_ned[0] + 10.0 * math.cos(place.yaw - 0.3),
+            place.position_ned[1] + 10.0 * math.sin(place.yaw - 0.3),
+        )
+        for _ in range(100):
+            newest.feed(logger.receive(0.1))
+            sample = newest.of(0)
+            if sample and math.dist(sample.position_ned[:2], ahead) < 0.05:
+                break
+        assert sample is not None
+        assert sample.position_ned[:2] == pytest.approx(ahead, abs=0.05)
+        assert sample.position_ned[2] == pytest.approx(place.position_ned[2], abs=0.02)
+        assert sample.time_us % 1000 == 0
+        camera.send(hello.pack(heartbeat) + hello.pack(dialect.MAVLink_camera_image_captured_message(
+            1, 0, 0, 0, 0, 0, 0, [1.0, 0.0, 0.0, 0.0], 17, 1, b"")))  # fmt: skip
+        parser, heard = Parser(), []
+        for _ in range(100):
+            heard += [m.image_index for m in parser.feed(logger.receive(0.1)) if hasattr(m, "image_index")]
+            if heard:
+                break
+        assert heard == [17]  # what the camera says reaches the logger
+    finally:
+        bridge.close()
+        somebody.close()
+
+
+def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
+    somebody = Somebody(port, speed=2.0)
+    source = TruthSource(f"udpin://127.0.0.1:{port}")
+    with pytest.raises(UsageError, match=r"2\.0 m/s"):
+        source.first()
+    source.close()
+    somebody.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("timed", [None, False])
+def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
+    somebody = None if timed is None else Somebody(port, timed=timed)
+    config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}")
+    bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
+    with pytest.raises(UsageError, match=rf"--truth udpin://127\.0\.0\.1:{port}"):
+        bridge.ready()
+    bridge.close()
+    if somebody:
+        somebody.close()
+
+
+def test_home_is_carried_to_a_centimetre():
+    lat, lon, alt = ned_to_geodetic(*HOME, 100.0, -50.0, -20.0)
+    placement = standing(said((100.0, -50.0, -20.0)), (0.0, 0.0, 0.0), 0.0)
+    assert placement.home == pytest.approx((lat, lon, alt), abs=1e-6)

@@ -1,0 +1,58 @@
+"""`dronecats sitl --sign`: every port of the vehicle wants the key, from boot and after a reboot."""
+
+import threading
+
+import pytest
+
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.simulator_process import Simulator
+from foundation.errors import LinkError
+from foundation.mavlink import dialect
+from hil.link.link import Link
+from hil.link.transport import connect
+
+KEY = bytes(range(1, 33))
+
+
+@pytest.fixture
+def ports(tmp_path):
+    """Ports of a simulator that runs meanwhile, ten times as fast as the wall."""
+    (tmp_path / "key").write_text(KEY.hex())
+    simulator = Simulator(SimulatorConfig(episode="open-ground", count=1, speed=10.0, sign=str(tmp_path / "key")))
+    told, ended = simulator.ready(), threading.Event()
+
+    def turn():
+        while not ended.is_set():
+            simulator.turn()
+
+    thread = threading.Thread(target=turn)
+    thread.start()
+    yield told
+    ended.set()
+    thread.join()
+    simulator.close()
+
+
+def test_who_has_the_key_is_obeyed_also_after_a_reboot_and_nobody_else(ports):
+    url = f"udpout://127.0.0.1:{ports['agent'][0]}"
+    stranger = Link(connect(url))
+    stranger.connect()
+    with pytest.raises(LinkError, match="--sign"):
+        stranger.set_mode("HOLD")
+    stranger.close()
+    thief = Link(connect(url), key=KEY[::-1])
+    with pytest.raises(LinkError, match="another key"):
+        thief.connect(0.5)
+    thief.close()
+    owner = Link(connect(url), key=KEY)
+    owner.connect()
+    owner.command(dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1)
+    owner.close()
+    again = Link(connect(url), key=KEY)
+    again.connect()
+    again.set_mode("HOLD")
+    again.close()
+    log = Link(connect(f"udpout://127.0.0.1:{ports['log'][0]}"))
+    with pytest.raises(LinkError):
+        log.connect(0.5)
+    log.close()

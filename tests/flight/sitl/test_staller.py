@@ -1,0 +1,47 @@
+"""A simulator that is held up on purpose: as often as was asked for, in the same seconds every time, and really."""
+
+import time
+
+import pytest
+
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.host_stalls import HostStalls, Staller
+from dronecats.flight.sitl.simulator_process import Simulator
+
+
+def stalled_at(share: float, seed: int, seconds: int = 1000) -> list[int]:
+    """Return the vehicle times (µs) at which it stood still."""
+    now, stops = [0], list[int]()
+    staller = Staller(HostStalls(share=share, seconds=0.7), seed, lambda seconds: stops.append(now[0]))
+    staller.begin(500_000)
+    for now[0] in range(0, seconds * 1_000_000, 10_000):
+        staller.turn(now[0])
+    assert staller.count == len(stops)
+    return stops
+
+
+def test_the_share_of_seconds_that_begin_with_a_stall_is_as_asked_for_and_which_is_the_seeds() -> None:
+    stops = stalled_at(0.2, 1)
+    assert stops == stalled_at(0.2, 1) != stalled_at(0.2, 2)
+    assert len(stops) == pytest.approx(200, abs=45)
+    assert all((at - 500_000) % 1_000_000 == 0 for at in stops)
+    assert set(stops) <= set(stalled_at(0.5, 1))  # a worse host is held up then, and at other times
+    assert stalled_at(0.0, 1) == []
+    assert len(stalled_at(1.0, 1, seconds=10)) == 10
+
+
+def test_the_simulator_stands_still_and_the_wall_does_not() -> None:
+    simulator = Simulator(
+        SimulatorConfig(episode="residential-approaching-01", speed=100.0, stalls=HostStalls(share=1.0, seconds=0.4))
+    )
+    try:
+        simulator.ready()
+        simulator.turn()
+        simulator.do("begin", {"t0_us": simulator.simulation.time_us})
+        began_s, began_us = time.monotonic(), simulator.simulation.time_us
+        simulator.turn()
+        assert time.monotonic() - began_s >= 0.4
+        assert simulator.simulation.time_us - began_us == 10_000
+        assert simulator.do("pace", {})["lag_max_s"] >= 0.39
+    finally:
+        simulator.close()

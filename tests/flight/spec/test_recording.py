@@ -1,0 +1,142 @@
+"""What a recorded flight is read from, and what the command line makes of it. Nothing is flown here."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from dronecats.cli.fly_spec import said_of_replay, spec_of
+from dronecats.cli.main import parse
+from dronecats.flight.spec.flight_spec import Accounts, Connected, FlightSpec, Simulated
+from dronecats.flight.spec.recording import recorded
+from dronecats.flight.spec.spec_file import as_kept
+from episodes.records import catalogue
+from foundation.errors import UsageError
+from hil.link.envelope import Limits
+from tests.support.refusal import refusal
+
+EASY = "residential-approaching-01"
+FLOWN = FlightSpec(episode=EASY, simulated=Simulated(speed=None), pilot="vision", seed=3, latency="lognormal:1,0.5")
+ROW = {"frame_id": 1, "t_frame": 0.0, "t_decided": 1.0, "action": None, "error": "none"}
+SAID = [
+    {"step": 0, "drone": 0, "reply": "a", "latency_s": 0.25, "tokens_in": 7, "tokens_out": 2, **ROW},
+    {"step": 0, "drone": 1, "reply": "a", "latency_s": 0.25, "tokens_in": 7, "tokens_out": 2, **ROW},
+    {"step": 1, "drone": 0, "reply": "b", "latency_s": 0.5, "finish": "length", **ROW},
+]
+
+
+def folder(path, spec=FLOWN, said=SAID, reason="cap", name=EASY):
+    """Make the folder of a run; return it."""
+    episode = path / name
+    episode.mkdir(parents=True)
+    (path / "run.json").write_text(json.dumps({"schema": 1, "versions": {}, "flight": as_kept(spec)}))
+    (episode / "episode.json").write_text(catalogue.load(EASY).to_json())
+    (episode / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in said))
+    (episode / "truth.jsonl").write_text(json.dumps({"kind": "end", "t": 9.0, "reason": reason}) + "\n")
+    return path
+
+
+def spec(*words):
+    return spec_of(parse(["fly", *words]))
+
+
+def test_all_that_was_flown_is_flown_again_and_each_question_has_its_reply(tmp_path):
+    flight = spec("--sitl", "--model", f"replay:{folder(tmp_path)}")
+    recording = flight.replay
+    assert recording is not None
+    assert flight == replace(FLOWN, episode=None, record=flight.record, replay=recording)
+    assert flight.record == json.loads(catalogue.load(EASY).to_json())
+    assert flight.pilot_name == "replay of vision"
+    assert [(each.step, each.drone, each.reply) for each in recording.steps] == [(0, 0, "a"), (1, 0, "b")]
+    first, second = recording.steps
+    assert (first.latency_s, first.tokens_in, first.tokens_out, first.finish) == (0.25, 7, 2, None)
+    assert (second.latency_s, second.tokens_in, second.finish) == (0.5, None, "length")
+    assert recording.to_the_cap
+    assert not (recorded(folder(tmp_path / "b", reason="decided")).replay or recording).to_the_cap
+
+
+def test_what_is_said_otherwise_takes_the_place_of_what_was_flown(tmp_path):
+    words = ["--sitl", "--model", f"replay:{folder(tmp_path)}", "--seed", "5", "--latency", "fixed:1", "--speed", "2"]
+    words += ["--airframe", "nano", "--episode", "residential-searching-01", "--no-envelope", "--full"]
+    flight = spec(*words)
+    assert (flight.seed, flight.latency, flight.full, flight.envelope) == (5, "fixed:1", True, None)
+    assert flight.simulated == Simulated(speed=2.0, airframe="nano")
+    assert (flight.episode, flight.record) == ("residential-searching-01", None)
+    said = said_of_replay(parse(["fly", *words]), EASY)
+    changed = ["--episode", "--seed", "--latency", "--speed", "--airframe", "--no-envelope", "--full"]
+    assert re.findall(r"--[a-z-]+", said) == changed
+    assert spec(*words, "--parser", "lenient").parser == "lenient"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--axis", "yx"), ("--schema", "none"), ("--temperature", "1"), ("--command", "solo"), ("--drones", "1"),
+     ("--command", "hierarchical", "--commander", "scripted:divide")],
+)  # fmt: skip
+def test_what_a_replay_cannot_have_otherwise_is_refused_and_not_passed_over(tmp_path, words):
+    with pytest.raises(UsageError, match=words[0]):
+        spec("--sitl", "--model", f"replay:{folder(tmp_path)}", *words)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda run: (run / "run.json").unlink(), "run.json"),
+        (lambda run: (run / "run.json").write_text('{"schema": 1, "versions": {}}'), "run.json"),
+        (lambda run: folder(run, name="other"), "2 episodes"),
+        (lambda run: (run / EASY / "episode.json").unlink(), "episode.json"),
+        (lambda run: (run / EASY / "decisions.jsonl").write_text(""), "decision"),
+        (lambda run: (run / EASY / "decisions.jsonl").write_text(json.dumps({**ROW, "step": 0, "drone": 0}) + "\n"),
+         "decisions.jsonl"),
+    ],
+    ids=["no run", "no flight", "two", "no record", "no decision", "no reply"],
+)  # fmt: skip
+def test_what_cannot_be_flown_again_is_said_in_a_sentence(tmp_path, change, word):
+    run = folder(tmp_path)
+    change(run)
+    assert word in refusal(recorded, run)
+
+
+def test_a_flight_on_a_vehicle_of_ones_own_is_a_script_and_no_replay(tmp_path):
+    vehicle = Connected(url="udpin://x:1", camera="c")
+    flown = FlightSpec(connected=vehicle, instruction="go", pilot="vision", envelope=Limits())
+    with pytest.raises(UsageError, match="--pilot recorded:FILE"):
+        recorded(folder(tmp_path, flown))
+    connect = ["--connect", "udpin://0.0.0.0:1", "--camera", "http://h", "--instruction", "go"]
+    with pytest.raises(UsageError, match="--sitl"):
+        spec(*connect, "--model", f"replay:{tmp_path}")
+    with pytest.raises(UsageError, match="--base-url"):
+        spec("--sitl", "--model", f"replay:{tmp_path}", "--base-url", "http://h/v1")
+
+
+def test_accounts_are_given_with_a_model_and_anew_beside_a_file(tmp_path):
+    words = ["--cost-limit", "0.5", "--token-limit", "900", "--cache", "c.sqlite", "--ledger", "l.sqlite"]
+    flight = spec("--sitl", "--model", "local/m", "--base-url", "http://h/v1", *words)
+    assert flight.accounts == Accounts(cost_limit_usd=0.5, token_limit=900, ledger="l.sqlite", cache="c.sqlite")
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(as_kept(flight)))
+    again = spec("--spec", str(file), "--cost-limit", "2")
+    assert again.accounts == replace(flight.accounts, cost_limit_usd=2.0)
+
+
+def test_what_answered_is_said_again_with_each_reply_until_it_changes(tmp_path):
+    said = [{**row, "step": k} for k, row in enumerate([SAID[0]] * 4)]
+    said[1] |= {"served": "m-1 fp_1"}
+    said[3] |= {"served": "m-1 fp_2"}
+    recording = spec("--sitl", "--model", f"replay:{folder(tmp_path, said=said)}").replay
+    assert recording is not None
+    assert [each.served for each in recording.steps] == [None, "m-1 fp_1", "m-1 fp_1", "m-1 fp_2"]
+
+
+def test_what_answered_as_the_commander_is_said_again_too(tmp_path):
+    run = folder(tmp_path)
+    said = {"t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}", "orders": [],
+            "confirms": [], "model": "m"}  # fmt: skip
+    told: list[dict[str, str]] = [{}, {"served": "m-1 fp_1"}, {}, {"served": "m-1 fp_2"}]
+    lines = [json.dumps({"number": k, **said, **each}) for k, each in enumerate(told)]
+    (run / EASY / "commander.jsonl").write_text("\n".join(lines) + "\n")
+    recording = spec("--sitl", "--model", f"replay:{run}").replay
+    assert recording is not None
+    commander = [each.served for each in recording.steps if each.role == "commander"]
+    assert commander == [None, "m-1 fp_1", "m-1 fp_1", "m-1 fp_2"]

@@ -1,0 +1,170 @@
+"""A flight is a value: it pickles, it is JSON, no key of it is kept, and the file of a run flies it again."""
+
+import argparse
+import json
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.cli import fly
+from dronecats.cli.fly_spec import spec_of
+from dronecats.cli.main import main
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_json, as_kept, from_json, hidden
+from episodes.records import catalogue
+from foundation.errors import UsageError
+from hil.cameras.calibration import Calibration
+from hil.link.envelope import SIMULATED, Limits
+
+NUMBERS = st.floats(0.01, 100.0)
+TEXTS = st.text(max_size=20)
+OPTIONAL = st.none() | TEXTS
+LENS = Calibration(640, 360, ((300.0, 0.0, 320.0), (0.0, 300.0, 180.0), (0.0, 0.0, 1.0)), (0.1, 0.0, 0.0, 0.0))
+SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+
+simulated = st.builds(
+    Simulated, airframe=TEXTS, autopilot=st.sampled_from(["ours", "px4"]), px4=OPTIONAL,
+    speed=st.none() | NUMBERS, rendered=st.booleans(),
+    optics=st.none() | st.just({"haze": {"density_per_m": 0.02}}),
+)  # fmt: skip
+connected = st.builds(
+    Connected, url=TEXTS, camera=OPTIONAL, calibration=st.none() | st.just(LENS), truth=OPTIONAL,
+    authority=st.builds(Authority, arm=st.booleans(), then=st.sampled_from(["land", "hold"]), dry=st.booleans()),
+)  # fmt: skip
+models = st.builds(
+    ModelSpec, provider=TEXTS, name=TEXTS, base_url=OPTIONAL, axis_order=st.sampled_from(["xy", "yx"]),
+    temperature=NUMBERS, schema=st.sampled_from([None, "object", "array"]), thinking=st.none() | st.just({"a": [1]}),
+)  # fmt: skip
+
+
+commands = st.one_of(
+    st.fixed_dictionaries({"command": st.sampled_from(["flat", "solo", "hierarchical"])}),
+    st.fixed_dictionaries({"command": st.just("hierarchical"), "commander": models}),
+    st.fixed_dictionaries({"command": st.just("hierarchical"), "scripted": TEXTS}),
+)
+
+
+@st.composite
+def specs(draw):
+    vehicle = draw(st.sampled_from(["simulated", "connected"]))
+    pilot = draw(st.sampled_from(["pilot", "model"]))
+    place = draw(st.sampled_from(["episode", "map", "record", "instruction"]))
+    chosen: dict[str, Any] = {
+        vehicle: draw(simulated if vehicle == "simulated" else connected),
+        pilot: draw(TEXTS if pilot == "pilot" else models),
+        place: {"id": draw(TEXTS)} if place == "record" else draw(TEXTS),
+    }
+    return FlightSpec(
+        **chosen,
+        parser=draw(st.sampled_from(["strict", "lenient"])),
+        prompt=draw(OPTIONAL), latency=draw(TEXTS), patience_s=draw(st.none() | NUMBERS),
+        drones=draw(st.none() | st.integers(1, 8)), **draw(commands if vehicle == "simulated" else st.just({})),
+        seed=draw(st.integers(0, 2**31 - 1)), seconds=draw(NUMBERS), full=draw(st.booleans()),
+        envelope=draw(st.sampled_from([Limits(), SIMULATED, Limits(exclusions=(SQUARE,), battery_min=None)])),
+    )  # fmt: skip
+
+
+@given(specs())
+def test_a_flight_pickles_and_is_json(spec):
+    assert pickle.loads(pickle.dumps(spec)) == spec
+    assert from_json(json.loads(json.dumps(as_json(spec))), "here") == spec
+
+
+def test_what_is_no_flight_is_refused(tmp_path, capsys):
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"sed": 1}, "'sed'"),
+        ({"simulated": {"sped": 1.0}}, "'simulated.sped'"),
+        ({"seed": "1"}, "seed"),
+        ({"seed": True}, "seed"),
+        ({"pilot": None}, "pilot, model or outside"),
+        ({"connected": {"url": "x"}}, "simulated or connected"),
+        ({"map": "blocks"}, "episode, record or map"),
+        ({"simulated": {"autopilot": "ardupilot"}}, "autopilot"),
+        ({"command": "chain"}, "command"),
+        ({"scripted": "scripted:divide"}, "hierarchical"),
+        (
+            {"command": "hierarchical", "scripted": "x", "commander": {"provider": "local", "name": "m"}},
+            "commander",
+        ),
+    ]
+    for change, word in wrong:
+        file = tmp_path / "spec.json"
+        file.write_text(json.dumps({"pilot": "oracle", "simulated": {}, "episode": catalogue.DEFAULT, **change}))
+        assert main(["fly", "--spec", str(file)]) == 2, change
+        error = capsys.readouterr().err
+        assert word in error, change
+        assert str(file) in error, change
+
+
+def test_what_is_kept_of_a_flight_holds_no_key():
+    model = ModelSpec(provider="local", name="m", base_url="https://h.example/v1/sk-0123456789abcdef?token=T0PSECRET")
+    real = Connected(url="udpin://0.0.0.0:14540", camera="rtsp://me:pw777@cam/1")
+    spec = FlightSpec(model=model, connected=real, envelope=Limits(), instruction="go")
+    kept = as_kept(spec)
+    text = json.dumps(kept)
+    assert all(secret not in text for secret in ("0123456789abcdef", "T0PSECRET", "pw777"))
+    assert hidden(from_json(kept, "run.json")) == ["--base-url", "--camera"]
+    above = FlightSpec(pilot="vision", command="hierarchical", commander=model, simulated=Simulated())
+    assert "0123456789abcdef" not in json.dumps(as_kept(above))
+    assert hidden(from_json(as_kept(above), "run.json")) == ["--commander-url"]
+    assert hidden(spec) == []
+    assert from_json(as_json(spec), "pipe") == spec
+
+
+def test_a_run_flies_again_from_its_file_to_the_same_bytes(tmp_path, capsys):
+    asked = ["--pilot", "oracle", "--speed", "max", "--seed", "4", "--latency", "lognormal:0.4,0.6"]
+    first, again = tmp_path / "first", tmp_path / "again"
+    assert main(["fly", "--sitl", *asked, "--episode", "residential-searching-02", "--out", str(first)]) == 0
+    assert main(["fly", "--spec", str(first / "run.json"), "--out", str(again)]) == 0
+    logs = [f"residential-searching-02/{name}" for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")]
+    assert all((first / log).read_bytes() == (again / log).read_bytes() for log in logs)
+    assert json.loads((first / "run.json").read_text()) == json.loads((again / "run.json").read_text())
+    latencies = {
+        json.loads(line)["latency_s"] for line in (first / logs[1]).read_text().splitlines()
+    }  # each question has its own
+    assert len(latencies) > 3
+    assert main(["fly", "--spec", str(first / "run.json"), "--seed", "5"]) == 2
+    assert "--seed" in capsys.readouterr().err
+
+
+def test_a_record_of_ones_own_is_in_the_flight_and_not_its_files_name(tmp_path):
+    mine = replace(catalogue.load(catalogue.DEFAULT), id="mine", seed=77)
+    spec = FlightSpec(pilot="oracle", simulated=Simulated(speed=None), record=json.loads(mine.to_json()))
+    assert look_up(spec).record == mine
+    assert look_up(spec).seed == (77, 0)
+    with pytest.raises(UsageError, match="record"):
+        look_up(replace(spec, record={"id": "mine"}))
+
+
+def test_the_file_of_a_run_of_several_wants_to_be_told_which(tmp_path, capsys):
+    spec = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps({"flight": as_kept(spec), "versions": {}}))
+    assert main(["fly", "--spec", str(file)]) == 2
+    assert "--episode" in capsys.readouterr().err
+
+
+def test_the_file_of_an_older_run_is_told_from_a_wrong_one(tmp_path, capsys):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps({"pilot": "oracle", "versions": {"dronecats": "0.1.0"}}))
+    assert main(["fly", "--spec", str(file)]) == 2
+    assert "version" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "vehicle", [["--sitl"], ["--connect", "udpin://127.0.0.1:1", "--camera", "x", "--instruction", "go"]]
+)
+def test_the_command_line_says_how_replies_are_read(vehicle):
+    command = argparse.ArgumentParser()
+    fly.add_parser(command.add_subparsers())
+
+    def asked(*words):
+        return spec_of(command.parse_args(["fly", *vehicle, *words])).parser
+
+    assert (asked(), asked("--parser", "lenient"), asked("--parser", "strict")) == ("strict", "lenient", "strict")

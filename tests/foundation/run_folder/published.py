@@ -1,0 +1,35 @@
+"""The published schemas held to a folder: every line of every file that they are of."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import jsonschema
+
+from foundation.run_folder import layout
+from foundation.run_folder.schema import FOLDER
+
+OF = {
+    layout.RUN: "run",
+    layout.DECISIONS: "decisions",
+    layout.COMMANDER: "commander",
+    layout.TRUTH: "truth",
+    layout.ESTIMATE: "estimate",
+    layout.VERDICT: "verdict",
+}
+
+
+@cache
+def validator(name: str) -> jsonschema.Draft202012Validator:
+    schema = json.loads((FOLDER / f"{name}.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def check(file: Path) -> int:
+    """Validate a file of a run folder, and return how many values in it were."""
+    text = file.read_text()
+    values = [json.loads(line) for line in text.splitlines()] if file.suffix == ".jsonl" else [json.loads(text)]
+    for value in values:
+        validator(OF[file.name]).validate(value)
+    return len(values)

@@ -1,0 +1,83 @@
+"""Which episode folders a flight may take: a new one, or that of a flight that was an error or was killed."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from dronecats.bench.batch import Batch
+from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.folder import create, write_run
+
+FLY = """
+import sys, time
+from pathlib import Path
+from foundation.run_folder.folder import create
+with create(Path(sys.argv[1]), "oracle", "e-01", {"seed": 1}) as folder:
+    (folder / "decisions.jsonl").write_text("{}\\n")
+    print("flying", flush=True)
+    time.sleep(600)
+"""
+
+
+def episode(run):
+    return create(run, "oracle", "e-01", {"seed": 1})
+
+
+def kept(run):
+    return sorted(path.name for path in (run / layout.UNFINISHED).glob("*"))
+
+
+@pytest.mark.process
+def test_a_killed_flight_is_flown_again_and_a_living_one_is_left_alone(tmp_path):
+    run = tmp_path / "run"
+    with subprocess.Popen([sys.executable, "-c", FLY, str(run)], stdout=subprocess.PIPE) as flying:
+        assert flying.stdout is not None
+        assert flying.stdout.readline() == b"flying\n"
+        with pytest.raises(UsageError, match=r"another process is flying .*e-01"), episode(run):
+            pass
+        assert kept(run) == []
+        flying.kill()
+    with episode(run) as folder:
+        assert (folder / layout.DECISIONS).read_text() == ""
+    assert kept(run) == ["e-01-1"]
+    assert (run / layout.UNFINISHED / "e-01-1" / layout.DECISIONS).read_text() == "{}\n"
+
+
+def test_only_a_flight_without_a_score_is_flown_again(tmp_path):
+    for outcome, is_again in (("success", False), ("failure", False), ("unknown", False), ("error", True)):
+        run = tmp_path / outcome
+        with episode(run) as folder:
+            (folder / layout.VERDICT).write_text(json.dumps({"outcome": outcome}))
+        if is_again:
+            with episode(run) as folder:
+                assert not (folder / layout.VERDICT).exists()
+        else:
+            with pytest.raises(UsageError, match="already holds a flight"), episode(run):
+                pass
+        assert kept(run) == ["e-01-1"] * is_again
+
+
+def test_flights_of_one_run_may_fly_side_by_side_but_not_beside_a_benchmark(tmp_path):
+    run = tmp_path / "run"
+    beside = create(run, "oracle", "e-02", {"seed": 1})
+    with episode(run), beside, pytest.raises(UsageError, match="another process is flying"):
+        Batch(run, {"seed": 1})
+    batch = Batch(run, {"seed": 1})
+    with pytest.raises(UsageError, match="another process is flying"), episode(run):
+        pass
+    batch.close()
+    with episode(run):
+        pass
+
+
+def test_a_run_of_other_settings_is_refused_and_nothing_is_moved(tmp_path):
+    run = tmp_path / "run"
+    with episode(run):
+        pass
+    write_run(run, {"seed": 2})
+    with pytest.raises(UsageError, match="other settings"), episode(run):
+        pass
+    assert kept(run) == []

@@ -1,0 +1,58 @@
+"""A folder that was flown, line by line as the published schemas say; with truth, and as if nobody had known it."""
+
+import json
+import shutil
+
+import jsonschema
+import pytest
+
+from dronecats.judge.episode import write_verdict
+from dronecats.report.afterflight.surveyed_target import SurveyedTarget
+from dronecats.report.afterflight.trace import derive
+from foundation.run_folder import layout
+from tests.foundation.run_folder.published import check, validator
+from tests.support.flown_runs import ALONE
+
+
+@pytest.fixture(scope="module")
+def flown(rendered_run, tmp_path_factory):
+    """Return a copy of the folder of a flown episode, and the flight's result."""
+    run = tmp_path_factory.mktemp("copy") / "run"
+    shutil.copytree(rendered_run.run, run)
+    return run / ALONE, rendered_run.results[0]
+
+
+def test_every_line_is_as_the_schemas_say(flown):
+    folder, result = flown
+    validator("result").validate(result)
+    derive(folder)
+    counted = {name: check(folder / name) for name in (layout.DECISIONS, layout.TRUTH, layout.ESTIMATE, layout.VERDICT)}
+    assert check(folder.parent / layout.RUN) == counted[layout.VERDICT] == 1
+    assert counted[layout.DECISIONS] == result["steps"] > 3
+    assert counted[layout.TRUTH] > 2 * counted[layout.DECISIONS]
+    assert counted[layout.ESTIMATE] > counted[layout.DECISIONS]
+
+
+def test_so_is_a_flight_whose_truth_nobody_knew(flown, tmp_path):
+    folder = tmp_path / ALONE
+    shutil.copytree(flown[0], folder)
+    told = [json.loads(line) for line in (folder / layout.TRUTH).read_text().splitlines()]
+    begin, *_, end = told
+    unknown = {"target_ned": None, "distance_m": None, "visible": None}
+    poses = [{**row, **unknown} for row in told if row["kind"] == "pose"]
+    rows = [{**begin, "source": "estimate"}, *poses, end]
+    (folder / layout.TRUTH).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    derive(folder, SurveyedTarget(47.4, 8.5456, None))
+    verdict = write_verdict(folder)
+    assert verdict.outcome in ("distance only", "error")
+    assert verdict.distances
+    for name in (layout.TRUTH, layout.ESTIMATE, layout.VERDICT):
+        assert check(folder / name)
+
+
+def test_a_schema_refuses_what_is_no_verdict(flown):
+    verdict = json.loads((flown[0] / layout.VERDICT).read_text())
+    changes: list[dict[str, object]] = [{"outcome": "solved"}, {"steps": -1}, {"drones": [{}]}, {"deciding": 3}]
+    for change in changes:
+        with pytest.raises(jsonschema.ValidationError):
+            validator("verdict").validate({**verdict, **change})

@@ -1,0 +1,107 @@
+"""The quick reader beside the strict one: whatever is damaged, the same rows or the same sentence."""
+
+import json
+from dataclasses import fields
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from foundation.errors import UsageError
+from foundation.run_folder import reading
+from foundation.run_folder.damage import taken
+from foundation.run_folder.quick import LONG, quick, quick_of_kinds
+from foundation.run_folder.rows import LARGE, TRUTH_ROWS, Decision
+from tests.foundation.run_folder.test_schemas import ROWS
+
+GOOD = [("truth.jsonl", row) for row, _ in ROWS["truth"]] + [("decisions.jsonl", row) for row, _ in ROWS["decisions"]]
+WORDS = (
+    "1e999", "-1e13", "1e12", "999999999999.9", "1.0", "-0", "-0.0", "01", "1.", "NaN", "-Infinity", "true", "null",
+    "12345678901234567890", "9" * 60, "0." + "1" * 60, '"\\ud800"', '"\\udc00\\ud800"', '"\\ud83d\\ude00"', '"é"',
+    '"\x01"', '"\\q"', "[]", "{}", "[1,2]", "[1,2,3]", "[1,2,1e13]", "[1,2,3,4]", '{"action":"go","a":[1e3,2E-400]}',
+    '{"action":5}', '{"action":"finished","action":"think"}', '"pose"', '"end"', "'", "", " ", '"' + "x" * LONG + '"',
+    "1" * 5000, "[" * 300 + "]" * 300, '"open',
+)  # fmt: skip
+
+
+@st.composite
+def lines(draw):
+    """A line of one of the logs with nothing wrong, with a value changed, keys twice or gone, or bytes of it."""
+    file, row = draw(st.sampled_from(GOOD))
+    parts = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in row.items()]
+    for _ in range(draw(st.integers(0, 2))):
+        key = draw(st.sampled_from([*row, "added", "kind", "\\ud800"]))
+        part = f'"{key}": {draw(st.sampled_from(WORDS))}'
+        at = draw(st.integers(0, len(parts)))
+        parts[at : at + draw(st.integers(0, 1))] = [part]
+    gap = draw(st.sampled_from([", ", ", ", ",", " ,\t"]))
+    text = bytearray(f"{{{gap.join(parts)}}}".encode())
+    for _ in range(draw(st.sampled_from([0, 0, 0, 1, 2]))):
+        text[draw(st.integers(0, len(text) - 1))] = draw(st.integers(0, 255))
+    end = draw(st.sampled_from([None, None, None, 3, -1, -2]))
+    return file, bytes(text[:end])
+
+
+def told(folder) -> Any:
+    try:
+        logs = reading.read(folder)
+    except UsageError as damage:
+        return str(damage)
+    return repr(logs)  # which tells 0 from 0.0 and from -0.0
+
+
+def strictly_told(folder) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reading, "quick", lambda row: lambda line: None)
+        patch.setattr(reading, "quick_of_kinds", lambda kinds: lambda line: None)
+        return told(folder)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("quick")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(lines(), min_size=1, max_size=3), st.booleans())
+def test_both_readers_tell_the_same(folder, made, whole):
+    for file in ("truth.jsonl", "decisions.jsonl"):
+        text = b"\n".join(line for of, line in made if of == file)
+        (folder / file).write_bytes(text + b"\n" if whole else text)
+    assert told(folder) == strictly_told(folder)
+
+
+def test_both_readers_tell_the_same_of_every_value_that_is_another(folder):
+    (folder / "truth.jsonl").write_text("")
+    for file, row in GOOD:
+        (folder / "decisions.jsonl").write_text("")
+        for key in row:
+            for word in WORDS:
+                parts = [f"{json.dumps(k)}: {word if k == key else json.dumps(row[k])}" for k in row]
+                (folder / file).write_bytes(f"{{{', '.join(parts)}}}\n".encode())
+                assert told(folder) == strictly_told(folder), (key, word)
+        (folder / file).write_text("")
+
+
+def test_good_lines_go_the_quick_way():
+    """Else nothing above would compare anything."""
+    for name, rows in ROWS.items():
+        for row, kind in rows:
+            line = json.dumps({**row, "added": {"later": [1]}}).encode()
+            read = quick_of_kinds(TRUTH_ROWS) if name == "truth" else quick(kind)
+            assert read(line) == taken(row, kind)[0]
+
+
+@pytest.mark.parametrize("row", [*TRUTH_ROWS.values(), Decision])
+def test_no_number_of_a_row_may_be_beyond_measure(row):
+    """What `damage.py` looks at one by one, the annotations have to say alone."""
+    (good,) = [told for rows in ROWS.values() for told, kind in rows if kind is row][:1]
+    read, looked_at = quick(row), 0
+    for field in fields(row):
+        for value in (LARGE, -LARGE, [LARGE, 0.0, 0.0], [0.0, 0.0, -LARGE], [0.0, 0.0, 0.0, LARGE]):
+            changed = {**good, field.name: value}
+            if taken(changed, row)[0] is None:
+                looked_at += 1
+                assert read(json.dumps(changed).encode()) is None, field.name
+    assert looked_at

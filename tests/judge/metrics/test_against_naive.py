@@ -1,0 +1,58 @@
+"""Every metric of the registry beside a second, naive implementation, over random logs."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dronecats.judge.metrics.failure_mode import MODES, failure_mode
+from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.metrics.registry import METRICS
+from tests.judge.episode_logs import logs
+from tests.judge.metrics import naive
+from tests.judge.metrics.episodes import CAP_S, flights, flown
+
+END = {"kind": "end", "t": CAP_S, "reason": "cap", "error": None}
+ROUNDED = 2e-3  # what verdict.json holds is rounded to a thousandth, of each drone
+
+
+def test_each_has_a_second_implementation():
+    assert set(naive.METRICS) == set(METRICS)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@given(flights())
+def test_every_metric_is_as_its_definition_has_it(rows):
+    episode = flown(rows, END)
+    plainly = naive.Episode(rows[0], rows[1], rows[2], episode)
+    assert episode.verdict.outcome == plainly.outcome
+    for name, metric in METRICS.items():
+        told, expected = metric.of(episode), naive.METRICS[name](plainly)
+        if metric.level == "step":
+            assert isinstance(told, list)
+            assert len(told) == len(rows[0]), name
+            assert told == [v if v is None else pytest.approx(v, abs=2e-5) for v in expected], name
+        else:
+            assert told == (expected if expected is None else pytest.approx(expected, abs=ROUNDED)), name
+        for value in told if isinstance(told, list) else [told]:
+            assert value is None or type(value) is bool or metric.unit != "share", name
+
+
+INCIDENTS = ("hits", "crashes", "hardest_hit_mps", "contact_s", "estimator_resets")
+
+
+def test_where_no_hits_and_no_resets_were_written_none_is_told():
+    begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
+    episode = FlownEpisode(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
+    assert [METRICS[name].of(episode) for name in INCIDENTS] == [None] * len(INCIDENTS)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@given(flights(), st.sampled_from([END, {**END, "t": 9.0, "reason": "decided"}, None]))
+def test_the_modes_partition_what_is_scored(rows, end):
+    episode = flown(rows, end)
+    mode = failure_mode(episode)
+    assert (mode is not None) == (episode.verdict.outcome in ("success", "failure"))
+    assert (mode == "success") == (episode.verdict.outcome == "success")
+    assert mode is None or mode in MODES

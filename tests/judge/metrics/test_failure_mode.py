@@ -1,0 +1,102 @@
+"""The paper's failure modes, each at its threshold; and the pilots that fail on purpose, each in its own."""
+
+import math
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dronecats.judge.metrics.failure_mode import band, failure_mode, share_ahead, stride
+from dronecats.judge.metrics.flown_episode import FlownEpisode
+from tests.judge.episode_logs import END, decision, frame, logs, pose
+
+STRIDE = {"action": "go", "point": [500, 500], "depth_m": 9.0}
+FAR_M = 20.0
+
+
+def episode(
+    told=None, ahead=1.0, nearest_m=FAR_M, to_and_fro=0, turned_deg=0.0, way_m=8.0, strides=10, drones=1, **more
+):
+    """Return a flight of a hundred steps to its cap, of drones that all do the same.
+
+    `ahead`: share of the steps with the target ahead; `to_and_fro`: m flown beside the `way_m` that the drone comes.
+    """
+    decisions, truth = [], []
+    for drone in range(drones):
+        for step in range(100):
+            action = {"action": told} if told and step == 50 else STRIDE if step < strides else {"action": "think"}
+            bearing_deg = 45.0 if step < round(100 * ahead) else -45.1
+            number = 1000 * drone + step
+            decisions.append({**decision(step, number, 2.0 + 2.5 * step, None, drone), "action": action})
+            near_m = nearest_m if step == 50 else FAR_M
+            truth.append(frame(number, 1.5 + 2.5 * step, near_m, True, drone, bearing_deg=bearing_deg))
+        for k in range(601):
+            part = k / 600
+            swing = to_and_fro / 600 if k % 2 else 0.0
+            yaw = turned_deg * part
+            place = [way_m * part, swing, -2.0]
+            truth.append(pose(k / 2, FAR_M, True, drone, place, yaw_deg=math.remainder(yaw, 360.0)))
+    decisions.sort(key=lambda d: (d["step"], d["drone"]))
+    return FlownEpisode(Path("somewhere"), {}, logs(decisions, truth, end=more.get("end", END)))
+
+
+def test_a_flight_is_in_the_first_mode_that_holds():
+    flights: list[tuple[str, dict[str, Any]]] = [
+        ("success", {"told": "finished", "nearest_m": 4.0}),
+        ("declared", {"told": "finished"}),
+        ("declared", {"told": "finished", "ahead": 0.0, "way_m": 1.0}),
+        ("arrived", {"nearest_m": 5.0}),
+        ("arrived", {"nearest_m": 4.9, "ahead": 0.0, "way_m": 1.0}),
+        ("did not move", {"way_m": 4.9}),
+        ("did not move", {"way_m": 4.9, "ahead": 0.0, "turned_deg": 1000.0}),
+        ("never closed", {"way_m": 4.9, "strides": 1}),  # who is told nothing is not stuck
+        ("never grounded", {"ahead": 0.09}),
+        ("never closed", {"ahead": 0.10}),
+        ("never grounded", {"ahead": 0.09, "to_and_fro": 90.0, "turned_deg": 800.0}),
+        ("oscillated", {"to_and_fro": 90.0, "turned_deg": 721.0}),
+        ("never closed", {"to_and_fro": 90.0, "turned_deg": 719.0}),
+        ("never closed", {"to_and_fro": 60.0, "turned_deg": 721.0}),
+        ("oscillated", {"to_and_fro": 90.0, "turned_deg": -721.0, "nearest_m": 6.0}),
+        ("never closed", {"nearest_m": 14.1}),
+        ("timed out", {"nearest_m": 13.9}),
+    ]
+    for (mode, flight), drones in product(flights, (1, 3)):
+        assert failure_mode(episode(**flight, drones=drones)) == mode, (flight, drones)
+
+
+def test_what_is_nobodys_score_is_in_none():
+    assert failure_mode(episode(end={**END, "reason": "error", "error": "x"})) is None
+    assert failure_mode(episode(end=None)) is None
+
+
+def test_the_papers_bars_have_who_could_not_move_among_the_timed_out():
+    assert band("did not move") == "timed out"
+    assert band("oscillated") == "oscillated"
+
+
+def test_a_fleet_has_grounded_when_one_drone_has():
+    one, other = episode(ahead=0.0), episode(ahead=0.5)
+    both = FlownEpisode(
+        Path("x"), {}, logs(
+            [*rows_of(one, 0), *rows_of(other, 1)], [*frames_of(one, 0), *frames_of(other, 1)],
+        ),
+    )  # fmt: skip
+    assert share_ahead(both) == 0.5
+
+
+def rows_of(flown, drone):
+    return [
+        {**decision(d.step, d.frame_id, d.t_decided, None, drone), "t_frame": d.t_frame} for d in flown.logs.decisions
+    ]
+
+
+def frames_of(flown, drone):
+    return [
+        frame(f.frame_id, f.t, f.distance_m, True, drone, bearing_deg=f.bearing_deg) for f in flown.logs.frames.values()
+    ]
+
+
+def test_a_stride_is_as_long_as_the_controller_flies_it():
+    for depth_m, flown_m in [(1.9, 0.0), (2.0, 1.2), (4.9, 1.8), (5.0, 3.0), (40.0, 3.0)]:
+        assert stride(depth_m) == pytest.approx(flown_m), depth_m

@@ -1,0 +1,120 @@
+"""Many episodes judged at once: the same whoever does it, in their order; and a user's own metric, or why not."""
+
+import json
+import re
+
+import pytest
+
+from benchmarks.judge import write_episode
+from dronecats.cli.main import main
+from dronecats.judge.episode import judge_folder
+from dronecats.judge.metrics.judging import Judging, judged_episodes, reread
+from dronecats.judge.metrics.registry import METRICS
+from foundation.run_folder.writing import as_json
+from tests.support.refusal import refusal
+
+OWN = '''
+from dronecats.judge.metrics.metric import Metric
+
+def last_yaw(flown):
+    """Return the last heading (°)."""
+    return flown.logs.poses[-1].yaw_deg
+
+METRICS = (
+    Metric(name="last_yaw_deg", title="Last yaw", unit="°", level="episode", better=None,
+           definition="heading at the last pose", paper="", of=last_yaw),
+)
+'''
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs, one with a fleet's episode in it."""
+    out = tmp_path_factory.mktemp("judging")
+    for number in range(6):
+        write_episode(out / ("one" if number < 4 else "two") / f"e-{number}", number)
+    for run in ("one", "two"):
+        (out / run / "run.json").write_text("{}")
+    return out
+
+
+def told(episodes):
+    return [(each.folder, as_json(each.judged.verdict), each.mode, dict(each.values)) for each in episodes]
+
+
+def test_processes_tell_what_one_process_tells_in_the_same_order(runs):
+    folders = sorted(runs.glob("*/e-*"), reverse=True)
+    how = Judging(measured=True)
+    alone = told(judged_episodes(folders, how, processes=1))
+    assert [folder for folder, *_ in alone] == folders
+    assert told(judged_episodes(folders, how, processes=2)) == alone
+    for folder, verdict, _, values in alone:
+        assert verdict == as_json(judge_folder(folder, 5.0, reread).verdict)
+        assert list(values) == list(METRICS)
+
+
+def test_several_runs_a_cap_and_what_differs(runs, tmp_path, capsys):
+    assert main(["judge", str(runs), "--json"]) == 0
+    episodes = json.loads(capsys.readouterr().out)["episodes"]
+    assert list(episodes) == ["one/e-0", "one/e-1", "one/e-2", "one/e-3", "two/e-4", "two/e-5"]
+    assert all(each["stored_agrees"] and set(each["metrics"]) == set(METRICS) for each in episodes.values())
+    assert main(["judge", str(runs / "one"), str(runs / "two" / "e-4"), "--cap", "100"]) == 0
+    assert re.findall(r"\d+", capsys.readouterr().out.splitlines()[-1]) == ["5", "0"]
+    write_episode(tmp_path / "r" / "e-1", 1)
+    verdict = tmp_path / "r" / "e-1" / "verdict.json"
+    verdict.write_text(verdict.read_text().replace('"steps": 115', '"steps": 114'))
+    assert main(["judge", str(runs / "one"), str(tmp_path / "r")]) == 4
+    assert "in steps" in capsys.readouterr().out
+
+
+def test_a_damaged_episode_spoils_no_other(runs, tmp_path):
+    write_episode(tmp_path / "r" / "e-1", 1)
+    write_episode(tmp_path / "r" / "e-2", 2)
+    (tmp_path / "r" / "e-1" / "truth.jsonl").write_text("[]\n{}\n")
+    damaged, whole = judged_episodes([tmp_path / "r" / "e-1", tmp_path / "r" / "e-2"], Judging(measured=True))
+    assert "line 1" in (damaged.judged.verdict.error or "")
+    assert (damaged.mode, damaged.values) == (None, {})
+    assert whole.judged.verdict.outcome == "failure"
+
+
+def test_an_own_metric_is_measured(runs, tmp_path, capsys):
+    (tmp_path / "own.py").write_text(OWN)
+    assert main(["judge", str(runs / "one" / "e-1"), "--metric", str(tmp_path / "own.py"), "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)["episodes"]["e-1"]["metrics"]
+    assert values["last_yaw_deg"] == pytest.approx(float(values["last_yaw_deg"]))
+    assert main(["judge", str(runs), "--metric", str(tmp_path / "own.py")]) == 0
+    assert f"{values['last_yaw_deg']:g}" in capsys.readouterr().out
+
+
+def test_an_own_metric_that_is_none_is_refused_in_a_sentence(runs, tmp_path, capsys):
+    refused = [
+        (("METRICS", "MEASURES"), "METRICS"),
+        (("import Metric", "import Metrik"), "ImportError"),
+        (("def last_yaw", "def"), "SyntaxError"),
+        (("[-1].yaw_deg", "[-1].roll_deg"), "last_yaw_deg of e-1"),
+        (("[-1].yaw_deg", "[-1]"), "number"),
+        (("[-1].yaw_deg", "[-1].yaw_deg * 1e999"), "number"),
+        (('level="episode"', 'level="step"'), "decision"),
+        (('level="episode"', 'level="run"'), "level"),
+        (('"last_yaw_deg"', '"ne_m"'), "ne_m"),
+        (('"last_yaw_deg"', '"last yaw"'), "'last yaw'"),
+        (('unit="°"', 'unit=""'), "unit"),
+        (("of=last_yaw", "of=3"), "`of`"),
+        (("METRICS = (", "METRICS = 2 * ("), "two metrics"),
+    ]  # fmt: skip
+    for number, (change, word) in enumerate(refused):
+        assert change[0] in OWN, change
+        file = tmp_path / f"own_{number}.py"
+        file.write_text(OWN.replace(*change))
+        assert main(["judge", str(runs / "one" / "e-1"), "--metric", str(file)]) == 2, change
+        assert word in capsys.readouterr().err, change
+
+
+def test_no_file_no_cap_and_no_radius_are_refused(tmp_path):
+    for how, word in (
+        (Judging(own=(tmp_path / "none.py",)), "none.py"),
+        (Judging(cap_s=0.0), "--cap"),
+        (Judging(cap_s=float("nan")), "--cap"),
+        (Judging(delta_m=-1.0), "--delta"),
+    ):
+        assert word in refusal(next, judged_episodes([], how)), how

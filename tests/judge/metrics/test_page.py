@@ -1,0 +1,40 @@
+"""The page of the metrics says what the registry says, and its example is a metric."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dronecats.judge.metrics.own import own_metrics
+from dronecats.judge.metrics.page import filled, tables
+from dronecats.judge.metrics.registry import METRICS
+
+PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
+
+
+def test_the_tables_are_made_from_the_registry():
+    page = PAGE.read_text(encoding="utf-8")
+    assert filled(page) == page, "run `make metrics`"
+    assert all(f"| `{name}` |" in page for name in METRICS)
+
+
+def test_a_page_without_a_place_is_refused():
+    with pytest.raises(ValueError, match="metrics"):
+        filled("# Metrics\n")
+    assert set(tables()) == {"metrics", "modes", "rules"}
+
+
+def test_the_example_is_a_metric(tmp_path):
+    code = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert code
+    (tmp_path / "own.py").write_text(code[1], encoding="utf-8")
+    assert [metric.name for metric in own_metrics(tmp_path / "own.py")] == ["height_m"]
+
+
+def test_each_says_what_it_is():
+    for metric in METRICS.values():
+        assert metric.name.isidentifier(), metric.name
+        assert metric.title, metric.name
+        assert metric.unit, metric.name
+        assert metric.definition, metric.name
+        assert metric.of.__doc__ or metric.of.__name__ == "of", metric.name

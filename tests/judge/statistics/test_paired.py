@@ -1,0 +1,74 @@
+"""Paired comparisons against statsmodels, and their power against simulation."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import optimize, stats
+
+from dronecats.judge.statistics.paired import detected, mcnemar, paired, smallest_difference
+
+
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_mcnemar_is_statsmodels_own(b, c):
+    from statsmodels.stats.contingency_tables import mcnemar as statsmodels_mcnemar
+
+    assert mcnemar(b, c) == pytest.approx(statsmodels_mcnemar([[7, b], [c, 3]], exact=True).pvalue)
+
+
+def test_pairs_are_counted_by_episode():
+    first = [[True], [True], [False], [True]]
+    second = [[False], [True], [True], [False]]
+    told = paired(first, second)
+    assert (told.episodes, told.only_first, told.only_second, told.difference) == (4, 2, 1, 0.25)
+    assert told.p == mcnemar(2, 1) == 1.0
+
+
+def test_flights_of_one_episode_are_no_evidence_of_their_own():
+    """Three flights each: the episode goes to whoever solved it more often, and an even one to nobody."""
+    first = [[True, True, False], [True, True, True], [False, True, False]]
+    second = [[False, True, False], [True, True, True], [True, True, False]]
+    told = paired(first, second)
+    assert (told.episodes, told.only_first, told.only_second) == (3, 1, 1)
+    assert told.difference == pytest.approx(0.0)
+    assert paired([[True] * 50] * 3, [[False] * 50] * 3).p == 0.25  # of three episodes, however often flown
+
+
+def test_different_or_unflown_episodes_are_refused():
+    unequal: list[list[list[bool]]] = [[], [[]]]
+    for second in unequal:
+        with pytest.raises(ValueError, match="episodes"):
+            paired([[True]], second)
+
+
+@pytest.mark.parametrize(("episodes", "difference", "discordant"), [(20, 0.4, 0.4), (80, 0.2, 0.3), (100, 0.05, 0.5)])
+def test_the_power_is_what_a_simulation_finds(episodes, difference, discordant):
+    rng, flown = np.random.default_rng(11), 4000
+    b_share, c_share = (discordant + difference) / 2, (discordant - difference) / 2
+    draws = rng.multinomial(episodes, [b_share, c_share, 1 - discordant], flown)
+    found = sum(stats.binomtest(int(b), int(b + c)).pvalue <= 0.05 if b + c else False for b, c, _ in draws)
+    assert detected(episodes, difference, discordant) == pytest.approx(found / flown, abs=0.02)
+
+
+def test_the_smallest_difference_is_found_with_the_power_and_a_smaller_one_is_not():
+    for episodes, discordant in ((20, 0.0), (80, 0.3), (100, 0.5)):
+        least = smallest_difference(episodes, discordant)
+        assert least is not None
+        assert detected(episodes, least, max(discordant, least)) >= 0.8
+        assert detected(episodes, least - 2e-4, max(discordant, least - 2e-4)) < 0.8
+
+
+def test_in_the_favourable_case_six_discordant_pairs_are_wanted():
+    """Of the binomial alone: all discordant pairs go one way, and 2 · 2^-6 is the first p below 0.05."""
+    least = smallest_difference(20)
+    assert least == pytest.approx(optimize.brentq(lambda share: stats.binom(20, share).sf(5) - 0.8, 0.1, 0.9), abs=1e-4)
+    assert smallest_difference(5) is None
+    assert smallest_difference(6) is not None
+
+
+def test_more_discordance_hides_more():
+    differences = [smallest_difference(40, share) or math.inf for share in (0.0, 0.3, 0.6, 0.9)]
+    assert differences == sorted(differences)
+    assert differences[0] < differences[-1]

@@ -1,0 +1,295 @@
+"""A flight whose truth nobody tells the logger, and what is made of it after landing, held to the truth."""
+
+import bisect
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dronecats.cli.main import main
+from dronecats.flight.logger.estimate import EstimateRecorder
+from dronecats.flight.sitl.lockstep import Lockstep
+from dronecats.flight.sitl.scenario import build, load_world, origin
+from dronecats.judge.episode import judge_folder
+from dronecats.report.afterflight.rejudge import rejudge
+from dronecats.report.afterflight.sources import from_tlog, from_ulog
+from dronecats.report.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
+from dronecats.report.afterflight.trace import derive
+from foundation.errors import UsageError
+from foundation.frames import geodetic_to_ned, ned_to_geodetic
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.run_folder.layout import ESTIMATE
+from foundation.run_folder.reading import read
+from foundation.setpoints import Hold, Setpoint, Turn, Velocity
+from foundation.truth import TruthSample, truth_sample
+from hil.link.link import Link
+from tests.support.refusal import refusal
+
+EPISODE = "campus-approaching-01"
+ROUND: list[tuple[Setpoint, float]] = [
+    (Velocity(1.2, None), 4.0), (Hold(), 1.5), (Turn(math.radians(60.0)), 1.0), (Velocity(1.2, 0.3), 3.0),
+]  # fmt: skip
+STEPS = ROUND * 2
+
+
+class Truth:
+    """Keeps all of the truth."""
+
+    def __init__(self, map_origin) -> None:
+        self.samples: list[TruthSample] = []
+        self._origin, self._parser = map_origin, Parser()
+
+    def feed(self, data: bytes) -> None:
+        for message in self._parser.feed(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                self.samples.append(truth_sample(message, self._origin))
+
+    def at(self, time_us: float):
+        index = bisect.bisect_left(self.samples, time_us, key=lambda s: s.time_us)
+        return np.array(self.samples[min(index, len(self.samples) - 1)].position_ned)
+
+
+class Flown:
+    """A flight's folder, its truth and the ULog that it left on board."""
+
+    def __init__(self, folder: Path, truth: Truth, ulog: Path, map_origin) -> None:
+        self.folder, self.truth, self.ulog, self.origin = folder, truth, ulog, map_origin
+        begin = read(folder).begin
+        assert begin is not None
+        self.t0_us = begin.t0_us
+
+    def true(self, t: float):
+        """Return the true place at an instant of the episode, m, NED about the map's origin."""
+        return self.truth.at(self.t0_us + t * 1e6)
+
+
+pytestmark = pytest.mark.slow("one flight of a minute in real time, which all tests read")
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory):
+    folder, state = tmp_path_factory.mktemp("flight"), tmp_path_factory.mktemp("vehicle")
+    world = load_world(EPISODE)
+    truth = Truth(origin(world))
+    simulation = build(world, seed=5, state_dir=state)
+    clock = Lockstep(simulation)
+    clock.follow(truth.feed)
+    _fly(folder, Link(clock.transport(0, "onboard")))
+    for vehicle in simulation.vehicles:
+        vehicle.close()
+    return Flown(folder, truth, next((state / "vehicle-1" / "log").glob("*.ulg")), origin(world))
+
+
+def _fly(folder: Path, link: Link) -> None:
+    """Fly STEPS and write the logs of a vehicle that we did not start; decisions 2 and 7 declare."""
+    recorder = EstimateRecorder(folder)
+    link.listeners.append(lambda m: recorder.telemetry(bytes(m.get_msgbuf())))
+    link.connect()
+    link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")
+    link.arm()
+    link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
+    link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
+    link.fly(Hold())
+    link.start_offboard()
+    t0_us = link.time_us
+    recorder.begin(t0_us)
+    with (folder / "decisions.jsonl").open("w") as decisions:
+        for step, (setpoint, seconds) in enumerate(STEPS):
+            action = {"action": "finished"} if step in (2, 7) else {"action": "think"}
+            seen_s = (link.time_us - t0_us) / 1e6
+            row = {"step": step, "drone": 0, "frame_id": 100 + step, "t_frame": seen_s, "t_decided": seen_s + 0.2}
+            decisions.write(json.dumps({**row, "reply": json.dumps(action), "action": action, "error": None}) + "\n")
+            link.fly(setpoint, seconds)
+            link.wait(seconds)
+    recorder.end("cap")
+    link.set_mode("LAND")
+    link.wait_for(lambda state: not state.armed, 60.0, "landing")
+    link.wait(1.0)
+    link.close()
+    recorder.close()
+
+
+def rows(flown: Flown, kind: str) -> list[dict[str, Any]]:
+    return [row for row in map(json.loads, (flown.folder / ESTIMATE).read_text().splitlines()) if row["kind"] == kind]
+
+
+def surveyed(flown: Flown, place, std_m: float = 0.02, altitude: bool = True) -> SurveyedTarget:
+    latitude, longitude, height = ned_to_geodetic(*flown.origin, *place)
+    return SurveyedTarget(latitude, longitude, height if altitude else None, std_m)
+
+
+@pytest.mark.parametrize("source", ["tlog", "ulog"])
+def test_the_trace_is_as_near_to_the_truth_as_it_says(flown: Flown, source: str) -> None:
+    logs = {name: (flown.folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "flight.tlog")}
+    derive(flown.folder, ulog=flown.ulog if source == "ulog" else None)
+    head, poses = rows(flown, "estimate")[0], rows(flown, "pose")
+    assert head["source"] == ("flight.tlog" if source == "tlog" else flown.ulog.name)
+    assert len(poses) >= 2 * sum(seconds for _, seconds in STEPS) - 1
+    errors = []
+    for pose in poses:
+        place = geodetic_to_ned(*(*flown.origin, *ned_to_geodetic(*(*head["origin"], *pose["position_ned"]))))
+        errors.append((np.array(place) - flown.true(pose["t"])) / pose["position_std_m"])
+    assert np.abs(errors).max() < 3.0
+    assert np.abs(errors).max() > 0.01  # it is an estimate
+    assert all(0.05 < std < 5.0 for pose in poses for std in pose["position_std_m"])
+    assert {name: (flown.folder / name).read_bytes() for name in logs} == logs
+
+
+def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flown: Flown) -> None:
+    derive(flown.folder)
+    frames, decisions = rows(flown, "frame"), read(flown.folder).decisions
+    assert [(f["frame_id"], f["t"]) for f in frames] == [(d.frame_id, round(d.t_frame, 6)) for d in decisions]
+    moved = [np.subtract(f["position_ned"], frames[0]["position_ned"]) for f in frames]
+    true = [flown.true(f["t"]) - flown.true(frames[0]["t"]) for f in frames]
+    assert np.abs(np.subtract(moved, true)[:, :2]).max() < 0.5
+    assert all(f["visible"] is None for f in frames)
+
+
+def test_a_surveyed_target_gives_distances_and_never_a_success(flown: Flown) -> None:
+    """The target is where the vehicle truly was when it declared: nothing is nearer, and still nobody saw it."""
+    when = read(flown.folder).decisions[7].t_frame
+    derive(flown.folder, surveyed(flown, flown.true(when) + np.array([0.3, 0.0, 0.0])))
+    verdict = judge_folder(flown.folder).as_json()
+    assert verdict["outcome"] == "distance only"
+    assert verdict["success"] is None
+    assert verdict["ne_m"] is None
+    measured = verdict["distances"]
+    assert measured["visible"] is None
+    assert [d["step"] for d in measured["declarations"]] == [2, 7]
+    there = measured["declarations"][1]
+    assert there["distance_m"] < 3.0 * there["std_m"]
+    assert there["within"] is True
+    assert measured["closest"]["distance_m"] <= there["distance_m"] + 0.7
+    assert measured["dwell_s"] > 1.0
+
+
+@pytest.mark.parametrize("altitude", [True, False])
+def test_distances_are_true_within_their_standard_deviation(flown: Flown, altitude: bool) -> None:
+    place = flown.true(0.0) + np.array([20.0, 10.0, 6.0])
+    derive(flown.folder, surveyed(flown, place, altitude=altitude))
+    axes = 3 if altitude else 2
+    for row in rows(flown, "pose") + rows(flown, "frame"):
+        true_m = float(np.linalg.norm((flown.true(row["t"]) - place)[:axes]))
+        assert abs(row["distance_m"] - true_m) < 3.0 * row["distance_std_m"]
+    assert judge_folder(flown.folder).as_json()["distances"]["declarations"][0]["within"] is False
+
+
+def test_the_command_judges_anew(flown: Flown, capsys: pytest.CaptureFixture[str]) -> None:
+    target = surveyed(flown, flown.true(0.0))
+    where = f"--target={target.latitude_deg},{target.longitude_deg}"
+    assert main(["flightlog", "trace", str(flown.folder), where, "--target-std", "0.02"]) == 0
+    assert json.loads((flown.folder / "verdict.json").read_text())["outcome"] == "distance only"
+    assert main(["judge", str(flown.folder)]) == 0
+    capsys.readouterr()
+    assert main(["flightlog", "trace", str(flown.folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["outcome"] == "unknown"  # no target: nothing to be near to
+
+
+def test_a_connected_flight_ends_traced_and_one_that_told_too_little_as_it_was(flown: Flown, tmp_path: Path) -> None:
+    said: list[str] = []
+    ended = {"run_dir": str(flown.folder), "outcome": "unknown", "success": None, "reason": "cap"}
+    result = rejudge(ended, surveyed(flown, flown.true(0.0)), said.append)
+    assert (result["outcome"], result["success"], result["reason"]) == ("distance only", None, "cap")
+    assert result["distances"]["closest"]["distance_m"] < 2.0
+    assert len(said) == 1
+    assert rejudge(ended, None, said.append)["outcome"] == "unknown"
+    for log in ("decisions.jsonl", "truth.jsonl"):
+        (tmp_path / log).touch()
+    broken = {"run_dir": str(tmp_path), "outcome": "error", "success": False}
+    assert rejudge(broken, None, said.append) == broken
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize(
+    "wrong", [["--target", "here"], ["--target-std", "1"], ["--target", "1,2", "--world", "blocks"]]
+)
+def test_fly_refuses_a_target_that_is_none_before_anything_moves(wrong: list[str]) -> None:
+    eyes = ["--truth", "udpin://127.0.0.1:0"] if "--world" in wrong else ["--camera", "x", "--instruction", "go"]
+    assert main(["fly", "--connect", "udpin://127.0.0.1:0", *eyes, *wrong]) == 2
+
+
+def test_the_target_may_stand_in_the_episode(flown: Flown) -> None:
+    target = surveyed(flown, flown.true(0.0), std_m=1.0)
+    (flown.folder / "episode.json").write_text(json.dumps({"id": "x", "surveyed_target": target.as_json()}))
+    try:
+        derive(flown.folder)
+        assert judge_folder(flown.folder).as_json()["distances"]["target"] == target.as_json()
+        (flown.folder / "episode.json").write_text(json.dumps({"surveyed_target": {"latitude_deg": "north"}}))
+        with pytest.raises(UsageError, match="latitude_deg"):
+            derive(flown.folder)
+    finally:
+        (flown.folder / "episode.json").unlink()
+
+
+def test_both_sources_tell_the_same_flight(flown: Flown) -> None:
+    tlog, ulog = from_tlog(flown.folder / "flight.tlog"), from_ulog(flown.ulog)
+    assert tlog.origin == pytest.approx(ulog.origin, abs=1e-3)
+    at_us = flown.t0_us + 10e6
+    places = [
+        [np.interp(at_us, r.estimates.time_us, r.estimates.position_ned[:, axis]) for axis in range(3)]
+        for r in (tlog, ulog)
+    ]
+    assert places[0] == pytest.approx(places[1], abs=0.1)
+    assert tlog.yaw_deg(at_us) == pytest.approx(ulog.yaw_deg(at_us), abs=1.0)
+
+
+def test_a_torn_tlog_is_read_up_to_the_tear_and_others_on_the_wire_are_not_believed(
+    flown: Flown, tmp_path: Path
+) -> None:
+    data = (flown.folder / "flight.tlog").read_bytes()
+    stranger = Packer(7, 1).pack(dialect.MAVLink_local_position_ned_message(4_000_000_000, 9e9, 0, 0, 0, 0, 0))
+    torn = tmp_path / "flight.tlog"
+    torn.write_bytes(
+        data[: len(data) // 2] + b"\x00" * 5 + data[len(data) // 2 + 40 :] + bytes(8) + stranger + data[-9:-3]
+    )
+    whole, read_back = from_tlog(flown.folder / "flight.tlog").estimates, from_tlog(torn).estimates
+    assert 0.98 * len(whole.time_us) <= len(read_back.time_us) <= len(whole.time_us)
+    assert np.abs(read_back.position_ned).max() < 1e3
+
+
+def test_what_tells_no_flight_is_refused(flown: Flown, tmp_path: Path) -> None:
+    (tmp_path / "decisions.jsonl").write_text("")
+    (tmp_path / "truth.jsonl").write_text("")
+    with pytest.raises(UsageError, match=re.escape(str(tmp_path))):
+        derive(tmp_path)
+    (tmp_path / "truth.jsonl").write_text('{"kind": "begin", "t": 0.0, "t0_us": 1, "source": "estimate"}\n')
+    with pytest.raises(UsageError, match=r"flight\.tlog"):
+        derive(tmp_path)
+    (tmp_path / "flight.tlog").write_bytes(b"nothing" * 100)
+    with pytest.raises(UsageError, match="LOCAL_POSITION_NED"):
+        derive(tmp_path)
+    (tmp_path / "flight.tlog").write_bytes((flown.folder / "flight.tlog").read_bytes())
+    (tmp_path / "truth.jsonl").write_text('{"kind": "begin", "t": 0.0, "t0_us": 9000000000, "source": "estimate"}\n')
+    with pytest.raises(UsageError, match=r"flight\.tlog"):
+        derive(tmp_path)
+    with pytest.raises(UsageError, match="ULog"):
+        from_ulog(tmp_path / "flight.tlog")
+    with pytest.raises(UsageError, match=r"none\.ulg"):
+        from_ulog(tmp_path / "none.ulg")
+
+
+def test_a_target_that_is_nowhere_is_refused() -> None:
+    for wrong in ["", "1", "1,2,3,4", "north,east", "91,0", "0,181", "0,0,99999", "nan,0"]:
+        assert "target" in refusal(target_from, wrong)
+
+
+def test_a_target_is_what_it_was_written_as() -> None:
+    assert target_from("47.39,8.54").altitude_m is None
+    for target in (target_from("47.39,8.54,488.5", 0.02), target_from("-33,-70")):
+        assert target_of(json.loads(json.dumps(target.as_json()))) == target
+    wrongs: tuple[Any, ...] = (None, [], {}, {"latitude_deg": True, "longitude_deg": 0, "std_m": 1})
+    for wrong in wrongs:
+        with pytest.raises(UsageError):
+            target_of(wrong)
+
+
+def test_distance_and_its_standard_deviation() -> None:
+    target = SurveyedTarget(0.0, 0.0, 0.0, std_m=0.3)
+    assert target.distance((0, 0, 0), (3.0, 4.0, 0.0), (0.4, 0.4, 2.0)) == pytest.approx((5.0, 0.5))
+    near = target.distance((0, 0, 0), (0.0, 0.1, 0.0), (0.4, 0.4, 1.2))
+    assert near == pytest.approx((0.1, math.hypot(1.2, 0.3)))
+    assert math.isnan(target.distance((0, 0, 0), (3.0, 4.0, 0.0), (math.nan,) * 3)[1])

@@ -1,0 +1,108 @@
+"""A browser that has no network, and nothing but files to open."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dronecats.report.page import write_page
+from dronecats.report.results.collection import collect
+from tests.report.paged_runs import EPISODES, MODEL, TABLE
+from tests.support.run_folders import run_folder
+
+PATIENCE_S = 60.0  # a busy machine
+
+
+class Reader:
+    """Somebody who reads a page."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def open(self, page: Path, hash_: str = "") -> None:
+        """Open a page afresh at an address within it."""
+        self.driver.get("about:blank")
+        self.driver.get(f"{page.as_uri()}{hash_}")
+        self.until(lambda: self.script("return document.documentElement.dataset.ready !== undefined"))
+
+    def script(self, text: str, *values: Any) -> Any:
+        """Return what a script returns."""
+        return self.driver.execute_script(text, *values)
+
+    def until(self, condition: Callable[[], Any]) -> Any:
+        """Return the condition's first answer that is true."""
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        return WebDriverWait(self.driver, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
+
+    def all(self, css: str) -> list[Any]:
+        """Return the elements."""
+        found: list[Any] = self.driver.find_elements("css selector", css)
+        return found
+
+    def one(self, css: str) -> Any:
+        """Return the element, as soon as there is one that can be seen."""
+        return self.until(lambda: next((each for each in self.all(css) if each.is_displayed()), None))
+
+    def click(self, words: str, within: str = "main") -> None:
+        """Click a link or a button by its words."""
+        path = f"//{within}//a[normalize-space()='{words}'] | //{within}//button[normalize-space()='{words}']"
+        self.until(lambda: next(iter(self.driver.find_elements("xpath", path)), None)).click()
+
+    def press(self, *keys: str) -> None:
+        """Press keys, wherever the focus is."""
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        for key in keys:
+            ActionChains(self.driver).send_keys(key).perform()
+
+    def text(self, css: str = "main") -> str:
+        """Return the words of an element, as soon as there is one that can be seen; in one go, as pages come and go."""
+        seen = """const some = [...document.querySelectorAll(arguments[0])];
+                  const found = some.find((each) => each.getClientRects().length);
+                  return found ? [found.innerText] : null"""
+        return str(self.until(lambda: self.script(seen, css))[0])
+
+    @property
+    def hash(self) -> str:
+        """The address within the page."""
+        return str(self.script("return decodeURIComponent(location.hash)"))
+
+    def errors(self) -> list[str]:
+        """Return what the console has complained of since it was asked last."""
+        return [f"{each['level']}: {each['message']}" for each in self.driver.get_log("browser")]
+
+    def requested(self) -> list[str]:
+        """Return every address that was asked for since that was asked last."""
+        messages = [json.loads(each["message"])["message"] for each in self.driver.get_log("performance")]
+        return [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+
+
+@pytest.fixture
+def reader(driver):
+    """Return a reader at a desk, who has chosen no theme."""
+    made = Reader(driver)
+    driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    made.errors()
+    made.requested()
+    yield made
+    driver.get("about:blank")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A model's run, another flight of it, a built-in pilot's without pictures, and a fleet's."""
+    folder = tmp_path_factory.mktemp("bench")
+    run_folder(folder / "qwen", EPISODES, model=MODEL)
+    run_folder(folder / "qwen-again", EPISODES, model=MODEL, seed=1, steps=9, period_s=1.3)
+    run_folder(folder / "oracle", EPISODES, pilot="oracle", pictures=False)
+    run_folder(folder / "fleet", {"yard-commanding-01": "go to the right one"}, model=MODEL, seed=2, drones=4)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(runs, tmp_path_factory):
+    return write_page(collect([runs]), [TABLE], tmp_path_factory.mktemp("report"))

@@ -1,0 +1,31 @@
+"""One run of two rendered flights, of one drone and of four, and both as every format takes them."""
+
+from pathlib import Path
+
+import pytest
+
+from dronecats.report.export.flight import ExportedFlight, exported_flight
+from dronecats.report.results.flown_run import FlownRun, flown_runs
+from tests.support.flown_runs import ALONE as ALONE
+from tests.support.flown_runs import FLEET
+
+
+@pytest.fixture(scope="session")
+def run_folder(rendered_run) -> Path:
+    """Return the run folder of both flights, which no test may change."""
+    return Path(rendered_run.run)
+
+
+@pytest.fixture(scope="session")
+def run(run_folder) -> FlownRun:
+    return flown_runs([run_folder])[0]
+
+
+@pytest.fixture(scope="session")
+def alone(run) -> ExportedFlight:
+    return exported_flight(run, run.folder / ALONE)
+
+
+@pytest.fixture(scope="session")
+def fleet(run) -> ExportedFlight:
+    return exported_flight(run, run.folder / FLEET)

@@ -1,0 +1,49 @@
+"""CSV and Parquet: the rows that SQL has, and no column of the judge's without its mark."""
+
+import csv
+
+import duckdb
+import pytest
+
+from dronecats.report.export import tables
+from dronecats.report.results.database import query
+from dronecats.report.results.tables import TABLES
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_the_files_hold_the_rows_of_the_query(kind, run, tmp_path):
+    rows, damage = tables.write(kind, [run], tmp_path / "out")
+    assert damage == []
+    for name, path in zip(TABLES, tables.files(kind, tmp_path / "out"), strict=True):
+        asked = query(f"SELECT * FROM {name}", [run])
+        reader = "read_csv(?, all_varchar=false)" if kind == "csv" else "read_parquet(?)"
+        with duckdb.connect() as connection:
+            answer = connection.execute(f"SELECT * FROM {reader}", [str(path)])
+            columns, found = [each[0] for each in answer.description], answer.fetchall()
+        assert len(asked.rows) == rows[path]
+        assert [column.removeprefix("judge/") for column in columns] == [*asked.columns]
+        if kind == "parquet":
+            assert found == asked.rows
+
+
+def test_csv_is_read_by_anybody(run, tmp_path):
+    tables.write("csv", [run], tmp_path)
+    with (tmp_path / "steps.csv").open(newline="") as file:
+        told = list(csv.DictReader(file))
+    decisions = query("SELECT episode, drone_index, t_decided_s, reply, north_m FROM steps", [run]).rows
+    assert [
+        (one["episode"], int(one["drone_index"]), float(one["t_decided_s"]), one["reply"], float(one["judge/north_m"]))
+        for one in told
+    ] == decisions
+
+
+def test_what_only_the_judge_knew_is_marked():
+    """Wherever a place, a target, a distance, sight or a verdict is told."""
+    true = {"north_m", "east_m", "down_m", "yaw_deg", "target_north_m", "target_east_m", "target_down_m", "distance_m",
+            "distance_box_m", "visible", "visible_fraction", "bearing_deg", "oracle_depth_m", "success", "outcome",
+            "oracle_success", "ne_m", "qualifies", "scored", "min_distance_m", "on_target", "path_m"}  # fmt: skip
+    for name, table in TABLES.items():
+        for column in table.columns:
+            if column.name in true:
+                assert tables.column_name(name, column.name) == f"judge/{column.name}"
+        assert tables.OPEN[name] <= {column.name for column in table.columns}

@@ -1,0 +1,30 @@
+"""Two archives that several files look at: a whole suite, and two episodes to be changed."""
+
+from pathlib import Path
+
+import pytest
+
+from dronecats.report.archive.submission import submit
+from dronecats.report.results.flown_run import flown_runs
+from tests.report.results.archives import QUICK, TWO
+from tests.report.results.synthetic_runs import write_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    return write_run(tmp_path_factory.mktemp("archive") / "oracle", QUICK)
+
+
+@pytest.fixture(scope="module")
+def whole(run) -> Path:
+    path = run.parent / "oracle.tar.xz"
+    submit(flown_runs([run]), path)
+    return Path(path)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    """An archive of two episodes, to be changed."""
+    folder = tmp_path_factory.mktemp("small")
+    submit(flown_runs([write_run(folder / "oracle", TWO)]), folder / "small.tar.xz", partial=True)
+    return Path(folder / "small.tar.xz")

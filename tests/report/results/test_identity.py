@@ -1,0 +1,140 @@
+"""Which runs are of one kind, and in what others differ."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from dronecats.report.results.identity import (
+    NOT_TOLD,
+    differences,
+    identity,
+    identity_digest,
+    odd_runs,
+    record_digest,
+    refusal,
+    served,
+)
+from tests.support.scores import MODEL, TOLD, a_run, named
+
+
+def test_flights_of_one_kind_differ_in_their_seed_and_in_who_pays():
+    runs = [a_run(f"runs/{seed}", model=MODEL, seed=seed, flight={"accounts": {"ledger": f"{seed}.sqlite"}})
+            for seed in range(3)]  # fmt: skip
+    assert refusal(runs) is None
+    assert refusal(runs[:1]) is None
+    assert refusal([]) is None
+
+
+# (what the second run changes, the name of the difference, the values of both runs)
+CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
+    ({"code_sha256": "b" * 64}, "code", ("a" * 64, "b" * 64)),
+    ({"prompt_sha256": "d" * 64}, "prompt", ("c" * 64, "d" * 64)),
+    ({"agent": "mine.agent"}, "agent", ("paper", "mine.agent")),
+    ({"clock": "real time"}, "clock", ("lockstep", "real time")),
+    ({"camera": None}, "camera", ('{"fov_deg": 90.0, "height": 480, "width": 640}', "null")),
+    ({"map_sha256": "e" * 64}, "map", (NOT_TOLD, "e" * 64)),
+    ({"protocol": {"RADIUS_M": 3.0, "CAP_S": 300.0}}, "RADIUS_M", ("5.0", "3.0")),
+    ({"suite": {"name": "one-drone", "version": 1, "sha256": "6" * 64}}, "one-drone", ("5" * 64, "6" * 64)),
+    ({"suite": {"name": "quick", "version": 2, "sha256": "6" * 64}}, "version", ("1", "2")),
+    ({"versions": {**TOLD["versions"], "numpy": "3.0"}}, "numpy", ("2.4.6", "3.0")),
+    ({"flight": {"parser": "lenient"}}, "parser", ("strict", "lenient")),
+    ({"flight": {"latency": "fixed:1"}}, "latency", ("fixed:0.5", "fixed:1")),
+    ({"flight": {"disturbances": {"frame": {"delay_s": 0.5}}}}, "disturbances.frame.delay_s", ("0.0", "0.5")),
+    ({"model": named("Qwen/Qwen3.5-9B", temperature=1.0)}, "model.temperature", ("0.4", "1.0")),
+]
+
+
+def test_an_agent_is_the_same_under_the_name_that_version_0_1_0_gave_it():
+    former, now = (a_run(f"runs/{k}", model=MODEL, agent=name) for k, name in enumerate(
+        ("dronecats.flight.run.steady.steady_agent", "steady")))  # fmt: skip
+    assert refusal([former, now]) is None
+    assert identity_digest(identity(former)) == identity_digest(identity(now))
+
+
+def test_the_digest_of_a_kind_is_that_of_archives_made_with_version_0_1_0():
+    told = {"the agent": frozenset({"paper"}), "the clock": frozenset({"lockstep"})}
+    text = '{"the agent": ["dronecats.flight.run.pilot.papers_agent"], "the clock": ["lockstep"]}'
+    assert identity_digest(told) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_what_makes_another_kind_is_named():
+    usual = {"disturbances": {"frame": {"delay_s": 0.0}}}
+    for changed, name, values in CHANGES:
+        other = {**changed, "flight": {**usual, **changed.get("flight", {})}}
+        runs = [a_run("runs/a", model=MODEL, flight=usual), a_run("runs/b", **{"model": MODEL, **other})]
+        (found,) = differences(identity(runs[0]), identity(runs[1]))
+        assert found.values == values, name
+        message = refusal(runs) or ""
+        shown = [value[:8] if len(value) == 64 else value for value in values]
+        for part in ("runs/a", "runs/b", "vllm/Qwen/Qwen3.5-9B", name, *shown):
+            assert part in message, (name, part)
+        assert not re.search(r"[0-9a-f]{9}", message), f"{name}: digests are shortened"
+
+
+def test_another_suite_holds_other_episodes_and_a_patch_of_python_changes_no_number():
+    other = a_run("runs/b", suite={"name": "commanding", "version": 1, "sha256": "6" * 64},
+                  versions={**TOLD["versions"], "python": "3.11.9"})  # fmt: skip
+    assert refusal([a_run("runs/a"), other]) is None
+
+
+def test_what_is_not_told_is_equal_to_its_like_alone():
+    def older(name):
+        told = {key: value for key, value in TOLD.items() if key not in ("code_sha256", "protocol", "suite")}
+        run = a_run(name)
+        return type(run)(folder=run.folder, configuration={**told, "flight": run.flight}, episodes=())
+
+    assert refusal([older("runs/a"), older("runs/b")]) is None
+    found = differences(identity(older("runs/a")), identity(a_run("runs/b")))
+    assert [each.values for each in found] == [(NOT_TOLD, "a" * 64), (NOT_TOLD, "told"), (NOT_TOLD, "1")]
+
+
+def test_measured_things_make_no_kind():
+    measured: dict[str, Any] = {"served_rate_hz": 1.3, "pace": {"late": 3}, "schema": 1, "something_new": 2}
+    assert differences(identity(a_run("runs/a")), identity(a_run("runs/b", **measured))) == []
+
+
+def test_the_rest_that_differs_is_counted():
+    runs = [a_run(f"runs/{k}", prompt_sha256=str(k) * 64) for k in range(4)]
+    message = refusal(runs) or ""
+    assert re.search(r"runs/1\b.*runs/0\b.*prompt.*1{8}.*0{8}.*\b2\b", message)
+    assert "runs/2" not in message
+
+
+def test_the_run_that_differs_from_most_is_named_whichever_is_first():
+    bench = [a_run(f"runs/bench/f{k}", seed=k) for k in range(3)]
+    alone = type(bench[0])(
+        folder=Path("runs/alone"), episodes=(),
+        configuration={key: value for key, value in bench[0].configuration.items() if key != "suite"},
+    )  # fmt: skip
+    for runs in ([alone, *bench], [*bench, alone], [bench[0], alone, *bench[1:]]):
+        assert [run.folder for run, _ in odd_runs(runs)] == [alone.folder]
+        message = refusal(runs) or ""
+        assert message.startswith("runs/alone "), message
+        assert "bench" in message
+    assert odd_runs(bench) == []
+
+
+def with_identity(tmp_path, name, **told):
+    folder = tmp_path / name / "campus-approaching-01"
+    folder.mkdir(parents=True)
+    flown = {"record_sha256": None, "frames": 0, "frames_sha256": None}
+    (folder / "identity.json").write_text(json.dumps(flown | told))
+    run = a_run(str(folder.parent), model=MODEL)
+    return type(run)(folder=run.folder, configuration=run.configuration, episodes=(folder,))
+
+
+def test_the_model_as_it_was_served_and_the_code_of_the_machine_that_flew_count(tmp_path):
+    a = with_identity(tmp_path, "a", served=["qwen-2026 fp_1"], code_sha256="a" * 64)
+    b = with_identity(tmp_path, "b", served=["qwen-2026 fp_2"], code_sha256="a" * 64)
+    assert refusal([a, a]) is None
+    assert re.search("model.*qwen-2026 fp_2.*qwen-2026 fp_1", refusal([a, b]) or "")
+    assert served(a.episodes[0]) == ("qwen-2026 fp_1",)
+    elsewhere = with_identity(tmp_path, "c", served=["qwen-2026 fp_1"], code_sha256="b" * 64)
+    assert re.search("code.*a{8}.*b{8}", refusal([elsewhere]) or "")
+
+
+def test_a_record_is_known_however_its_file_is_laid_out():
+    assert record_digest({"a": 1, "b": [2.0]}) == record_digest(json.loads('{"b":[2.0],  "a":1}'))
+    assert record_digest({"a": 1}) != record_digest({"a": 2})

@@ -1,0 +1,259 @@
+"""SQL over run folders: what it says, what it reads, and what it can never do."""
+
+import json
+import re
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.judge.metrics.flown_episode import flown_episode
+from dronecats.report.results import database, tabulation
+from dronecats.report.results.columns import array
+from dronecats.report.results.database import Selected, named, query
+from dronecats.report.results.flown_run import flown_runs
+from dronecats.report.results.table_files import write_tables
+from dronecats.report.results.tables import TABLES, markdown
+from foundation.errors import UsageError
+from tests.docs.pages import ROOT
+from tests.report.results.synthetic_runs import write_run
+
+EPISODES = ("residential-approaching-01", "blocks-commanding-01")
+PAGE = (ROOT / "docs" / "query.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```sql\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("query") / "runs"
+    write_run(folder / "oracle", EPISODES)
+    write_run(folder / "silent", EPISODES, pilot="failing:never-declares")
+    return Path(folder)
+
+
+def ask(sql: str, runs: Path, parquet: Path | None = None) -> list[dict[str, object]]:
+    answer = query(sql, flown_runs([runs]), parquet)
+    return [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+
+
+def test_the_tables_hold_what_the_logs_do(runs):
+    logs = flown_episode(runs / "oracle" / EPISODES[1]).logs
+    where = f"run = 'oracle' AND episode = '{EPISODES[1]}'"
+    steps = ask(f"SELECT * FROM steps WHERE {where}", runs)
+    assert [(s["drone_index"], s["step"], s["frame_id"], s["tokens_out"]) for s in steps] == [
+        (d.drone, d.step, d.frame_id, d.tokens_out) for d in logs.decisions
+    ]
+    assert [s["distance_m"] for s in steps] == [logs.frames[d.drone, d.frame_id].distance_m for d in logs.decisions]
+    assert {(s["action"], s["point_x"], s["depth_m"]) for s in steps} == {("go", 500.0, 12.5), ("finished", None, None)}
+    poses = ask(f"SELECT * FROM poses WHERE {where}", runs)
+    assert [(p["t_s"], p["north_m"], p["target_down_m"]) for p in poses] == [
+        (p.t, p.position_ned[0], p.target_ned and p.target_ned[2]) for p in logs.poses
+    ]
+    [declared] = ask(f"SELECT * FROM declarations WHERE {where}", runs)
+    told = {name: declared[name] for name in ("number", "drone_index", "counts", "qualifies")}
+    assert told == {"number": 1, "drone_index": 0, "counts": True, "qualifies": True}
+    [run] = ask("SELECT * FROM runs WHERE run = 'silent'", runs)
+    assert (run["pilot"], run["is_model"], run["episodes"]) == ("failing:never-declares", False, 2)
+    assert json.loads(str(run["configuration"]))["flight"]["pilot"] == "failing:never-declares"
+
+
+def test_a_verdict_is_derived_anew_with_every_metric(runs):
+    told = ask("SELECT * FROM episodes ORDER BY run, episode", runs)
+    assert [(e["run"], e["success"], e["outcome"]) for e in told] == [
+        ("oracle", True, "success"), ("oracle", True, "success"),
+        ("silent", False, "failure"), ("silent", False, "failure"),
+    ]  # fmt: skip
+    flown = flown_episode(runs / "oracle" / EPISODES[1])
+    for metric in TABLES["episodes"].metrics:
+        value = metric.of(flown)
+        assert told[0][metric.name] == value, metric.name
+        assert isinstance(value, bool) == isinstance(told[0][metric.name], bool), metric.name
+
+
+def test_what_is_damaged_stands_in_episodes_with_its_error_and_spoils_no_other(tmp_path):
+    run = write_run(tmp_path / "run", EPISODES)
+    log = run / EPISODES[0] / "truth.jsonl"
+    log.write_text(log.read_text().replace('"t": 0.0', '"t": "x"', 1))
+    sql = "SELECT episode, scored, error, outcome FROM episodes ORDER BY scored"
+    answer = query(sql, flown_runs([run]))
+    assert answer.rows[0][:2] == (EPISODES[0], False)
+    assert re.search(r"\b1\b", answer.rows[0][2])
+    assert answer.rows[1] == (EPISODES[1], True, None, "success")
+    assert len(answer.damage) == 1
+    assert query("SELECT DISTINCT episode FROM poses", flown_runs([run])).damage == answer.damage
+
+
+def test_only_what_is_named_is_read(runs, monkeypatch):
+    monkeypatch.setattr(tabulation, "flown_episode", lambda folder: pytest.fail("an episode was read"))
+    assert ask("SELECT count(*) AS n FROM RUNS", runs) == [{"n": 2}]
+    assert ask("SELECT 1 AS one", runs) == [{"one": 1}]
+
+
+def test_a_name_that_is_put_together_is_no_table(runs):
+    """Else it would be an empty one."""
+    with pytest.raises(UsageError, match="steps"):
+        ask("SELECT * FROM query_table('st' || 'eps')", runs)
+
+
+def test_names_are_whole_words():
+    assert sorted(named("SELECT * FROM steps")) == ["steps"]
+    assert sorted(named('select * from "Steps" s join EPISODES using (run)')) == ["episodes", "steps"]
+    assert sorted(named("SELECT steps_ FROM x_poses")) == []
+
+
+def test_the_examples_run_and_most_have_an_answer(runs):
+    answers = [query(example, flown_runs([runs])) for example in EXAMPLES]
+    assert all(answer.columns for answer in answers)
+    assert sum(bool(answer.rows) for answer in answers) >= 8  # nothing here is unscored or declared elsewhere
+
+
+def test_the_page_has_the_tables_as_they_are():
+    """`dronecats query --tables` prints what follows the page's last heading of that level."""
+    assert "### runs" + PAGE.partition("### runs")[2] == markdown()
+
+
+def test_every_column_of_a_measure_tells_its_unit():
+    units = {"_m": "m", "_s": "s", "_deg": "°", "_hz": "Hz"}
+    for table in TABLES.values():
+        for column in table.columns:
+            unit = next((unit for end, unit in units.items() if column.name.endswith(end)), "")
+            assert column.description.startswith(unit), f"{table.name}.{column.name}"
+
+
+def test_a_query_is_one_select(runs, tmp_path):
+    for sql in (
+        "COPY runs TO '{out}'",
+        "EXPLAIN ANALYZE COPY runs TO '{out}'",
+        "EXPORT DATABASE '{out}'",
+        "ATTACH '{out}'",
+        "INSTALL httpfs",
+        "LOAD httpfs",
+        "SET enable_external_access = true",
+        "RESET lock_configuration",
+        "PRAGMA enable_profiling",
+        "CREATE TABLE mine AS SELECT 1",
+        "INSERT INTO runs SELECT * FROM runs",
+        "DROP TABLE runs",
+        "SELECT 1; COPY runs TO '{out}'",
+        "",
+        "-- nothing",
+    ):
+        with pytest.raises(UsageError, match="SELECT"):
+            ask(sql.format(out=tmp_path / "out"), runs)
+        assert list(tmp_path.iterdir()) == [], sql
+
+
+def test_a_select_reaches_nothing_but_its_tables(runs, tmp_path):
+    file = tmp_path / "secret.csv"
+    file.write_text("a\n1\n")
+    planted = {"a": np.array([1.0])}  # a variable of this process, which the database could scan
+    assert planted
+    for sql in (
+        "SELECT * FROM read_text('{file}')",
+        "SELECT * FROM read_csv('{file}')",
+        "SELECT * FROM read_blob('{file}')",
+        "SELECT * FROM '{file}'",
+        "SELECT * FROM glob('{file}*')",
+        "SELECT * FROM read_csv('https://example.org/x.csv')",
+        "SELECT * FROM query('COPY runs TO ''{file}.out''')",
+        "SELECT getenv('PATH')",
+        "SELECT * FROM planted",
+    ):
+        with pytest.raises(UsageError):
+            ask(sql.format(file=file), runs, parquet=tmp_path / "answer.parquet")
+        assert [path.name for path in tmp_path.iterdir()] == ["secret.csv"], sql
+
+
+def test_every_lock_holds_by_itself(runs):
+    """Statements other than SELECT are refused before they are run; the database would refuse them, too."""
+    loaded = database.load(flown_runs([runs]), ["runs"])
+    for setting in database.LOCKED:
+        loaded.connection.execute(f"SET {setting}")
+    for sql in ("COPY runs TO 'x'", "INSTALL httpfs", "LOAD httpfs", "ATTACH 'x'", "SET threads = 1"):
+        with pytest.raises(duckdb.Error):
+            loaded.connection.execute(sql)
+    loaded.connection.close()
+
+
+def test_every_lock_is_on_where_a_query_runs(runs):
+    wanted = dict(setting.split(" = ") for setting in database.LOCKED)
+    told = ask("SELECT name, value FROM duckdb_settings()", runs)
+    found = {row["name"]: row["value"] for row in told if row["name"] in wanted}
+    assert found == {
+        "enable_external_access": "false", "lock_configuration": "true", "python_enable_replacements": "false",
+        "autoinstall_known_extensions": "false", "autoload_known_extensions": "false",
+        "allow_community_extensions": "false", "temp_directory": "",
+    }  # fmt: skip
+
+
+def test_what_is_wrong_is_one_sentence(runs):
+    for sql, part in (
+        ("SELEC 1", "SELEC"),
+        ("SELECT * FROM flights", "runs, episodes, steps, poses, declarations"),
+        ("SELECT nem FROM episodes", '"ne_m"'),
+        ("SELECT 'x'::INT", "'x'"),
+        ("SELECT '\udce9'", "UTF-8"),
+    ):
+        with pytest.raises(UsageError, match=re.escape(part)) as wrong:
+            ask(sql, runs)
+        assert len(str(wrong.value).splitlines()) == 1, part
+
+
+def test_an_answer_is_written_as_parquet(runs, tmp_path):
+    file = tmp_path / "it's.parquet"
+    rows = ask("SELECT run, episode, ne_m FROM episodes ORDER BY ALL", runs, parquet=file)
+    found = duckdb.connect().execute("SELECT * FROM read_parquet(?)", [str(file)]).fetchall()
+    assert [tuple(row.values()) for row in rows] == found
+    assert [path.name for path in tmp_path.iterdir()] == ["it's.parquet"]
+
+
+def test_an_export_is_a_file_a_table(runs, tmp_path):
+    rows, damage = write_tables("parquet", flown_runs([runs]), tmp_path / "out")
+    assert damage == []
+    assert rows == {"runs": 2, "episodes": 4, "steps": 50, "poses": 490, "declarations": 2}
+    for table in TABLES.values():
+        told = duckdb.connect().execute(f"DESCRIBE SELECT * FROM '{tmp_path}/out/{table.name}.parquet'").fetchall()
+        assert [(name, kind) for name, kind, *_ in told] == [(c.name, c.type) for c in table.columns]
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match="/file"):
+        write_tables("parquet", flown_runs([runs]), tmp_path / "file")
+
+
+def test_runs_of_one_name_are_told_apart(tmp_path):
+    for which in ("a", "b"):
+        write_run(tmp_path / which / "oracle", EPISODES[:1])
+    found = flown_runs([tmp_path / "a", tmp_path / "b"])
+    assert [row[0] for row in query("SELECT run FROM runs", found).rows] == ["a/oracle", "b/oracle"]
+
+
+def test_columns_of_one_name_are_told_apart(runs):
+    answer = query("SELECT 1 AS a, 2 AS a, 3 AS a_2, 4 AS a FROM runs", flown_runs([runs]))
+    assert isinstance(answer, Selected)
+    assert answer.columns == ("a", "a_2", "a_2_2", "a_3")
+
+
+@given(st.lists(st.one_of(st.none(), st.integers())))
+def test_whole_numbers_come_through(values):
+    told = array(values, "BIGINT").tolist()
+    assert told == [v if v is not None and -(2**63) <= v < 2**63 else None for v in values]
+
+
+@pytest.fixture(scope="module")
+def connection():
+    with duckdb.connect(":memory:") as opened:
+        yield opened
+
+
+@settings(max_examples=50)
+@given(values=st.lists(st.one_of(st.none(), st.text(), st.text(st.characters(categories=("L", "Cs"))))))
+def test_texts_come_through_the_database(values, connection):
+    """Half a surrogate pair, which JSON has and UTF-8 has not, is escaped."""
+    connection.execute("CREATE OR REPLACE TABLE t (n BIGINT, x VARCHAR)")
+    connection.register("incoming", {"n": np.arange(len(values)), "x": array(values, "VARCHAR")})
+    if values:
+        connection.execute("INSERT INTO t SELECT * FROM incoming")
+    told = [row[0] for row in connection.execute("SELECT x FROM t ORDER BY n").fetchall()]
+    assert told == [v if v is None else v.encode("utf-8", "backslashreplace").decode() for v in values]

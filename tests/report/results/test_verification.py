@@ -1,0 +1,62 @@
+"""An archive that was changed is found out."""
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from dronecats.judge.metrics.judging import reread
+from dronecats.report.archive.verification import verify
+from foundation.errors import UsageError
+from tests.report.results.archives import TWO, changed, in_manifest
+
+
+def line_of(files: dict[str, bytes], name: str, old: str, new: str) -> None:
+    home = f"runs/01/{TWO[0]}/{name}" if name != "run.json" else "runs/01/run.json"
+    assert old.encode() in files[home]
+    files[home] = files[home].replace(old.encode(), new.encode(), 1)
+
+
+# (what is changed in an archive, what a difference names)
+FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
+    (lambda f: line_of(f, "verdict.json", '"success": true', '"success": false'), "verdict.json .*success"),
+    (lambda f: line_of(f, "truth.jsonl", '"distance_m": 1.5', '"distance_m": 9.5'), "verdict.json"),
+    (lambda f: line_of(f, "decisions.jsonl", '\\"go\\"', '\\"fly\\"'), "action"),
+    (lambda f: line_of(f, "episode.json", '"yaw_deg": 1', '"yaw_deg": '), f"{TWO[0]}.*record"),
+    (lambda f: line_of(f, "episode.json", "{", "[{"), "episode.json"),
+    (lambda f: f.pop(f"runs/01/{TWO[0]}/verdict.json"), f"{TWO[0]}.*verdict.json"),
+    (lambda f: line_of(f, "run.json", '"fixed:0.5"', '"fixed:0.1"'), "runs/01 .*settings"),
+    (lambda f: line_of(f, "run.json", '"seed": 0', '"seed": 3'), "runs/01 .*seed"),
+    (lambda f: line_of(f, "run.json", '"replay": null', '"replay": {}'), "runs/01 .*recording"),
+    (lambda f: in_manifest(f, partial=None), "partial"),
+    (lambda f: in_manifest(f, pilot="openai/gpt-5", is_model=True), "openai/gpt-5.*oracle"),
+]  # fmt: skip
+
+
+def test_what_was_changed_is_found(small, tmp_path):
+    for k, (change, part) in enumerate(FORGED):
+        told = verify(changed(small, tmp_path / f"{k}.tar.xz", change), reread)
+        assert not told.verified, part
+        assert re.search(part, " ".join(told.differences)), (part, told.differences)
+
+
+def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
+    name = f"runs/01/{TWO[0]}/truth.jsonl"
+    forged = changed(
+        small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name].replace(b"true", b"True")}), digests=False
+    )
+    assert any(said.startswith(f"{name} ") and "digest" in said for said in verify(forged, reread).differences)
+
+
+def test_a_file_of_another_size_is_refused_before_it_is_read(small, tmp_path):
+    name = f"runs/01/{TWO[0]}/truth.jsonl"
+    forged = changed(small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name] + b"\n"}), digests=False)
+    with pytest.raises(UsageError, match=rf"{name}.*manifest\.json"):
+        verify(forged, reread)
+
+
+def test_what_a_terminal_would_obey_is_not_handed_on(small, tmp_path):
+    forged = changed(small, tmp_path / "x.tar.xz", lambda f: line_of(f, "episode.json", '"id": "', '"id": "\\u001b[2J'))
+    told = verify(forged, reread)
+    assert told.differences
+    assert all(said.isprintable() for said in told.differences)

@@ -1,0 +1,39 @@
+"""What was done to flights on purpose makes a line of its own, and is said above the tables."""
+
+from dronecats.report.report_folder import opening
+from dronecats.report.results.entrants import entrants
+from dronecats.report.tables.setup import setup
+from foundation.protocol import RADIUS_M
+from tests.report.small import line, small
+from tests.support.scores import a_run, collected, flights
+
+LATE = "pictures come 0.5 s late"
+
+
+def disturbed():
+    """Return the flights of one pilot, as they are and with late pictures."""
+    late = a_run("runs/late", flight={"disturbances": {"frame": {"delay_s": 0.5}}}, disturbed=LATE)
+    return collected(flights(a_run("runs/plain"), {"campus-approaching": "ss"}),
+                     flights(late, {"campus-approaching": "sf"}))  # fmt: skip
+
+
+def test_a_disturbed_run_is_no_flight_of_the_undisturbed_line():
+    assert [entrant.label for entrant in entrants(disturbed())] == ["vision", f"vision, {LATE}"]
+
+
+def test_it_is_said_above_the_tables_and_in_the_one_that_tells_how_it_was_flown():
+    who = small(disturbed())
+    (said,) = (said for said in opening(who, RADIUS_M) if LATE in said)
+    assert said.startswith(f"vision, {LATE} ")
+    table = setup(who)
+    assert line(table, f"vision, {LATE}")["disturbed"].value == LATE
+    assert line(table, "vision")["disturbed"].value is None
+    plain = small()
+    assert not [said for said in opening(plain, RADIUS_M) if LATE in said]
+    assert "disturbed" not in [column.name for column in setup(plain).columns]
+
+
+def test_how_it_was_flown_names_the_prompt_before_its_digest():
+    named = a_run("runs/paper", prompt_name="paper", prompt_sha256="c" * 64)
+    table = setup(small(collected(flights(named, {"campus-approaching": "s"}))))
+    assert line(table, "vision")["prompt"].value == "paper, cccccccc"

@@ -1,0 +1,237 @@
+"""What is written: names, data, pictures, and the prompts that are rendered again."""
+
+import json
+import re
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.agent.cockpit import Cockpit
+from dronecats.agent.command_prompt import CommandPrompt
+from dronecats.agent.decider import Questions
+from dronecats.agent.decisions import DecisionLog
+from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.latency import latency
+from dronecats.agent.loop import PaperAgent
+from dronecats.agent.prompt import Prompt
+from dronecats.judge.metrics.metric import Metric
+from dronecats.judge.metrics.registry import METRICS
+from dronecats.report.page import write_page
+from dronecats.report.page.asked import asked, commanded
+from dronecats.report.page.assembly import program
+from dronecats.report.page.index import keys, script_json
+from dronecats.report.page.pictures import kept
+from dronecats.report.results.collection import collect
+from foundation.errors import UsageError
+from foundation.run_folder.reading import rows
+from foundation.run_folder.rows import Decision
+from tests.agent import test_hierarchy as hierarchy
+from tests.agent.flown_wire import CAMERA, Clock, Views
+from tests.support.run_folders import run_folder
+
+FLOWN = {"flight": {"pilot": "vision"}, "prompt_sha256": Prompt.load().digest}
+
+
+def page_of(out, *runs, **how):
+    return write_page(collect(runs), [], out, **how)
+
+
+def flight_in(path):
+    """Return the flight that a file of data/ registers."""
+    found = re.fullmatch(r"dronecatsFlight\((.*)\);\n", path.read_text(), re.DOTALL)
+    assert found
+    return json.loads(f"[{found[1]}]")
+
+
+@given(st.lists(st.text(max_size=12), max_size=8))
+def test_keys_are_apart_and_fit_for_a_file_anywhere(names):
+    found = keys(names)
+    assert len({key.lower() for key in found}) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9._-]*", key) and key not in ("of", "..") for key in found)
+
+
+@settings(max_examples=40)
+@given(
+    st.recursive(
+        st.text() | st.none() | st.booleans(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
+    )
+)
+def test_a_text_stays_itself_and_cannot_end_a_script(value):
+    written = script_json(value)
+    assert json.loads(written) == value
+    assert written.isascii()
+    assert not set("<>&") & set(written)
+
+
+def flown(folder, drones, groups, replies):
+    """Fly the paper's agent; return (decisions of the log, prompts that it really sent)."""
+    coming = iter(replies)
+    model = hierarchy.Said(lambda request: next(coming))
+    log = DecisionLog(folder / "decisions.jsonl")
+    cockpit = Cockpit(
+        aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, frames_dir=folder,
+        executor=InlineExecutor(), t0_us=0,
+    )  # fmt: skip
+    agent = PaperAgent(Questions(model, Prompt.load(None), "find it", latency("fixed:0.5")), cockpit, groups)
+    agent.fly(stop=lambda decision: len(model.asked) == len(replies))
+    log.close()
+    return list(rows(folder / "decisions.jsonl", Decision)), [request.text for request in model.asked]
+
+
+def once_each(prompts, decisions):
+    """Return the text of every question, in the order of the log."""
+    steps = {decision.step: prompt.text for decision, prompt in zip(decisions, prompts, strict=True)}
+    return [steps[step] for step in sorted(steps)]
+
+
+def test_the_prompts_are_those_that_were_sent(tmp_path):
+    go = hierarchy.GO
+    replies = [go, "nonsense", hierarchy.TURN, '{"action":"think"}', go, hierarchy.DONE, go, go]
+    decisions, sent = flown(tmp_path, 1, None, replies)
+    assert len(decisions) == len(replies)
+    assert once_each(asked(FLOWN, "find it", decisions), decisions) == sent
+
+
+def test_so_are_a_fleets(tmp_path):
+    joint = [f"[{hierarchy.GO},{turn}]" for turn in (hierarchy.TURN, hierarchy.GO, "{}", hierarchy.DONE)]
+    decisions, sent = flown(tmp_path, 2, None, joint)
+    assert {decision.drone for decision in decisions} == {0, 1}
+    assert once_each(asked(FLOWN, "find it", decisions), decisions) == sent
+
+
+def test_so_are_those_of_drones_that_decide_alone(tmp_path):
+    replies = [hierarchy.GO, hierarchy.TURN, hierarchy.DONE] * 3
+    decisions, sent = flown(tmp_path, 2, [[0], [1]], replies)
+    assert len(decisions) >= 8
+    assert Counter(once_each(asked(FLOWN, "find it", decisions), decisions)) <= Counter(sent)
+
+
+def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
+    pilot = hierarchy.Said(lambda request: hierarchy.DONE if request.drone == 1 and request.step > 2 else hierarchy.GO)
+    other = {"orders": [{"drone": 2, "goal": "something else"}]}
+    commander = hierarchy.script({"orders": hierarchy.EVERYBODY}, other, {"confirm": [2]})
+    _, told, _ = hierarchy.fly(tmp_path / "flight", pilot, commander, seconds=40.0)
+    decisions = list(rows(tmp_path / "flight/decisions.jsonl", Decision))
+    prompts = asked(FLOWN, "find it", decisions, told)
+    for drone in range(3):
+        own = [p.text for d, p in zip(decisions, prompts, strict=True) if d.drone == drone and p is not None]
+        assert own == [request.text for request in pilot.asked if request.drone == drone][: len(own)]
+        assert len(own) > 4
+    confirmed = [p for d, p in zip(decisions, prompts, strict=True) if isinstance(d.confirmed_by, int)]
+    assert confirmed
+    assert set(confirmed) == {None}
+    known = {**FLOWN, "commander_prompt_sha256": CommandPrompt.load().digest}
+    assert [commanded(known, "find it", each) for each in told] == [request.text for request in commander.asked]
+    assert commanded(FLOWN, "find it", told[0]) is None
+
+
+def test_what_another_template_asked_is_not_made_up(tmp_path):
+    decisions, _ = flown(tmp_path, 1, None, [hierarchy.GO] * 2)
+    assert asked({**FLOWN, "prompt_sha256": "f" * 64}, "find it", decisions) == [None, None]
+    assert asked({**FLOWN, "agent": "mine.agent"}, "find it", decisions) == [None, None]
+    own = Prompt("Fly. {instruction}\n{history}\n{history}")
+    [first, second] = asked({"flight": {"prompt": own.template}, "prompt_sha256": own.digest}, "find it", decisions)
+    assert first is not None
+    assert second is not None
+    assert first.text.startswith("Fly. find it\n(none yet")
+    assert second.text.count("GO x=640 y=360 depth=9m") == 2
+
+
+def test_a_flight_is_a_file_of_its_own_and_the_page_holds_none(tmp_path):
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go to the cyan car"})
+    page = page_of(tmp_path / "report", run)
+    key, flight = flight_in(tmp_path / "report/data/vision/yard-approaching-01.js")
+    assert key == "vision/yard-approaching-01"
+    assert flight["instruction"] == "go to the cyan car"
+    decisions = [json.loads(line) for line in (run / "yard-approaching-01/decisions.jsonl").read_text().splitlines()]
+    assert [step.get("action") for step in flight["steps"]] == [decision["action"] for decision in decisions]
+    assert [flight["texts"][step["reply"]] for step in flight["steps"]] == [d["reply"] for d in decisions]
+    assert "go to the cyan car" not in page.read_text()
+
+
+def test_the_same_runs_give_the_same_page(tmp_path):
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go", "yard-searching-01": "look"})
+    first, second = (page_of(tmp_path / name, run) for name in ("one", "two"))
+    assert first.read_bytes() == second.read_bytes()
+    written = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.js"))
+    assert written
+    assert all((tmp_path / "one" / path).read_bytes() == (tmp_path / "two" / path).read_bytes() for path in written)
+    assert page_of(tmp_path / "one", run).read_bytes() == second.read_bytes()  # over an older one
+
+
+def test_pictures_cost_no_space_where_the_file_system_has_links(tmp_path):
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"})
+    page_of(tmp_path / "report", run)
+    there = tmp_path / "report/pictures/vision/yard-approaching-01"
+    assert len(list(there.iterdir())) == 6
+    assert all(path.samefile(run / "yard-approaching-01/frames" / path.name) for path in there.iterdir())
+
+
+def test_pictures_can_be_thinned_out_and_the_declared_ones_stay(tmp_path):
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"}, steps=9)
+    page_of(tmp_path / "report", run, every=4)
+    kept = sorted(path.name for path in (tmp_path / "report/pictures/vision/yard-approaching-01").iterdir())
+    assert kept == ["000000.jpg", "000004.jpg", "000008.jpg"]
+    _, flight = flight_in(tmp_path / "report/data/vision/yard-approaching-01.js")
+    assert ["picture" in step for step in flight["steps"]] == [step % 4 == 0 for step in range(9)]
+
+
+def test_every_declaration_keeps_its_picture():
+    said = ("go", "go", "finished", "go", "go", "go")
+    decisions = [
+        Decision(
+            step=step, drone=drone, frame_id=2 * step + drone, t_frame=step, t_decided=step, action={"action": word}
+        )
+        for step, word in enumerate(said)
+        for drone in (0, 1)
+    ]
+    assert kept(decisions, 4) == {(drone, 2 * step + drone) for step in (0, 2, 4, 5) for drone in (0, 1)}
+
+
+def test_grey_frames_are_not_kept(tmp_path):
+    run = run_folder(tmp_path / "runs/oracle", {"yard-approaching-01": "go"}, pictures=False)
+    page_of(tmp_path / "report", run)
+    assert not (tmp_path / "report/pictures").exists()
+
+
+def test_two_runs_of_one_name_are_two(tmp_path):
+    runs = [
+        run_folder(tmp_path / f"{k}/vision", {"yard-approaching-01": "go"}, seed=k, told=f"said {k}") for k in (0, 1)
+    ]
+    page_of(tmp_path / "report", *runs)
+    told = [flight_in(tmp_path / f"report/data/{key}/yard-approaching-01.js")[1] for key in ("vision", "vision-2")]
+    assert [flight["texts"][flight["steps"][0]["reply"]] for flight in told] == ["said 0", "said 1"]
+
+
+def test_ones_own_metrics_and_what_is_left_out_are_told(tmp_path):
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go", "yard-searching-01": "look"})
+    own = Metric(name="replies", title="Replies", unit="count", level="episode", better=None, definition="how many",
+                 paper="", of=lambda flown: float(len(flown.logs.decisions)))  # fmt: skip
+    found = collect([run], metrics=(*METRICS.values(), own))
+    first, *others = found.episodes
+    page = write_page(replace(found, episodes=(replace(first, left_out="chosen"), *others)), [], tmp_path / "report")
+    held = re.search(r'id="index">(.*?)</script>', page.read_text(), re.DOTALL)
+    assert held
+    index = json.loads(held[1])
+    place = [metric["name"] for metric in index["metrics"]].index("replies")
+    assert [episode["values"][place] for episode in index["episodes"]] == [6.0, 6.0]
+    assert [episode["counted"] for episode in index["episodes"]] == [False, True]
+
+
+def test_where_nothing_can_be_written_is_said(tmp_path):
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"})
+    (tmp_path / "report").write_text("in the way")
+    with pytest.raises(UsageError, match="report"):
+        page_of(tmp_path / "report", run)
+
+
+def test_the_program_fetches_nothing_and_makes_no_markup_of_texts():
+    text = program()
+    assert "import" not in re.findall(r"^\w+", text, re.MULTILINE)
+    assert "export" not in re.findall(r"^\w+", text, re.MULTILINE)
+    for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "fetch(", "XMLHttpRequest",
+                 "https:", "WebSocket", "</script"):  # fmt: skip
+        assert word not in text

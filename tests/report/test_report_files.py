@@ -1,0 +1,121 @@
+"""The report as files: the same as it was last looked at, the same twice, figures that say what their tables do."""
+
+import subprocess
+import sys
+from functools import cache
+
+import pytest
+
+from dronecats.report import blocks as lineups
+from dronecats.report.figures import all as figures
+from dronecats.report.figures import bars, rates, style
+from dronecats.report.report_folder import write
+from dronecats.report.report_table import ReportTable
+from dronecats.report.tables.all import tables
+from foundation.errors import InfrastructureError
+from tests.report import golden
+from tests.report.small import line, small
+from tests.support.scores import a_run, an_episode, collected, named
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_text(encoding="utf-8") for path in folder.rglob("*.*")}
+
+
+def test_the_small_report_is_as_it_was_looked_at(tmp_path):
+    golden.report(tmp_path)
+    assert files(tmp_path) == files(golden.FOLDER)
+
+
+def test_a_full_disk_is_said(tmp_path):
+    (tmp_path / "tables").write_text("a file where a folder should be")
+    with pytest.raises(InfrastructureError, match=str(tmp_path)):
+        write((), {}, (), tmp_path)
+
+
+ENDED = ("success", "declared", "arrived", "did not move")
+
+
+@cache
+def told(ended=ENDED) -> dict[str, ReportTable]:
+    """Return tables that every figure can be drawn of."""
+    run = a_run("runs/m", model=named("m"))
+    steps = {"rate_hz": tuple(float(n) for n in range(1, 22))}
+    flown = [an_episode(run, f"campus-approaching-{k:02}", "success" if mode == "success" else "failure", mode=mode,
+                        steps=steps) for k, mode in enumerate(ended)]  # fmt: skip
+    drones = {"drones_found": 1, "drones_beside": 2, "drones_elsewhere": 0, "drones_silent": 1}
+    flown.append(an_episode(run, "blocks-commanding-01", "success", values=drones))
+    flown.append(an_episode(a_run("runs/o", pilot="oracle"), "campus-approaching-00", "success", mode="success"))
+    return {table.name: table for table in tables(small(collected(flown)))}
+
+
+def drawn(figure):
+    """Return the bars of a figure as (left, width, height of its middle), rounded."""
+    (axis,) = figure.axes
+    return [
+        (round(p.get_x(), 3), round(p.get_width(), 3), round(p.get_y() + p.get_height() / 2, 3)) for p in axis.patches
+    ]
+
+
+def test_failure_bars_stand_end_to_end_and_are_the_tables_shares():
+    found = drawn(bars.modes(told()["failures"]))
+    bar = [(left, width) for left, width, y in found if y == found[0][2] and width]
+    assert bar == [(0, 25), (25, 25), (50, 25), (75, 25)]
+
+
+def test_the_numbers_in_failure_bars_are_the_tables():
+    table = told(("success",) * 7 + ("declared",))["failures"]
+    (axis,) = bars.modes(table).axes
+    shares = [cell.text(column) for cell, column in zip(table.rows[0].cells, table.columns, strict=True)][2:4]
+    assert shares == ["88", "13"]
+    written = [text.get_text() for text in axis.texts if text.get_text().isdigit()]
+    assert written == [shares[0], "100", shares[1]]  # part by part: m's and the oracle's successes come first
+
+
+def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
+    figure = bars.decomposition(told()["drones"])
+    assert [each[:2] for each in drawn(figure) if each[1]] == [(0, 25), (25, 50), (75, 25)]
+    (axis,) = figure.axes
+    assert [list(mark.get_xdata()) for mark in axis.lines if mark.get_marker() == "D"] == [[100.0]]
+
+
+def test_nested_bars_are_the_tables_rates():
+    table = told()["approaching"]
+    row = line(table, "vllm/m")
+    widths = [width for _, width, _ in drawn(bars.nested(table))]
+    assert widths[0::2] == [row[column].value for column, _, _ in bars.NESTED]
+
+
+def test_boxes_are_the_tables_quantiles():
+    (box,) = drawn(rates.rates(told()["served"]))
+    assert box[:2] == (6.0, 10.0)
+
+
+def test_blocks_stay_apart():
+    lines, heads = style.lines(told()["approaching"])
+    assert [title for title, _ in heads] == [lineups.MODELS, lineups.BUILT_IN]
+    assert lines[0].y < heads[1][1] < lines[1].y
+
+
+def test_every_figure_is_drawn_in_three_formats_and_the_same_twice(tmp_path, monkeypatch):
+    monkeypatch.setitem(style.SETTINGS, "savefig.dpi", 50)  # the time that a PNG takes grows with its pixels
+    who, made = small(), told()
+    first = figures.draw(who, tuple(made.values()), tmp_path / "a")
+    again = figures.draw(who, (made["drones"],), tmp_path / "b")
+    assert list(first) == ["approaching", "failures", "drones", "served", figures.GRID]
+    assert [path.name for path in first.values()] == [
+        "reach_declare_succeed.png", "failure_modes.png", "commanding_by_drone.png", "served_rate.png",
+        "episode_by_episode.png",
+    ]  # fmt: skip
+    assert list(again) == ["drones", figures.GRID]
+    for name, path in first.items():
+        for kind in style.FORMATS:
+            data = path.with_suffix(f".{kind}").read_bytes()
+            assert len(data) > 1000
+            if name in again:
+                assert data == again[name].with_suffix(f".{kind}").read_bytes(), f"{name}.{kind}"
+
+
+def test_nothing_is_drawn_at_the_import_of_the_verb():
+    code = "import sys, dronecats.cli.report; assert 'matplotlib' not in sys.modules and 'numpy' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,380 @@
+"""Every table against counts by hand, over a benchmark that was made up for it."""
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import pytest
+
+from dronecats.judge.metrics.deliberation import StepOutlook
+from dronecats.judge.metrics.failure_mode import MODES
+from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.statistics.shares import known_share, wilson
+from dronecats.report import blocks as lineups
+from dronecats.report import names
+from dronecats.report.page.told_tables import page_table
+from dronecats.report.report_table import TableCell
+from dronecats.report.results.collection import without_stalled
+from dronecats.report.results.usage import Usage
+from dronecats.report.tables import (
+    commanding,
+    comparison,
+    costs,
+    failures,
+    grounding,
+    outcomes,
+    replies,
+    served,
+    setup,
+    thinking,
+    variance,
+)
+from tests.report.small import BAD, GOOD, benchmark, line, made, number, small
+from tests.support.scores import a_run, an_episode, collected, flights, named
+
+
+def test_rates_are_of_the_flights_that_were_scored_and_errors_stand_beside():
+    table = made(outcomes.main, small())
+    assert [column.group for column in table.columns[2:]] == ["Approaching"] * 2 + ["Tracking"] * 2 + ["All"] * 2 + [""]
+    good = line(table, GOOD)
+    assert (good["flights"].value, good["not_scored"].value) == (9, 1)
+    sr = good["approaching_success_percent"]
+    assert (sr.value, sr.count, sr.of) == (62.5, 5, 8)
+    assert (good["tracking_success_percent"].value, good["tracking_success_percent"].of) == (0.0, 1)
+    assert (good["all_success_percent"].count, good["all_success_percent"].of) == (5, 9)
+
+
+def test_several_flights_of_an_episode_are_not_counted_as_so_many_episodes():
+    sr = line(made(outcomes.main, small()), GOOD)["approaching_success_percent"]
+    by_episode = [[True, True], [True, False], [False, False], [True, True]]
+    known = known_share(by_episode)
+    assert (sr.low, sr.high) == pytest.approx((100 * known.low, 100 * known.high))
+    low, high = wilson(5, 8)
+    assert number(sr.low) < 100 * low < 100 * high < number(sr.high)
+    one = line(made(outcomes.main, small()), BAD)["approaching_success_percent"]
+    assert (one.low, one.high) == pytest.approx(tuple(100 * end for end in wilson(1, 4)))
+
+
+def test_models_and_built_in_pilots_never_share_a_block_and_what_those_are_is_said():
+    who = small()
+    for table in (
+        made(outcomes.main, who),
+        made(outcomes.approaching, who),
+        made(outcomes.declarations, who),
+        made(comparison.comparison, who),
+    ):
+        for block in table.blocks[:2]:
+            names = {cell.value for row in block.rows for cell in row.cells[:2] if isinstance(cell.value, str)}
+            assert block.title in (lineups.MODELS, lineups.BUILT_IN)
+            assert names <= ({GOOD, BAD} if block.title == lineups.MODELS else {"oracle", "blind:fan"})
+    said = made(setup.setup, who).notes
+    assert said[0].startswith("oracle ")
+    assert said[1].startswith("blind:fan ")
+
+
+def test_the_best_is_marked_among_models_alone():
+    table = made(outcomes.main, small())
+    marked = [row.entrant for row in table.rows if any(cell.best for cell in row.cells)]
+    assert marked == [GOOD]
+    assert line(table, GOOD)["approaching_success_percent"].best
+    assert not line(table, GOOD)["tracking_success_percent"].best, "both have none"
+    assert not line(made(outcomes.approaching, small()), GOOD)["flights"].best, "more flights are not better"
+
+
+def test_what_can_be_had_without_looking_is_of_the_same_episodes_all_of_them():
+    table = made(outcomes.main, small())
+    below = line(table, lineups.FLOOR)
+    sr = below["approaching_success_percent"]
+    assert (sr.value, sr.count, sr.of) == (25.0, 1, 4)
+    assert below["tracking_success_percent"].value is None, "no blind pilot has flown it"
+    assert below["approaching_oracle_success_percent"].value is None
+    assert "blind:fan" in table.notes[0]
+    assert "ring" not in table.notes[0]
+    assert table.blocks[-1].title == ""
+
+
+def test_by_map():
+    table = made(outcomes.per_map, small())
+    good = line(table, GOOD)
+    told = {name: cell.text(column) for (name, cell), column in zip(good.items(), table.columns, strict=True)}
+    assert list(told.values()) == [GOOD, "3/4", "0/1", "2/4"]
+    assert list(told)[1:3] == ["campus_approaching_success_percent", "campus_tracking_success_percent"]
+    assert [column.group for column in table.columns[1:]] == ["Campus", "Campus", "Residential"]
+    assert line(table, "oracle")["residential_approaching_success_percent"] == TableCell(value=None)
+
+
+def test_by_map_is_headed_by_no_percent_since_it_counts():
+    table = made(outcomes.per_map, small())
+    assert {column.unit for column in page_table(table, {}).columns} == {""}
+    assert "%" in {column.unit for column in page_table(made(outcomes.main, small()), {}).columns}
+
+
+def test_unreadable_replies_are_told_of_models():
+    run = a_run("runs/a", model=named("a"))
+    some = {"decisions": 40, "unreadable": 4, "refused": 1, "cut_off": 2}
+    none = {"decisions": 60, "unreadable": 0, "refused": 0, "cut_off": 0}
+    flown = [an_episode(run, "campus-approaching-01", values=some), an_episode(run, "campus-tracking-01", values=none)]
+    built_in = [an_episode(a_run("runs/o", pilot="oracle"), "campus-tracking-01", values=none)]
+    table = made(replies.replies, small(collected(flown, built_in)))
+    assert [row.entrant for row in table.rows] == ["vllm/a"]
+    told = line(table, "vllm/a")
+    assert [told[f"{name}_percent"].value for name in ("unreadable", "refused", "cut_off")] == [4.0, 1.0, 2.0]
+    assert (told["decisions"].value, told["unreadable_flights"].value) == (100, 1)
+    assert replies.replies(small(collected(built_in))) is None
+
+
+def test_how_it_was_flown_says_what_switches_the_reasoning():
+    own = named("a", provider="openai", quick={"reasoning_effort": "minimal"}, thinking={"reasoning_effort": "low"})
+    providers = named("b", provider="openrouter")
+    runs = [a_run("runs/a", model=own), a_run("runs/b", model=providers), a_run("runs/c", model=named("c", quick={}))]
+    table = made(setup.setup, small(collected(*(flights(run, {"campus-tracking": "s"}) for run in runs))))
+    told = {row.entrant: line(table, row.entrant)["reasoning"].value for row in table.rows}
+    assert told["openai/a"] == "reasoning_effort minimal | reasoning_effort low"
+    assert told["openrouter/b"] == "reasoning.enabled false | reasoning.enabled true"
+    assert str(told["vllm/c"]).startswith("nothing | ")
+
+
+def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
+    served = {"same": ["same"], "other": ["other-2026", "other"], "silent": []}
+    runs = []
+    for name, answered in served.items():
+        run = replace(a_run(str(tmp_path / name), model=named(name)), episodes=(tmp_path / name / "e",))
+        (tmp_path / name / "e").mkdir(parents=True)
+        (tmp_path / name / "e" / "identity.json").write_text(json.dumps(
+            {"code_sha256": "a" * 64, "record_sha256": None, "frames": 0, "frames_sha256": None, "served": answered}
+        ))  # fmt: skip
+        runs.append(run)
+    table = made(setup.setup, small(collected(*(flights(run, {"campus-tracking": "s"}) for run in runs))))
+    told = {row.entrant: line(table, row.entrant)["served"].value for row in table.rows}
+    assert told == {"vllm/same": None, "vllm/other": "other-2026", "vllm/silent": None}
+
+
+def test_a_deviation_says_of_how_many_flights_it_is():
+    table = made(variance.variance, small())
+    assert "s.d. of 2" in {row.cells[1].value for row in table.rows}
+    assert [note for note in table.notes if "two flights" in note]
+
+
+def test_costs_tell_cached_and_reasoning_tokens_and_who_answered():
+    run = a_run("runs/a", model=named("a"))
+    used = [
+        Usage(questions=10, tokens_in=1000, tokens_out=100, cached=512, reasoning=60,
+              endpoints=("Novita", "DeepInfra")),
+        Usage(questions=10, tokens_in=1000, tokens_out=100, reasoning=20, endpoints=("DeepInfra",)),
+    ]  # fmt: skip
+    flown = [an_episode(run, f"campus-approaching-{k:02}", usage=each) for k, each in enumerate(used, 1)]
+    told = line(made(costs.costs, small(collected(flown))), "vllm/a")
+    assert (told["tokens_cached"].value, told["tokens_cached"].of) == (512, 1)
+    assert (told["tokens_reasoning"].value, told["tokens_reasoning"].of) == (40, 2)
+    assert told["endpoints"].value == "DeepInfra, Novita"
+
+
+def test_approaching_leaves_out_of_a_mean_who_has_no_value():
+    run = a_run("runs/a", model=named("a"))
+    flown = [
+        an_episode(run, "campus-approaching-01", "success", values={"ne_m": 4.0, "approach_ratio": 0.8,
+                                                                    "declared_to_start": 0.2}, censored=True),
+        an_episode(run, "campus-approaching-02", values={"ne_m": 20.0, "approach_ratio": 0.4,
+                                                         "declared_to_start": None, "oracle_success": True}),
+        an_episode(run, "campus-approaching-03", "error"),
+        an_episode(run, "campus-tracking-01", values={"ne_m": 99.0}),
+    ]  # fmt: skip
+    table = made(outcomes.approaching, small(collected(flown)))
+    told = line(table, "vllm/a")
+    assert (told["flights"].value, told["ne_m"].value, told["ne_m"].of) == (2, 12.0, 2)
+    assert (told["declared_to_start_ratio"].value, told["declared_to_start_ratio"].of) == (0.2, 1)
+    assert told["approach_ratio"].value == pytest.approx(0.6)
+    assert told["approaching_oracle_success_percent"].value == 100.0
+    assert told["approaching_declared_percent"].value == 50.0
+    assert re.search(r"\b1\b", table.notes[0])
+
+
+def test_declarations_pool_all_cells():
+    run = a_run("runs/a", model=named("a"))
+    first = {"success_at_first": True, "success_within_three": True, "declarations": 2, "false_declarations": 1,
+             "declaration_precision": 0.5}  # fmt: skip
+    never = {"success_at_first": False, "success_within_three": False, "declarations": 0, "false_declarations": 0,
+             "declaration_precision": None}  # fmt: skip
+    flown = [an_episode(run, "campus-approaching-01", "success", values=first),
+             an_episode(run, "blocks-commanding-01", values=never)]  # fmt: skip
+    told = line(made(outcomes.declarations, small(collected(flown))), "vllm/a")
+    assert told["all_success_at_first_percent"].value == 50.0
+    assert (told["declarations_per_flight"].value, told["false_per_flight"].value) == (1.0, 0.5)
+    assert (told["precision_percent"].value, told["precision_percent"].of) == (50.0, 1)
+
+
+def test_failure_modes_part_all_scored_one_drone_flights():
+    run = a_run("runs/a", model=named("a"))
+    ended = ["success", "declared", "declared", "did not move", "timed out"]
+    flown = [an_episode(run, f"campus-searching-{k:02}", "success" if mode == "success" else "failure", mode=mode)
+             for k, mode in enumerate(ended)]  # fmt: skip
+    flown += [an_episode(run, "campus-searching-09", "error"), an_episode(run, "blocks-commanding-01", mode="arrived")]
+    table = made(failures.failures, small(collected(flown)))
+    told = line(table, "vllm/a")
+    shares = {name: cell.value for name, cell in told.items() if name.endswith("percent")}
+    assert told["flights"].value == 5
+    assert sum(number(share) for share in shares.values()) == pytest.approx(100.0)
+    assert {name for name, share in shares.items() if share} == {
+        "success_percent", "declared_percent", "did_not_move_percent", "timed_out_percent",
+    }  # fmt: skip
+    assert shares["declared_percent"] == 40.0
+
+
+def test_commanding_beside_one_drone():
+    table = made(commanding.commanding, small())
+    good = line(table, GOOD)
+    assert (good["approaching_success_percent"].count, good["approaching_success_percent"].of) == (5, 8)
+    assert (good["commanding_success_percent"].count, good["commanding_success_percent"].of) == (1, 2)
+    assert good["commanding_declared_percent"].value == 100.0
+    assert good["commanding_oracle_success_percent"].value == 50.0
+    assert [row.entrant for row in table.rows] == [GOOD], "who flew no fleet has no line"
+
+
+def test_drones_are_counted_over_flights_and_part_them():
+    told = line(made(commanding.drones, small()), GOOD)
+    assert told["drones"].value == 8
+    counts = [told[f"drones_{name}_percent"].count for name in ("found", "beside", "elsewhere", "silent")]
+    assert counts == [1, 3, 1, 3]
+    assert told["commanding_success_percent"].value == 50.0
+
+
+def test_variance_is_over_the_episodes_that_every_flight_scored():
+    table = made(variance.variance, small())
+    lines = {str(row.cells[1].value): row.cells for row in table.rows}
+    assert list(lines) == ["1", "2", "mean", "s.d. of 2", "binomial", "by episode"]
+    approaching = [column.name for column in table.columns].index("approaching_successes")
+    assert [lines[k][approaching].value for k in ("1", "2", "mean")] == [3, 2, 2.5]
+    assert lines["s.d. of 2"][approaching].value == pytest.approx(math.sqrt(0.5))
+    assert lines["binomial"][approaching].value == pytest.approx(math.sqrt(4 * 0.625 * 0.375))
+    assert lines["by episode"][approaching].value == pytest.approx(math.sqrt(0.5)), "one of four differed"
+    assert number(lines["s.d. of 2"][approaching].high) > math.sqrt(0.5) > number(lines["s.d. of 2"][approaching].low)
+    _, note = table.notes
+    assert re.search(rf"{GOOD}\b.*\b1\b", note)
+    assert variance.variance(small(collected(flights(a_run(), {"campus-approaching": "sf"})))) is None
+
+
+def test_pairs_are_of_the_episodes_that_both_flew():
+    table = made(comparison.comparison, small())
+    models = table.blocks[0].rows
+    assert len(models) == 1
+    told = {column.name: cell.value for column, cell in zip(table.columns, models[0].cells, strict=True)}
+    # campus 01 s s, 02 s f, residential 01 f f, 02 s s, tracking 01 f, against f f f s f
+    assert told["episodes"] == 5
+    assert (told["only_first"], told["only_second"]) == (2, 0)
+    assert told["difference_points"] == pytest.approx(100 * (1 + 0.5) / 5)
+    assert (told["p"], told["p_holm"]) == (0.5, 0.5)
+    assert told["smallest_points"] is None, "five episodes show no difference"
+    pilots = table.blocks[1].rows[0].cells
+    assert [pilots[k].value for k in (0, 1, 3)] == ["oracle", "blind:fan", 2]
+
+
+def test_holm_corrects_for_all_pairs_of_a_block():
+    some = [flights(a_run(f"runs/{name}", model=named(name)), {"campus-approaching": letters})
+            for name, letters in (("a", "s" * 10), ("b", "f" * 10), ("c", "sssss" + "f" * 5))]  # fmt: skip
+    table = made(comparison.comparison, small(collected(*some)))
+    ps = [row.cells[7].value for row in table.rows]
+    assert ps == [2 / 1024, 2 / 32, 2 / 32]
+    assert [row.cells[8].value for row in table.rows] == pytest.approx([6 / 1024, 4 / 32, 4 / 32])
+
+
+def test_costs_are_by_the_declared_prices_and_not_told_where_one_is_missing():
+    table = made(costs.costs, small())
+    good = line(table, GOOD)
+    assert [row.entrant for row in table.rows] == [GOOD], "nobody else tells tokens"
+    assert good["flights"].value == 12
+    assert good["usd"].value == pytest.approx(10 * 0.002)
+    assert good["usd_per_success"].value == pytest.approx(10 * 0.002 / 6)
+    assert (good["tokens_in"].value, good["tokens_in"].of) == (1000.0, 10)
+    free = a_run("runs/free", model=named("free"))
+    flown = flights(free, {"campus-approaching": "s"}, usage=costs_of(1))
+    assert line(made(costs.costs, small(collected(flown))), "vllm/free")["usd"].value is None
+
+
+def costs_of(questions):
+    return Usage(questions=questions, tokens_in=10, tokens_out=1)
+
+
+def test_rates_are_quantiles_over_steps_and_the_host_is_told_apart():
+    run = a_run("runs/a", model=named("a"))
+    flown = [
+        an_episode(run, "campus-approaching-01", steps={"rate_hz": (None, 1.0, 2.0), "latency_s": (0.1, 0.2, 0.3)},
+                   host_stalls=2, usage=costs_of(8)),
+        an_episode(run, "campus-approaching-02", steps={"rate_hz": (3.0, 4.0, 5.0)}, host_stalls=0, usage=costs_of(12)),
+        an_episode(run, "campus-approaching-03", "error", steps={"rate_hz": (99.0,)}, host_stalls=7),
+    ]  # fmt: skip
+    told = line(made(served.served, small(collected(flown))), "vllm/a")
+    assert [told[f"rate_{q}_hz"].value for q in (5, 25, 50, 75, 95)] == pytest.approx([1.2, 2.0, 3.0, 4.0, 4.8])
+    assert told["steps"].value == 5
+    assert (told["stalled_steps_percent"].value, told["stalled_flights"].value) == (10.0, 1)
+
+
+def test_grounding_is_over_the_steps_that_tell():
+    run = a_run("runs/a", model=named("a"))
+    steps = {"on_target": (True, None, False, True), "pointing_error_deg": (1.0, None, 9.0, 2.0),
+             "depth_error_m": (-2.0, None, None, 6.0), "depth_error_abs_m": (2.0, None, None, 6.0),
+             "rescaled": (None, None, True, False), "wide_rotation": (None, True, None, None)}  # fmt: skip
+    told = line(
+        made(grounding.grounding, small(collected([an_episode(run, "campus-approaching-01", steps=steps)]))), "vllm/a"
+    )
+    assert (told["on_target_percent"].count, told["on_target_percent"].of) == (2, 3)
+    assert (told["gos"].value, told["pointing_50_deg"].value) == (3, 2.0)
+    assert (told["depth_50_m"].value, told["depth_absolute_50_m"].value) == (2.0, 4.0)
+    assert (told["rescaled_percent"].value, told["wide_percent"].value) == (50.0, 100.0)
+
+
+def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
+    def step(think, closing_m=None, gained_m=None, stalled=None, broken=None, lost=None, regained=None):
+        return StepOutlook(think, closing_m, gained_m, stalled, broken, lost, regained)
+
+    run = a_run("runs/a", model=named("a"))
+    first = (step(True, 0.1, 0.5, True, True), step(False, 0.1, 0.2, True, False), step(False, 9.0, 9.0))
+    second = (step(False, 0.1, 0.4, True, True, True, False), step(True, lost=True, regained=True))
+    flown = [an_episode(run, f"campus-approaching-0{k}", outlooks=steps) for k, steps in enumerate((first, second))]
+    flown.append(an_episode(run, "campus-approaching-09", "error", outlooks=first))
+    told = line(made(thinking.thinking, small(collected(flown))), "vllm/a")
+    assert (told["thinks"].value, told["matched"].value) == (2, 1)
+    assert told["gain_m_per_step"].value == pytest.approx(0.5 - 0.3)
+    assert (told["stalls_after_think_percent"].count, told["stalls_after_think_percent"].of) == (1, 1)
+    assert (told["stalls_after_other_percent"].count, told["stalls_after_other_percent"].of) == (1, 2)
+    assert (told["losses_after_think_percent"].value, told["losses_after_other_percent"].value) == (100.0, 0.0)
+
+
+def test_nobody_has_a_line_of_nothing():
+    nothing = small(collected(flights(a_run(), {"campus-approaching": "ee"})))
+    assert outcomes.declarations(nothing) is None
+    for table in (failures.failures, commanding.drones, commanding.commanding, costs.costs, served.served,
+                  grounding.grounding, thinking.thinking, comparison.comparison, variance.variance):  # fmt: skip
+        assert table(nothing) is None
+    assert line(made(outcomes.main, nothing), "vision")["not_scored"].value == 2
+
+
+def test_lines_that_were_not_flown_alike_are_said_to_differ():
+    other = a_run("runs/b", pilot="oracle", code_sha256="b" * 64, flight={"latency": "fixed:0.1"})
+    who = small(
+        collected(flights(a_run("runs/a"), {"campus-approaching": "s"}), flights(other, {"campus-approaching": "s"}))
+    )
+    (warning,) = who.warnings()
+    assert re.search("code.*aaaaaaaa.*bbbbbbbb", warning)
+    assert small(benchmark()).warnings() == ()
+    pooled = [flights(a_run(f"runs/{k}", seed=k, clock=f"clock {k}"), {"campus-approaching": "s"}) for k in range(2)]
+    assert "runs/0" in small(collected(*pooled), pool_anyway=True).warnings()[0]
+
+
+def test_what_tables_go_by_is_what_the_metrics_are_called():
+    every = {name for key, name in vars(names).items() if key.isupper() and isinstance(name, str)}
+    assert every <= METRICS.keys()
+    assert {outcome.name for outcome in names.DRONES} <= METRICS.keys()
+    assert {mode.name for mode in names.MODES} == set(MODES)
+
+
+def test_what_the_host_held_up_can_be_left_out_and_is_then_nobodys():
+    run = a_run("runs/a", model=named("a"))
+    flown = [
+        an_episode(run, "campus-approaching-01", "success", host_stalls=3),
+        an_episode(run, "campus-approaching-02", "success", host_stalls=0),
+        an_episode(run, "campus-approaching-03", "failure"),
+    ]
+    told = line(made(outcomes.main, small(without_stalled(collected(flown)))), "vllm/a")
+    assert (told["approaching_success_percent"].count, told["approaching_success_percent"].of) == (1, 2)
+    assert told["not_scored"].value == 1

@@ -1,0 +1,186 @@
+"""What is written reads back as the table that it was: CSV to the last digit, Markdown and LaTeX in shape."""
+
+import csv
+import io
+import re
+import subprocess
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.report import blocks as lineups
+from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, rounded
+from dronecats.report.tables.all import tables
+from dronecats.report.tables.comparison import comparison
+from dronecats.report.writers import latex, markdown
+from dronecats.report.writers.csv_table import BESIDE, as_csv
+from tests.needs import needs
+from tests.report.small import made, small
+from tests.support.scores import a_run, collected, flights, named
+
+MADE = tables(small())
+WIDE = r"\setlength{\textwidth}{480pt}\setlength{\oddsidemargin}{-10pt}"  # so that nothing is made smaller
+PAPERS = {size: rf"\documentclass[{size}paper]{{article}}{WIDE}" for size in ("a4", "letter")}
+NAMES = [table.name for table in MADE]
+texts = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=12)
+cells = st.builds(
+    TableCell,
+    value=st.none() | texts | st.floats(allow_nan=False, allow_infinity=False) | st.integers(-9, 99),
+    low=st.none() | st.floats(0, 100),
+    high=st.none() | st.floats(0, 100),
+    count=st.none() | st.integers(0, 9),
+    of=st.none() | st.integers(0, 9),
+    best=st.booleans(),
+)
+
+
+@st.composite
+def any_table(draw):
+    columns = [TableColumn(name=f"c{k}", title=draw(texts), group=draw(st.sampled_from(["", "a", "b"])),
+                           unit=draw(st.sampled_from(["", "m", "%"])), align=draw(st.sampled_from(["left", "right"])))
+               for k in range(draw(st.integers(1, 4)))]  # fmt: skip
+    row = st.builds(TableRow, cells=st.tuples(*[cells] * len(columns)))
+    block = st.builds(TableBlock, title=texts, rows=st.lists(row, max_size=3).map(tuple))
+    return ReportTable(name="any", title=draw(texts), caption=draw(texts), columns=tuple(columns),
+                       blocks=tuple(draw(st.lists(block, max_size=3))), notes=tuple(draw(st.lists(texts, max_size=2))),
+                       command=draw(texts))  # fmt: skip
+
+
+@settings(max_examples=40)
+@given(any_table())
+def test_csv_holds_all_of_every_cell(table):
+    head, *lines = csv.reader(io.StringIO(as_csv(table), newline=""))
+    blocks = [block.title for block in table.blocks for _ in block.rows]
+    assert [line[0] for line in lines] == blocks
+    for line, row in zip(lines, table.rows, strict=True):
+        told = dict(zip(head, line, strict=True))
+        for column, cell in zip(table.columns, row.cells, strict=True):
+            assert told[column.name] == ("" if cell.value is None else str(cell.value))
+            for field in BESIDE:
+                value = getattr(cell, field)
+                assert told.get(f"{column.name}_{field}", "") == ("" if value is None else str(value))
+
+
+def test_the_reports_csv_reads_back_as_numbers():
+    for table in MADE:
+        for line, row in zip(csv.DictReader(io.StringIO(as_csv(table))), table.rows, strict=True):
+            for column, cell in zip(table.columns, row.cells, strict=True):
+                if isinstance(cell.value, int | float):
+                    assert float(line[column.name]) == cell.value, table.name
+
+
+@settings(max_examples=40)
+@given(any_table())
+def test_markdown_keeps_its_columns(table):
+    lines = [line for line in markdown.as_markdown(table).splitlines() if line.startswith("| ")]
+    bars = {len(re.findall(r"(?<!\\)\|", re.sub(r"\\\\", "", line))) for line in lines}
+    assert bars == {len(table.columns) + 1}
+
+
+def braces(text: str) -> int:
+    """Return how deep a text ends, read as LaTeX reads it; never below none."""
+    depth = 0
+    for sign in re.findall(r"\\.|[{}]", text):
+        depth += {"{": 1, "}": -1}.get(sign, 0)
+        assert depth >= 0
+    return depth
+
+
+def stray(text: str) -> list[str]:
+    """Return the signs that LaTeX would take for more than themselves: outside of $…$ all, within it but _ and ^."""
+    found, formula = [], False
+    for sign in re.findall(r"\\(?:[a-zA-Z]+|.)|[&%#_^~$]", text):
+        formula ^= sign == "$"
+        if sign in "&%#~" or (sign in "_^" and not formula):
+            found.append(sign)
+    return [*found, "$"] if formula else found
+
+
+@settings(max_examples=40)
+@given(any_table())
+def test_latex_closes_what_it_opens_and_fills_its_columns(table):
+    text = latex.as_latex(table)
+    assert braces("\n".join(line for line in text.splitlines() if not line.startswith("%"))) == 0
+    opened = re.findall(r"(?m)^\\(begin|end)\{(\w+)\}", text)
+    assert opened == [("begin", "table"), ("begin", "tabular"), ("end", "tabular"), ("end", "table")]
+    inside = text.split(r"\toprule")[1].split(r"\bottomrule")[0]
+    for line in inside.splitlines():
+        if line.endswith(r" \\"):
+            spans = [int(width) for width in re.findall(r"\\multicolumn\{(\d+)\}", line)]
+            assert len(re.findall(r"(?<!\\)&", line)) + 1 + sum(spans) - len(spans) == len(table.columns)
+    assert stray(re.sub(r"(?<!\\)&", "", inside)) == []
+
+
+@given(texts)
+def test_latex_escapes_what_it_would_take_for_a_command(text):
+    assert stray(latex.escaped(text)) == []
+
+
+def test_rules_stand_under_their_groups():
+    main = next(table for table in MADE if table.name == "main")
+    text = latex.as_latex(main)
+    assert r"\cmidrule(lr){3-4}\cmidrule(lr){5-6}\cmidrule(lr){7-8}" in text
+    assert r"\multicolumn{2}{c}{Approaching} & \multicolumn{2}{c}{Tracking} & \multicolumn{2}{c}{All}" in text
+    assert r"\multicolumn{9}{@{}l}{\emph{Models}} \\" in text
+
+
+def test_numbers_are_rounded_as_people_do():
+    assert [rounded(value, 0) for value in (12.5, 37.5, -12.5, 0.0, 66.666)] == ["13", "38", "-13", "0", "67"]
+    assert rounded(0.125, 2) == "0.13"
+    assert [rounded(value, 1) for value in (-1e-17, -0.04, -0.05)] == ["0.0", "0.0", "-0.1"]
+
+
+def test_a_line_has_a_cell_for_each_column():
+    column = TableColumn(name="a", title="A")
+    row = TableRow(cells=(TableCell(value=1), TableCell(value=2)))
+    with pytest.raises(ValueError, match=r"2 .*1 "):
+        ReportTable(name="x", title="", caption="", columns=(column,), blocks=(TableBlock(title="", rows=(row,)),))
+
+
+def nine():
+    """Return the lineup of nine models that flew one episode of each suite: 72 pairs."""
+    flown = {"campus-approaching": "s", "blocks-commanding": "f"}
+    runs = [a_run(f"runs/m{k}", model=named(f"model-{k}")) for k in range(9)]
+    return small(collected(*(flights(run, flown) for run in runs)))
+
+
+def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
+    table = made(comparison, nine())
+    assert len(table.rows) == 72
+    first, *more = latex.as_latex(table).split(r"\begin{table}")[1:]
+    assert len(more) == 1
+    told: list[tuple[str, ...]] = []
+    for part in (first, *more):
+        body = part.split(r"\toprule")[1].split(r"\bottomrule")[0].split(r"\midrule", 1)[1]
+        lines = [line for line in body.splitlines() if line.endswith(r" \\")]
+        assert len(lines) <= latex.LINES_MAX
+        assert lineups.MODELS in lines[0]
+        told += [tuple(line.removesuffix(r" \\").split(" & ")[:3]) for line in lines[1:]]
+        assert (r"\label{tab:comparison}" in part) == (part is first)
+        assert (r"\addtocounter{table}{-1}" in part) == (part is not first)
+    assert told == [tuple(str(cell.value) for cell in row.cells[:3]) for row in table.rows]
+
+
+def typeset(preamble, body, folder):
+    """Return what pdflatex says of a document; it must come to its end."""
+    document = rf"{preamble}\usepackage{{booktabs,graphicx}}\begin{{document}}{body}\end{{document}}"
+    (folder / "all.tex").write_text(document, encoding="utf-8")
+    done = subprocess.run(["pdflatex", "-halt-on-error", "all.tex"], cwd=folder, capture_output=True, text=True,
+                          check=False)  # fmt: skip
+    assert done.returncode == 0, done.stdout[-2000:]
+    return done.stdout
+
+
+@needs("latex")
+def test_the_tables_compile(tmp_path):
+    said = typeset(r"\documentclass{article}", "\n".join(latex.as_latex(table) for table in MADE), tmp_path)
+    assert "Overfull" not in said, said[-2000:]
+
+
+@needs("latex")
+@pytest.mark.parametrize("preamble", PAPERS.values(), ids=PAPERS)
+def test_the_table_of_nine_models_fits_on_its_pages(preamble, tmp_path):
+    said = typeset(preamble, latex.as_latex(made(comparison, nine())), tmp_path)
+    assert "Overfull" not in said, said[-2000:]
+    assert "Float too large" not in said, said[-2000:]

@@ -1,0 +1,202 @@
+"""What the editor shows: pictures and checks of the newest draft, places in the browser's axes, and nobody's markup."""
+
+import math
+import re
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.view.editor import report
+from dronecats.view.editor.assessment import PREVIEW, Previews, findings
+from dronecats.view.editor.draft import Drafting
+from dronecats.view.scene import display
+from episodes import maps
+from episodes.authoring.check import rules
+from episodes.authoring.check.finding import RuleFinding
+from episodes.camera.renderer import Renderer, camera_pose
+from episodes.maps import assets
+from episodes.maps.scene import Mesh
+from episodes.world.world import World
+from foundation.latest import Latest
+
+
+@pytest.fixture
+def drafting(yard):
+    return Drafting(maps.build(yard))
+
+
+@pytest.fixture
+def draft(drafting, yard):
+    return drafting.new(yard)
+
+
+def test_the_preview_is_the_first_frame_of_the_flight(drafting, draft):
+    previews = Previews()
+    for record in (draft.record, drafting.move_target(draft, 9.0, 3.0, 50.0).record):
+        start = record.starts[0]
+        pose = camera_pose(start.position_ned, (1.0, 0.0, 0.0, 0.0), PREVIEW)
+        world = World(record)
+        flown = Renderer(world.scene, PREVIEW, shadow_cells=2048)
+        expected = flown.render(pose)
+        flown.close()
+        shown = previews.picture(record, 0)
+        unlike = (np.abs(shown.astype(int) - expected.rgb) > 12).any(axis=2)
+        assert (expected.ids == world.target_id).any()
+        assert unlike.mean() < 0.01  # shadows of what may move are cast on a coarser map
+    previews.close()
+
+
+def test_a_drag_builds_no_other_renderer_and_another_look_does(drafting, draft):
+    previews = Previews()
+    first = previews.picture(draft.record, 0)
+    renderer = previews._renderer
+    moved = previews.picture(drafting.move_target(draft, 9.0, 3.0).record, 0)
+    assert previews._renderer is renderer
+    assert (first != moved).any()
+    painted = previews.picture(drafting.choose(draft, "suv", "red").record, 0)
+    assert previews._renderer is not renderer
+    assert (first != painted).any()
+    previews.close()
+
+
+def test_every_drone_has_its_own_view(drafting, draft):
+    fleet = drafting.cell(draft, "commanding").record
+    previews = Previews()
+    pictures = [previews.picture(fleet, k) for k in range(4)]
+    previews.close()
+    assert len({p.tobytes() for p in pictures}) == 4
+
+
+def test_the_findings_are_those_of_the_command_line(draft):
+    assert findings(draft.record) == rules.check(World(draft.record))
+
+
+def test_a_record_that_cannot_be_read_is_one_red_finding(draft):
+    (found,) = findings(replace(draft.record, id="Not An Id"))
+    assert not found.passed
+    assert "id" in found.measured
+    (found,) = findings(replace(draft.record, map="nowhere"))
+    assert "map" in found.measured
+
+
+# ---- the newest only
+
+
+def test_only_the_newest_is_worked_on():
+    """While the first is being worked on nine more come; the last of them is the next and the only one."""
+    started, go_on, done = threading.Event(), threading.Event(), []
+
+    def work(number: int) -> None:
+        started.set()
+        assert go_on.wait(30.0)
+        done.append(number)
+
+    latest = Latest(work, "test")
+    latest.put(0)
+    assert started.wait(30.0)
+    for number in range(1, 10):
+        latest.put(number)
+    go_on.set()
+    assert latest.idle(30.0)
+    assert done == [0, 9]
+    latest.close()
+
+
+def test_a_failure_ends_nothing(monkeypatch):
+    seen: list[Any] = []
+    done: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", seen.append)
+
+    def work(number: int) -> None:
+        if number == 0:
+            raise ValueError("once")
+        done.append(number)
+
+    latest = Latest(work, "test")
+    latest.put(0)
+    assert latest.idle(30.0)
+    latest.put(1)
+    assert latest.idle(30.0)
+    latest.close()
+    assert [type(args.exc_value) for args in seen] == [ValueError]
+    assert done == [1]
+
+
+# ---- the browser's axes
+
+
+@given(st.tuples(*[st.floats(-1e3, 1e3)] * 3), st.floats(-math.pi + 1e-6, math.pi - 1e-6))
+def test_places_and_yaws_survive_the_browser(place, yaw):
+    assert display.ned_of(display.place_of(place)) == place
+    assert display.yaw_of(display.wxyz_of(yaw)) == pytest.approx(yaw, abs=1e-9)
+
+
+def test_north_is_away_and_down_is_down():
+    assert display.place_of((1.0, 2.0, 3.0)) == (2.0, -3.0, -1.0)
+    w, x, y, z = display.wxyz_of(math.radians(90.0))  # facing east: ahead, −z, becomes +x
+    ahead = (-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y)))
+    assert ahead == pytest.approx((1.0, 0.0, 0.0))
+
+
+def test_the_map_is_sent_whole_and_in_few_pieces(drafting, tmp_path):
+    import trimesh
+
+    path = tmp_path / "map.glb"
+    path.write_bytes(display.map_glb(drafting.scene))
+    sent = trimesh.load_scene(path)
+    looks = {id(m) for one in drafting.scene.instances for m in one.mesh.materials}
+    assert len(sent.geometry) <= len(looks)
+    assert sum(len(g.faces) for g in sent.geometry.values()) == sum(
+        len(one.mesh.triangles) for one in drafting.scene.instances
+    )
+    assert sent.bounds[1][1] == pytest.approx(3.0)  # the shed's roof, up
+
+
+def test_no_two_pieces_of_a_thing_share_vertices(tmp_path):
+    """viser writes the normals of each piece anew, over those of any that shares its vertices."""
+    import trimesh
+
+    mesh: Mesh = assets.build("suv", "cyan")
+    path = tmp_path / "suv.glb"
+    path.write_bytes(display.thing_glb(mesh))
+    sent = trimesh.load_scene(path)
+    assert sum(len(g.vertices) for g in sent.geometry.values()) < 1.3 * len(mesh.vertices)
+    assert sum(len(g.faces) for g in sent.geometry.values()) == len(mesh.triangles)
+
+
+def test_a_click_meets_what_is_there(drafting):
+    picker = display.Picker(drafting.scene)
+    met = picker.pick((9.0, 9.0, -20.0), (0.0, 0.0, 1.0))
+    assert met is not None
+    place, thing = met
+    assert thing.name == "shed"
+    assert place == pytest.approx((9.0, 9.0, -3.0), abs=1e-4)
+    met = picker.pick((0.0, 0.0, -5.0), (3.0, 0.0, 5.0))
+    assert met is not None
+    place, thing = met
+    assert thing.kind == "ground"
+    assert place == pytest.approx((3.0, 0.0, 0.0), abs=1e-4)
+    assert picker.pick((0.0, 0.0, -5.0), (0.0, 0.0, -1.0)) is None
+
+
+# ---- markup
+
+
+@given(st.text(min_size=1, max_size=60), st.text(max_size=60), st.booleans(), st.booleans())
+def test_nobodys_words_become_markup(rule, measured, passed, fresh):
+    html = report.checks_html([RuleFinding(rule, passed, measured, f"</div><script>{measured}")], fresh)
+    assert "<script" not in html
+    assert set(re.findall(r"</?([a-z]+)", html)) <= {"div", "span", "b"}
+
+
+def test_red_ones_come_first():
+    one, two = RuleFinding("the first", True, "1", "1"), RuleFinding("the second", False, "2", "3")
+    html = report.checks_html([one, two], True)
+    assert html.index("Second") < html.index("First")
+    assert re.search(r"\b1 of 2\b", html)
+    assert 'data-failed="1"' in html

@@ -1,0 +1,48 @@
+"""One short flight after a target that moves, unrendered, in lockstep; its world is built once for all tests."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dronecats.view.film.composition import Composition
+from dronecats.view.film.film import composition
+from dronecats.view.film.flown import FilmedFlight, filmed_flight, told
+from foundation.run_folder import layout
+from tests.support.flown_runs import MOVING as EPISODE
+
+GREY = 128  # of the frames that stand in for what was never drawn
+
+
+@pytest.fixture(scope="session")
+def flown(unrendered_runs) -> Path:
+    """The folder of the episode, with the unrendered frames that the flight has left; no test may change it."""
+    return Path(unrendered_runs[0].run / EPISODE)
+
+
+@pytest.fixture(scope="session")
+def pictured(flown, tmp_path_factory) -> Path:
+    """The same as if it had been rendered: frames without a colour."""
+    run = tmp_path_factory.mktemp("film") / "pictured"
+    shutil.copytree(flown.parent, run)
+    about = json.loads((run / layout.RUN).read_text())
+    about["flight"]["simulated"]["rendered"] = True
+    (run / layout.RUN).write_text(json.dumps(about))
+    for frame in (run / EPISODE / layout.FRAMES).glob("*.jpg"):
+        cv2.imwrite(str(frame), np.full((360, 640, 3), GREY, np.uint8))
+    return Path(run / EPISODE)
+
+
+@pytest.fixture(scope="session")
+def flight(pictured) -> FilmedFlight:
+    """That flight with its world."""
+    return filmed_flight(told(pictured))
+
+
+@pytest.fixture(scope="session")
+def composed(pictured) -> Composition:
+    """What draws it small."""
+    return composition(str(pictured.resolve()), 320, 180, None)

@@ -1,0 +1,246 @@
+"""A film as a file: how many pictures, when, gone on with, and by which encoder."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from dronecats.cli.main import main
+from dronecats.view.film import encoders
+from dronecats.view.film.film import FilmPart, draw_part, make
+from dronecats.view.film.flown import told
+from dronecats.view.film.parts import MANIFEST, folder_beside, opened
+from dronecats.view.film.plan import FilmPlan, plan
+from foundation.errors import InfrastructureError, UsageError
+
+SMALL = (320, 180)
+
+
+def wanted(folder, **options) -> FilmPlan:
+    asked = {"size": SMALL, "fps": 10, "speed": 1.0, "from_s": 1.0, "to_s": 2.0, "drone": None, **options}
+    return plan(told(folder), **asked)
+
+
+def pictures(film):
+    """Return the pictures of a film and its rate, by OpenCV's decoder."""
+    reader = cv2.VideoCapture(str(film))
+    found: list[Any] = []
+    rate = reader.get(cv2.CAP_PROP_FPS)
+    while True:
+        more, picture = reader.read()
+        if not more:
+            return found, rate
+        found.append(picture)
+
+
+def by_ffmpeg(film):
+    """Return seconds, (width, height), rate and count of a film, by ffmpeg."""
+    command = [str(encoders.ffmpeg()), "-hide_banner", "-i", str(film), "-f", "null", "-"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    length = re.search(r"Duration: (\d+):(\d+):([\d.]+)", said)
+    video = re.search(r"Video: (\w+).*?, (\d+)x(\d+).*?, ([\d.]+) fps", said)
+    assert length
+    assert video
+    hours, minutes, seconds = length.groups()
+    count = int(re.findall(r"frame=\s*(\d+)", said)[-1])
+    return {
+        "codec": video[1], "seconds": 3600 * int(hours) + 60 * int(minutes) + float(seconds),
+        "size": (int(video[2]), int(video[3])), "fps": float(video[4]), "count": count,
+    }  # fmt: skip
+
+
+def test_pictures_and_times_are_those_that_were_asked_for(flown):
+    once = wanted(flown)
+    assert (once.pictures, once.closing, once.seconds) == (10, 0, 1.0)
+    assert [once.time_of(k) for k in (0, 5, 9)] == pytest.approx([1.0, 1.5, 1.9])
+    fast = wanted(flown, speed=4.0, from_s=0.0, to_s=None, fps=30)
+    assert fast.to_s == pytest.approx(6.0, abs=0.6)
+    assert fast.moving == pytest.approx(fast.to_s / 4.0 * 30, abs=1)
+    assert fast.closing == 75
+    assert fast.time_of(fast.moving - 1) < fast.to_s == fast.time_of(fast.moving) == fast.time_of(fast.pictures - 1)
+    assert [number for part in fast.parts for number in part] == list(range(fast.pictures))
+
+
+def test_what_cannot_be_is_refused(flown):
+    for wrong in (
+        {"size": (321, 180)}, {"size": (64, 36)}, {"size": (400, 720)}, {"fps": 0}, {"speed": 0.0},
+        {"speed": float("nan")}, {"from_s": 2.0}, {"from_s": 99.0, "to_s": None}, {"from_s": float("nan")},
+        {"drone": 3},
+    ):  # fmt: skip
+        with pytest.raises(UsageError):
+            wanted(flown, **wrong)
+
+
+def test_the_drones_of_a_film_are_counted_from_one(flown, tmp_path, capsys):
+    for number in ("0", "2"):
+        assert main(["film", str(flown), "--drone", number, "--out", str(tmp_path / "film.mp4")]) == 2
+        assert re.search(rf"--drone {number} .*: 1 did", capsys.readouterr().err)
+
+
+@pytest.fixture(scope="module")
+def whole(pictured, composed, tmp_path_factory):
+    """A film of a second in three parts, made at one go."""
+    film = tmp_path_factory.mktemp("whole") / "film.mp4"
+    assert make(replace(wanted(pictured), per_part=4), film, jobs=1) == "h264"
+    return film
+
+
+def test_the_film_reads_back(whole, composed):
+    found, rate = pictures(whole)
+    assert (len(found), rate, found[0].shape) == (10, 10.0, (180, 320, 3))
+    told_of = by_ffmpeg(whole)
+    assert told_of == {
+        "codec": "h264",
+        "seconds": pytest.approx(1.0, abs=0.02),
+        "size": SMALL,
+        "fps": 10.0,
+        "count": 10,
+    }
+    for number in (0, 5, 9):  # each the picture of its own time, and of none near it
+        t = 1.0 + number / 10
+        off = {
+            away: np.abs(found[number] - composed.at(t + away)[..., ::-1].astype(int)).mean()
+            for away in (-0.3, 0.0, 0.3)
+        }
+        assert off[0.0] < 6.0
+        assert min(off, key=lambda away: off[away]) == 0.0
+    assert not folder_beside(whole).exists()
+    assert list(whole.parent.iterdir()) == [whole]
+
+
+def test_what_is_there_is_not_drawn_again_and_the_film_is_the_same(pictured, composed, whole, tmp_path):
+    film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
+    with opened(film, of, "h264") as parts:
+        draw_part(FilmPart(parts, 1))
+        (parts.making(2)).write_bytes(b"torn by a kill")
+        kept = parts.path(1).stat().st_mtime_ns
+    with opened(film, of, "h264") as parts:
+        assert parts.missing == [0, 2]
+        assert parts.path(1).stat().st_mtime_ns == kept
+        assert not parts.making(2).exists()
+    already: list[int] = []
+
+    def progress(done):
+        already.append(done)
+        return already.append
+
+    make(of, film, jobs=1, progress=progress)
+    assert already == [4, 4, 2]
+    assert np.array_equal(pictures(film)[0], pictures(whole)[0])
+
+
+def test_parts_of_another_film_are_thrown_away(pictured, composed, tmp_path):
+    film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
+    with opened(film, of, "h264") as parts:
+        parts.path(0).write_bytes(b"an old one")
+        with pytest.raises(UsageError, match=r"film\.mp4"), opened(film, of, "h264"):
+            pass
+    with opened(film, replace(of, speed=2.0), "h264") as parts:
+        assert 0 in parts.missing
+        assert json.loads((parts.folder / MANIFEST).read_text())["pictures"] == replace(of, speed=2.0).pictures
+
+
+@pytest.mark.slow("draws a film in a process of its own")
+def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
+    film = tmp_path / "film.mp4"
+    asked = ["--out", str(film), "--size", "320x180", "--to", "2.5", "--fps", "40", "--jobs", "1"]
+    command = [sys.executable, "-m", "dronecats.cli.main", "film", str(pictured), *asked]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[3])
+    first = folder_beside(film) / "00000.mp4"
+    while not first.exists():
+        assert process.poll() is None, "it ended before it was killed"
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not film.exists()
+    done: list[int] = []
+
+    def progress(before):
+        done.append(before)
+        return lambda more: None
+
+    make(wanted(pictured, from_s=0.0, to_s=2.5, fps=40), film, jobs=1, progress=progress)
+    assert 60 <= done[0] < 100
+    assert (len(pictures(film)[0]), by_ffmpeg(film)["count"]) == (100, 100)
+    assert not folder_beside(film).exists()
+
+
+def test_without_ffmpeg_opencv_encodes_and_says_so(pictured, composed, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    film = tmp_path / "film.mp4"
+    asked = ["--size", "320x180", "--from", "1", "--to", "2", "--fps", "10", "--jobs", "1"]
+    assert main(["film", str(pictured), "--out", str(film), *asked]) == 0
+    assert "OpenCV" in (printed := capsys.readouterr().out)
+    assert "dronecats[film]" in printed
+    found, rate = pictures(film)
+    assert (len(found), rate) == (10, 10.0)
+    assert np.abs(found[5] - composed.at(1.5)[..., ::-1].astype(int)).mean() < 6.0
+    monkeypatch.undo()
+    assert by_ffmpeg(film)["codec"] == "mpeg4"
+
+
+def test_without_any_encoder_it_says_how_to_get_one(pictured, composed, tmp_path, monkeypatch):
+    monkeypatch.setattr(encoders, "ffmpeg", lambda: None)
+    monkeypatch.setattr(cv2, "VideoWriter", _NoWriter)
+    with pytest.raises(InfrastructureError):
+        make(wanted(pictured), tmp_path / "film.mp4", jobs=1)
+
+
+class _NoWriter:
+    """An OpenCV that was built without encoders."""
+
+    fourcc = staticmethod(lambda *letters: 0)
+
+    def __init__(self, *arguments):
+        pass
+
+    def isOpened(self):  # noqa: N802
+        return False
+
+
+def test_a_gif_moves_and_begins_again(pictured, composed, tmp_path):
+    film = tmp_path / "small.gif"
+    assert make(wanted(pictured, fps=5), film, jobs=1) == "gif"
+    with Image.open(film) as gif:
+        assert (getattr(gif, "n_frames", 1), gif.size, gif.info["loop"]) == (5, SMALL, 0)
+        assert gif.info["duration"] == 200
+        gif.seek(4)
+        shown = np.asarray(gif.convert("RGB")).astype(int)
+    assert np.abs(shown - composed.at(1.8)).mean() < 12.0
+
+
+@pytest.mark.parametrize("name", ["", "truth.jsonl", "decisions.jsonl", "episode.json"])
+def test_a_folder_that_is_no_episode_is_one_sentence(pictured, tmp_path, capsys, name):
+    folder = tmp_path / "run" / "episode"
+    if name:
+        folder.mkdir(parents=True)
+        for each in ("truth.jsonl", "decisions.jsonl", "episode.json"):
+            if each != name:
+                (folder / each).write_bytes((pictured / each).read_bytes())
+    assert main(["film", str(folder), "--out", str(tmp_path / "film.mp4")]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert not folder_beside(tmp_path / "film.mp4").exists()
+
+
+@pytest.mark.parametrize("out", ["film.mkv", "", "a-file/film.mp4", "folder.mp4"])
+def test_an_output_that_cannot_be_written_is_one_sentence(pictured, tmp_path, capsys, out):
+    (tmp_path / "a-file").write_text("")
+    (tmp_path / "folder.mp4").mkdir()
+    assert main(["film", str(pictured), "--out", str(tmp_path / out)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_gif_is_not_called_mp4(pictured, tmp_path, capsys):
+    assert main(["film", str(pictured), "--gif", "--out", str(tmp_path / "film.mp4")]) == 2
+    assert ".gif" in capsys.readouterr().err

@@ -1,0 +1,113 @@
+"""Where everybody was, by somebody else's reader of the same logs."""
+
+import math
+import shutil
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+from scipy.spatial.transform import Rotation
+
+from dronecats.flight.sitl.scenario import origin
+from dronecats.report.afterflight.trace import derive
+from dronecats.view.film.flown import filmed_flight, told
+from dronecats.view.film.track import logged, traced
+from foundation.run_folder import layout
+from foundation.run_folder.reading import estimate, read
+from tests.support.onboard_logs import with_onboard_log
+
+
+@pytest.fixture(scope="module")
+def messages(flown):
+    """The truth of the flight, as pymavlink reads it: [(time in µs, attitude)]."""
+    log, found = mavutil.mavlink_connection(str(flown / layout.TLOG), dialect="development"), []
+    while (message := log.recv_match(type="HIL_STATE_QUATERNION")) is not None:
+        found.append((message.time_usec, message.attitude_quaternion))
+    return found
+
+
+def angle_deg(a, b):
+    """Return the angle between two attitudes, each (w, x, y, z)."""
+    same = abs(float(np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b)))
+    return math.degrees(2.0 * math.acos(min(1.0, same)))
+
+
+def test_the_drone_is_where_truth_jsonl_has_it(flown, flight):
+    logs = read(flown)
+    assert logs.begin
+    track = logged(flown / layout.TLOG, logs.begin.t0_us, origin(flight.world))[0]
+    places = [(each.t, each.position_ned) for each in logs.poses]
+    places += [(each.t, each.position_ned) for each in logs.frames.values() if each.position_ned]
+    assert len(places) > 12
+    assert max(math.dist(track.at(t).position_ned, place) for t, place in places) < 0.05
+    assert not track.level
+
+
+def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flown, flight, messages):
+    begin = read(flown).begin
+    assert begin
+    begin_us = begin.t0_us
+    track = logged(flown / layout.TLOG, begin_us, origin(flight.world))[0]
+    during = [(us, q) for us, q in messages if us >= begin_us]
+    assert len(during) > 250
+    turned = 0.0
+    for (us, q), (next_us, next_q) in zip(during[:-1:7], during[1::7], strict=False):
+        t, halfway = (us - begin_us) / 1e6, (us + next_us) / 2e6 - begin_us / 1e6
+        assert angle_deg(track.at(t).attitude, q) < 1e-3
+        middle = track.at(halfway).attitude
+        assert angle_deg(middle, q) == pytest.approx(angle_deg(middle, next_q), abs=1e-3)
+        turned = max(turned, angle_deg(q, next_q))
+    assert turned > 0.05  # it does turn, so that halfway is somewhere else
+
+
+def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_down(flown, tmp_path):
+    logs = read(flown)
+    assert logged(tmp_path / layout.TLOG, 0, (47.0, 8.0, 500.0)) == {}
+    track = traced(logs.poses)[0]
+    assert track.level
+    for pose in logs.poses:
+        assert math.dist(track.at(pose.t).position_ned, pose.position_ned) < 0.06
+        w, x, y, z = track.at(pose.t).attitude
+        roll, pitch, yaw = Rotation.from_quat([x, y, z, w]).as_euler("xyz", degrees=True)
+        assert abs(roll) < 1e-6
+        assert abs(pitch) < 1e-6
+        assert abs((yaw - pose.yaw_deg + 180.0) % 360.0 - 180.0) < 2.0
+
+
+def test_before_the_first_sample_and_after_the_last_it_stays(flown):
+    track = traced(read(flown).poses)[0]
+    assert track.at(-5.0) == track.at(float(track.t[0]))
+    assert track.at(1e6) == track.at(float(track.t[-1]))
+
+
+def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flown, tmp_path):
+    folder = tmp_path / flown.parent.name / flown.name
+    shutil.copytree(flown.parent, folder.parent)
+    true = with_onboard_log(folder)
+    (folder / layout.TLOG).unlink()
+    track = filmed_flight(told(folder)).tracks[0]
+    assert not track.level
+    for t in np.arange(0.1, float(true.t[-1]) - 0.1, 0.31):
+        assert math.dist(track.at(t).position_ned, true.at(t).position_ned) < 0.01
+        assert angle_deg(track.at(t).attitude, true.at(t).attitude) < 0.1
+    torn = folder / layout.onboard_log_name()
+    torn.write_bytes(torn.read_bytes()[:40])
+    assert filmed_flight(told(folder)).tracks[0].level
+
+
+def test_a_trace_is_derived_from_the_log_on_board_where_it_was_kept(flown, tmp_path):
+    folder = tmp_path / flown.parent.name / flown.name
+    shutil.copytree(flown.parent, folder.parent)
+    derive(folder)
+    trace = estimate(folder)
+    assert trace is not None
+    assert trace.head.source == layout.TLOG
+    with_onboard_log(folder, off=(7.0, 0.0, 0.0))
+    derive(folder)
+    trace = estimate(folder)
+    assert trace is not None
+    assert trace.head.source == layout.onboard_log_name()
+    true = {pose.t: pose.position_ned for pose in read(folder).poses}
+    north = [pose.position_ned[0] - true[round(pose.t, 6)][0] for pose in trace.poses if round(pose.t, 6) in true]
+    assert north
+    assert np.median(north) == pytest.approx(7.0, abs=0.2)

@@ -1,0 +1,114 @@
+"""What the chase camera shows, by a camera of the test's own and the ids that the renderer puts into each pixel."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dronecats.view.film.chase import BOOM_M, SHORTEST_M, chase
+from dronecats.view.film.stage import FilmStage, chase_lens, standing
+from dronecats.view.film.track import DroneTrack
+from episodes.maps import geometry as g
+from episodes.maps.assets import paint
+from episodes.maps.scene import Instance
+from episodes.world.visibility import Solids
+from foundation.camera import CameraPose
+from foundation.frames import quat_from_euler, quat_yaw
+from foundation.run_folder.reading import read
+
+LENS = chase_lens(640, 360)
+
+
+@pytest.fixture(scope="module")
+def stage(flight):
+    made = FilmStage(flight, LENS)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def way(flight):
+    return chase(flight.tracks[0], flight.end_s, standing(flight))
+
+
+def seen_at(pose, place):
+    """Return (x, y) px and the depth of a place, by trigonometry alone."""
+    w, x, y, z = pose.attitude
+    ahead, right, down = Rotation.from_quat([x, y, z, w]).inv().apply(np.subtract(place, pose.position_ned))
+    focal = 320.0 / math.tan(math.radians(LENS.hfov_deg) / 2.0)
+    return 320.0 + focal * right / ahead, 180.0 + focal * down / ahead, ahead
+
+
+def test_the_target_is_seen_where_the_log_has_it(flown, flight, stage):
+    targets = [(pose.t, pose.target_ned) for pose in read(flown).poses if pose.target_ned and pose.t <= flight.end_s]
+    assert math.dist(targets[0][1], targets[-1][1]) > 1.5
+    for t, target in targets[::3]:
+        eye = (target[0] - 7.0, target[1] - 1.0, target[2] - 3.0)
+        camera = CameraPose(eye, quat_from_euler(0.0, math.radians(-20.0), 0.0))
+        ids = stage.view(camera, t).ids
+        rows, columns = np.nonzero(ids == flight.world.target_id)
+        x, y, depth = seen_at(camera, target)
+        reach = 640.0 / depth * 0.35  # a third of a metre
+        assert len(rows) > 100
+        assert abs((columns.min() + columns.max()) / 2 - x) < reach
+        assert abs((rows.min() + rows.max()) / 2 - y) < reach
+
+
+def test_the_drone_is_in_every_picture_where_it_was(flight, stage, way):
+    for t in np.linspace(0.0, flight.end_s, 7):
+        pose, place = way.at(float(t)), flight.tracks[0].at(float(t)).position_ned
+        x, y, depth = seen_at(pose, place)
+        assert 64 < x < 576
+        assert 36 < y < 324
+        assert SHORTEST_M * 0.9 < depth < BOOM_M * 1.3
+        rows, columns = np.nonzero(stage.view(pose, float(t)).ids == stage.ids[0])
+        assert len(rows) > 60
+        assert abs(columns.mean() - x) < 0.3 * 640 / depth
+        assert abs(rows.mean() - y) < 0.3 * 640 / depth
+
+
+def test_the_camera_moves_without_a_jerk(flight, way):
+    times = np.arange(0.0, flight.end_s, 1 / 30)
+    eyes = np.array([way.at(float(t)).position_ned for t in times])
+    speeds = np.diff(eyes, axis=0) * 30
+    assert np.abs(speeds).max() < 8.0
+    assert np.abs(np.diff(speeds, axis=0)).max() < 0.8  # m/s from one picture to the next
+
+
+def test_it_keeps_out_of_what_stands_behind_the_drone():
+    """A drone that leaves a wall behind it, and flies past a second one: no eye is beyond them or in them."""
+    t = np.linspace(0.0, 20.0, 400)
+    places = np.column_stack([0.6 + 0.3 * t, np.zeros(400), np.full(400, -2.0)])
+    track = DroneTrack(t, places, Rotation.identity(400), level=True)
+    grey = paint.plain("wall", (120, 120, 120), 0.0)
+    walls = {
+        1: ((-0.4, -6.0), (-0.2, 6.0)),  # north and east of two corners, m; 6 m high
+        2: ((2.0, 0.9), (5.0, 1.1)),
+    }
+    things = [
+        Instance(k, f"wall-{k}", "wall", g.assemble([g.box((n0, -e1, 0.0), (n1, -e0, 6.0), grey)]), (0.0, 0.0, 0.0))
+        for k, ((n0, e0), (n1, e1)) in walls.items()
+    ]
+    way = chase(track, 20.0, Solids(things))
+    for s in np.arange(0.0, 20.0, 0.05):
+        eye, drone = np.array(way.at(float(s)).position_ned), np.array(track.at(float(s)).position_ned)
+        for share, ((n0, e0), (n1, e1)) in itertools.product(np.linspace(0.0, 1.0, 60), walls.values()):
+            north, east, down = eye + share * (drone - eye)
+            assert not (n0 <= north <= n1 and e0 <= east <= e1 and -6.0 <= down <= 0.0), (s, eye)
+    assert math.dist(way.at(19.0).position_ned, track.at(19.0).position_ned) > 0.9 * BOOM_M  # far from both: all of it
+    assert math.dist(way.at(1.0).position_ned, track.at(1.0).position_ned) > 1.2  # it goes round a wall, not up to it
+
+
+def test_it_swings_round_more_slowly_than_the_drone_turns():
+    t = np.linspace(0.0, 10.0, 400)
+    yaw = np.radians(np.clip(60.0 * (t - 4.0), 0.0, 90.0))  # a quarter turn in a second and a half
+    places = np.tile((0.0, 0.0, -2.0), (400, 1))
+    track = DroneTrack(t, places, Rotation.from_rotvec(np.outer(yaw, (0.0, 0.0, 1.0))), level=True)
+    far = g.assemble([g.box((90.0, 90.0, 0.0), (91.0, 91.0, 1.0), paint.plain("far", (120, 120, 120), 0.0))])
+    way = chase(track, 10.0, Solids([Instance(1, "far", "wall", far, (0.0, 0.0, 0.0))]))
+    turned = np.unwrap([quat_yaw(way.at(float(s)).attitude) for s in np.arange(0.0, 10.0, 1 / 30)])
+    rates = np.degrees(np.diff(turned)) * 30
+    assert np.abs(rates).max() < 45.0
+    assert math.degrees(turned[-1] - turned[0]) == pytest.approx(90.0, abs=3.0)

@@ -1,0 +1,190 @@
+"""`dronecats fly --view` as a person has it: the command, a real browser, and what the run folder says afterwards."""
+
+import json
+import math
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.page_client import PageClient
+from dronecats.view.scene import display
+from foundation.run_folder import layout
+from foundation.run_folder.reading import rows, truth
+from foundation.run_folder.rows import Decision, Pose
+from tests.support.ports import free_port
+
+pytestmark = pytest.mark.slow("flies in real time while a browser looks on")
+EPISODE = "residential-approaching-03"
+PATIENCE_S = 150.0  # a software renderer, a simulator and a camera on two cores
+NODE = "/world/flight/drone-0"
+
+
+class FlownCommand:
+    """The command, with what it prints."""
+
+    def __init__(self, *words: str) -> None:
+        self.lines: list[str] = []
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "dronecats.cli.main", *words], stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip())
+
+    def said(self, pattern: str) -> "re.Match[str]":
+        """Return the match of a line that is printed sooner or later."""
+        due_s = time.monotonic() + PATIENCE_S
+        while True:
+            if found := next((m for line in list(self.lines) if (m := re.search(pattern, line))), None):
+                return found
+            assert time.monotonic() < due_s, self.lines
+            assert self.process.poll() is None, self.lines
+            self._reader.join(0.1)
+
+    def end(self) -> None:
+        """End it as Ctrl-C does, and wait for it."""
+        self.process.send_signal(2)
+        self.process.wait(30.0)
+
+
+class Listening:
+    """Everything that the page sends to a browser, from the beginning."""
+
+    def __init__(self, url: str) -> None:
+        self.messages: list[dict[str, Any]] = []
+        self._client = PageClient(url)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        while not self._ending.is_set():
+            self.messages += self._client.receive(0.2)
+
+    def send(self, message: dict[str, Any]) -> None:
+        self._client.send(message)
+
+    def end(self) -> None:
+        self._ending.set()
+        self._thread.join(10.0)
+        self._client.close()
+
+
+def until(condition):
+    """Return what a condition is at last."""
+    due_s = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        assert time.monotonic() < due_s
+        threading.Event().wait(0.1)
+    return found
+
+
+def text(browser, selector: str) -> str:
+    """Return the text of an element; of one that is not there or is just changing, nothing."""
+    script = "const e = document.querySelector(arguments[0]); return e ? e.textContent : ''"
+    return str(browser.execute_script(script, selector))
+
+
+def canvas(browser) -> Any:
+    """Return the middle of the page as it is drawn, (H, W, 3)."""
+    page: Any = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
+    height, width = page.shape[:2]
+    return page[height // 4 : 3 * height // 4, width // 3 : 2 * width // 3].astype(int)
+
+
+@pytest.fixture(scope="module")
+def seen(browser, tmp_path_factory):
+    """Fly, look on until it is over, and yield what was seen and sent on the way."""
+    run, port = tmp_path_factory.mktemp("live") / "run", free_port(socket.SOCK_STREAM)
+    command = FlownCommand(
+        "fly", "--sitl", "--speed", "1", "--pilot", "vision", "--episode", EPISODE, "--out", str(run),
+        "--view", "--view-port", str(port), "--view-stay",
+    )  # fmt: skip
+    try:
+        url = command.said(r"watch it at (http://127\.0\.0\.1:\S+)")[1]
+        listening = Listening(url)
+        browser.get(url)
+        until(lambda: "in the air" in text(browser, ".state"))
+        found: dict[str, Any] = {"clocks": [text(browser, ".state")], "canvases": [canvas(browser)]}
+        until(lambda: "go to" in text(browser, ".action"))
+        found["reply"] = text(browser, ".reply")
+        found["step"] = until(lambda: browser.execute_script("return document.querySelector('.action')?.dataset.step"))
+        until(lambda: browser.execute_script("return document.querySelector('svg.ring')?.dataset.x"))
+        found["ring"] = browser.execute_script(
+            "const r = document.querySelector('svg.ring'), f = r.closest('.frame'), i = f.querySelector('img');"
+            "return {x: r.dataset.x, y: r.dataset.y, frame: f.dataset.frame, wide: i.naturalWidth,"
+            "high: i.naturalHeight, near: [r.getBoundingClientRect().width, i.getBoundingClientRect().width]}"
+        )
+        first = float(re.match(r"[\d.]+", found["clocks"][0])[0])  # type: ignore[index]
+        until(lambda: float((re.match(r"[\d.]+", text(browser, ".state")) or ["0"])[0]) > first + 3.0)
+        found["clocks"].append(text(browser, ".state"))
+        found["canvases"].append(canvas(browser))
+        command.said(r"the page stays at")
+        until(lambda: "over" in text(browser, ".state"))
+        found["before"] = list(listening.messages)
+        box = next(m for m in found["before"] if m["type"] == "GuiCheckboxMessage")
+        found["judge-before"] = text(browser, ".judge")
+        listening.send({"type": "GuiUpdateMessage", "uuid": box["uuid"], "updates": {"value": True}})
+        found["judge-after"] = until(lambda: text(browser, ".judge"))
+        until(lambda: any("/judge/ring" in str(m.get("name")) for m in list(listening.messages)))
+        found["after"] = list(listening.messages)[len(found["before"]) :]
+        listening.end()
+        found["errors"] = [e["message"] for e in browser.get_log("browser") if e["level"] == "SEVERE"]
+        yield run / EPISODE, found
+    finally:
+        command.end()
+
+
+def test_the_drone_is_where_it_truly_was_and_moves(seen):
+    folder, found = seen
+    sent = [display.ned_of(m["position"]) for m in found["before"]
+            if m["type"] == "SetPositionMessage" and m["name"] == NODE]  # fmt: skip
+    assert len(sent) > 100
+    poses = [row for row in truth(folder) if isinstance(row, Pose)]
+    passed = [min(math.dist(pose.position_ned, place) for place in sent) for pose in poses]
+    assert float(np.percentile(passed, 95)) < 0.1  # m: at 15 updates a second and 1.2 m/s it is passed within 4 cm
+    before, after = found["canvases"]
+    assert (np.abs(before - after).max(axis=2) > 40).mean() > 0.001  # nothing else of it moves
+
+
+def test_the_reply_and_the_ringed_frame_are_those_of_the_log(seen):
+    folder, found = seen
+    decisions = {str(one.step): one for one in rows(folder / layout.DECISIONS, Decision)}
+    shown = decisions[found["step"]]
+    assert json.loads(found["reply"]) in [json.loads(str(one.reply)) for one in decisions.values()]
+    ring = found["ring"]
+    assert shown.kind == "go"
+    ringed = next(one for one in decisions.values() if str(one.frame_id) == ring["frame"])
+    assert ringed.action is not None
+    assert [float(ring["x"]), float(ring["y"])] == ringed.action["point"]
+    picture: Any = cv2.imread(str(folder / layout.FRAMES / layout.frame_name(ringed.frame_id)))
+    assert (ring["high"], ring["wide"]) == picture.shape[:2]
+    assert ring["near"][0] == pytest.approx(ring["near"][1], abs=1.0)  # the drawing lies over the picture
+
+
+def test_nothing_of_the_judges_is_sent_before_it_is_asked_for(seen):
+    folder, found = seen
+    told = json.dumps(found["before"], default=str)
+    verdict = json.loads((folder / layout.VERDICT).read_text())
+    assert verdict["success"] is True
+    for word in ("judge/", "(judge)", "declares", "verdict", f"{verdict['ne_m']:.2f} m"):
+        assert word not in told
+    assert found["judge-before"] == ""
+    assert "verdict: success" in found["judge-after"]
+    assert "(judge)" in json.dumps(found["after"], default=str)
+
+
+def test_the_page_has_no_errors(seen):
+    assert seen[1]["errors"] == []

@@ -1,0 +1,91 @@
+"""The page beside a command: what becomes of it is nothing to whoever flies."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from dronecats.flight.processes.supervisor import ChildKind, ChildProcess
+from dronecats.view.live import opening
+from dronecats.view.live.config import ViewerConfig
+from dronecats.view.live.opening import WantedPage, opened
+
+PATIENCE_S = 60.0
+
+
+class Heard:
+    """What is said, and how to wait for it."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._came = threading.Condition()
+
+    def __call__(self, line: str) -> None:
+        with self._came:
+            self.lines.append(line)
+            self._came.notify_all()
+
+    def wait(self, words: str) -> None:
+        with self._came:
+            assert self._came.wait_for(lambda: any(words in line for line in self.lines), PATIENCE_S), self.lines
+
+
+@pytest.fixture
+def children(monkeypatch):
+    """Return the processes that are opened."""
+    made: list[ChildProcess] = []
+
+    def start(*arguments):
+        made.append(ChildProcess(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(opening, "ChildProcess", start)
+    return made
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def test_no_page_is_no_process(tmp_path, children):
+    with opened(None, tmp_path, "", Heard()):
+        pass
+    assert children == []
+
+
+def test_the_address_is_said_and_the_page_ends_with_the_command(tmp_path, children, port):
+    heard = Heard()
+    with opened(WantedPage(port=port), tmp_path, "vision", heard):
+        heard.wait(f"http://127.0.0.1:{port}")
+    assert gone(children[0].pid)
+    assert len(heard.lines) == 1
+
+
+def test_a_page_that_hangs_from_the_start_holds_nobody_up(tmp_path, children, port):
+    heard, began_s = Heard(), time.monotonic()
+    with opened(WantedPage(port=port, stays=True), tmp_path, "", heard):
+        os.kill(children[0].pid, signal.SIGSTOP)
+    assert time.monotonic() - began_s < 5.0
+    assert gone(children[0].pid)
+    assert heard.lines == []
+
+
+def test_a_page_that_cannot_be_opened_is_told_of_and_that_is_all(tmp_path, monkeypatch, port):
+    monkeypatch.setattr(opening, "VIEWER", ChildKind("viewer", "dronecats.view.live.nowhere", ViewerConfig))
+    heard, flown = Heard(), False
+    with opened(WantedPage(port=port), tmp_path, "", heard):
+        heard.wait("")
+        flown = True
+    assert flown
+
+
+def test_what_the_flight_raises_goes_its_way(tmp_path, children, port):
+    with pytest.raises(KeyboardInterrupt), opened(WantedPage(port=port), tmp_path, "", Heard()):
+        raise KeyboardInterrupt
+    assert gone(children[0].pid)

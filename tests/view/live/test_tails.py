@@ -1,0 +1,99 @@
+"""Files that grow, read while they grow: nothing is lost, nothing comes twice, and nothing that is torn is taken."""
+
+import itertools
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.view.live.tails import FrameTail, LineTail, intact
+from foundation.mavlink import Packer, dialect
+from foundation.run_folder.writing import TelemetryLog
+
+
+def frames(count: int) -> list[bytes]:
+    """Return frames of several lengths, one of them a text."""
+    packer = Packer(1, 1)
+    made = []
+    for k in range(count):
+        text = dialect.MAVLink_statustext_message(6, b"x" * (k % 50), 0, 0)
+        place = dialect.MAVLink_local_position_ned_message(1000 + k, 0.5 * k, -k, 0.1, 0, 0, 0)
+        made.append(packer.pack(text if k % 3 == 0 else place))
+    return made
+
+
+def tlog(path, count: int = 24) -> tuple[bytes, list[tuple[int, bytes]]]:
+    log, told = TelemetryLog(path), []
+    for k, frame in enumerate(frames(count)):
+        log.write(1_000_000 + 20_000 * k, frame)
+        told.append((1_000_000 + 20_000 * k, frame))
+    log.close()
+    return path.read_bytes(), told
+
+
+def read_in_pieces(path, tail, data: bytes, cuts: list[int]) -> list[Any]:
+    """Let a file grow from cut to cut, and return what its tail gives on the way."""
+    found = []
+    edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
+    with path.open("wb") as file:
+        for low, high in itertools.pairwise(edges):
+            file.write(data[low:high])
+            file.flush()
+            found += tail.read()
+    return found
+
+
+@given(cuts=st.lists(st.integers(0, 2000), max_size=12))
+def test_a_tlog_cut_anywhere_gives_each_frame_once(tmp_path_factory, cuts):
+    folder = tmp_path_factory.mktemp("tlog")
+    data, told = tlog(folder / "whole")
+    assert read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts) == told
+
+
+LINE = st.binary(max_size=40).filter(lambda line: b"\n" not in line)
+
+
+@given(lines=st.lists(LINE, max_size=8), cuts=st.lists(st.integers(0, 400), max_size=8), torn=LINE)
+def test_a_log_cut_anywhere_gives_each_line_once_and_no_half_one(tmp_path_factory, lines, cuts, torn):
+    folder = tmp_path_factory.mktemp("lines")
+    data = b"".join(line + b"\n" for line in lines) + torn
+    assert read_in_pieces(folder / "log", LineTail(folder / "log"), data, cuts) == lines
+
+
+@given(
+    noise=st.binary(min_size=1, max_size=120), after=st.integers(0, 23), cuts=st.lists(st.integers(0, 2000), max_size=6)
+)
+def test_behind_bytes_that_are_no_frames_it_finds_its_way_again(tmp_path_factory, noise, after, cuts):
+    """What a kill has left in the middle costs frames around it, and those behind it are found."""
+    folder = tmp_path_factory.mktemp("noise")
+    _, told = tlog(folder / "whole", 60)
+    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in told]
+    data = b"".join(packed[:after]) + noise + b"".join(packed[after:])
+    found = read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts)
+    good = [one for one in found if intact(one[1]) and one in told]
+    assert good[:after] == told[:after]
+    assert told[-10:] == good[-10:]
+
+
+def test_what_looks_like_a_frame_among_other_bytes_swallows_none(tmp_path):
+    """A time, a marker and a length, which reach over six frames behind them."""
+    _, told = tlog(tmp_path / "whole", 12)
+    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in told]
+    noise = b"\xff" * 9 + bytes(8) + b"\xfd\xff\x00"
+    (tmp_path / "torn").write_bytes(noise + b"".join(packed))
+    assert FrameTail(tmp_path / "torn").read() == told
+
+
+def test_a_file_that_is_not_there_is_empty_until_it_is(tmp_path):
+    tail = LineTail(tmp_path / "late")
+    assert tail.read() == []
+    (tmp_path / "late").write_bytes(b"one\ntw")
+    assert tail.read() == [b"one"]
+    assert tail.read() == []
+
+
+def test_a_damaged_frame_is_not_intact():
+    (frame,) = frames(1)
+    assert intact(frame)
+    assert not intact(frame[:-3] + b"\0\0\0")
+    assert not intact(b"\xfd\x00")

@@ -1,0 +1,145 @@
+"""Who may open a page: a browser of this machine that was given its whole address, and nobody else."""
+
+import http.server
+import threading
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+
+import psutil
+import pytest
+import viser
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from dronecats.view.scene.page import LoopbackServer
+
+
+@pytest.fixture(scope="module")
+def server():
+    made = LoopbackServer("test", 0)
+    yield made
+    made.stop()
+
+
+def asked(server, path, **headers):
+    """Return (status, Set-Cookie) of a GET of the page's server."""
+    request = urllib.request.Request(urllib.parse.urljoin(server.url, path), headers=headers)
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(request, timeout=10.0) as answer:
+            return answer.status, answer.headers["Set-Cookie"]
+    except urllib.error.HTTPError as refused:
+        with refused:
+            return refused.code, refused.headers["Set-Cookie"]
+
+
+def listens(server, address, **headers):
+    """Return the status with which a WebSocket is refused, 101 where it is opened."""
+    protocol = Subprotocol(f"viser-v{viser.__version__}")
+    try:
+        with connect(address, subprotocols=[protocol], max_size=None, additional_headers=headers, proxy=None):
+            return 101
+    except InvalidStatus as refused:
+        return refused.response.status_code
+
+
+def test_only_the_token_opens_the_page_and_its_cookie_does_so_from_then_on(server):
+    assert asked(server, "/") == (403, None)
+    assert asked(server, "/?token=wrong") == (403, None)
+    assert asked(server, "/?token=") == (403, None)
+    assert asked(server, "/?token=%C3%A9") == (403, None)
+    status, cookie = asked(server, server.url)
+    assert status == 200
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert asked(server, "/", Cookie=f"other=1; {cookie.split(';')[0]}") == (200, None)
+    assert asked(server, "/", Cookie=cookie.split(";")[0][:-1]) == (403, None)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1.evil.example:{port}", "[::1", ""])
+def test_a_name_that_leads_here_does_not(server, host):
+    named = host.format(port=server.get_port())
+    assert asked(server, server.url, Host=named)[0] in (400, 403)
+    assert asked(server, server.url, Host=f"localhost:{server.get_port()}")[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
+def test_a_web_site_does_not_although_it_knows_the_token(server, origin):
+    address = server.url.replace("http://", "ws://")
+    assert listens(server, address) == 101
+    assert listens(server, address, Origin=f"http://127.0.0.1:{server.get_port()}") == 101
+    assert listens(server, address, Origin=origin.format(port=server.get_port())) == 403
+    assert listens(server, address.split("?")[0]) == 403
+
+
+@pytest.fixture(scope="module")
+def behind_a_proxy():
+    made = LoopbackServer("test", 0, ["drone.example.org"])
+    yield made
+    made.stop()
+
+
+@pytest.mark.parametrize("host", ["drone.example.org", "Drone.Example.org:8443"])
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_a_name_that_was_asked_for_opens_the_page_too(behind_a_proxy, host, scheme):
+    address = behind_a_proxy.url.replace("http://", "ws://")
+    assert asked(behind_a_proxy, "/", Host=host) == (403, None)  # the token is wanted under any name
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host)[0] == 200
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}")[0] == 200
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}1")[0] == 403
+    assert asked(behind_a_proxy, behind_a_proxy.url, Host="evil.example")[0] == 403
+    assert asked(behind_a_proxy, behind_a_proxy.url)[0] == 200
+    assert listens(behind_a_proxy, address, Origin=f"{scheme}://{host}") == 403  # it came to a loopback name
+
+
+def test_a_page_with_another_name_still_listens_on_the_loopback_address_alone(behind_a_proxy):
+    connections = psutil.Process().net_connections("tcp")
+    here = {c.laddr.ip for c in connections if c.laddr and c.laddr.port == behind_a_proxy.get_port()}
+    assert here == {"127.0.0.1"}
+
+
+SITE = """<script>
+const socket = new WebSocket("ws://127.0.0.1:{port}", "viser-v{version}");
+socket.onopen = () => document.title = "opened";
+socket.onerror = () => document.title = "refused";
+</script>"""
+
+
+def test_in_a_browser_another_site_is_refused_while_the_page_itself_works(browser, server):
+    """The other site is a page of another port, whose requests carry the cookies of 127.0.0.1."""
+    body = SITE.replace("{port}", str(server.get_port())).replace("{version}", viser.__version__).encode()
+
+    class Site(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_):
+            pass
+
+    def until(true):
+        due_s = time.monotonic() + 30.0
+        while not true():
+            assert time.monotonic() < due_s
+            time.sleep(0.05)
+
+    browser.get(server.url)
+    until(server.get_clients)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Site) as site:
+        thread = threading.Thread(target=site.serve_forever)
+        thread.start()
+        try:
+            browser.get(f"http://127.0.0.1:{site.server_port}/")
+            until(lambda: browser.title)
+        finally:
+            site.shutdown()
+            thread.join()
+    assert browser.title == "refused"
+    before = set(server.get_clients())
+    browser.get(f"http://127.0.0.1:{server.get_port()}/")  # the cookie is enough
+    until(lambda: set(server.get_clients()) - before)

@@ -1,0 +1,114 @@
+"""What one jumps to: each thing that happened, at its time, and nothing of the judge's."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.view.replay.occurrences import Occurrence, OccurrenceKind, following, preceding
+from dronecats.view.replay.recorded import playable_flight
+from foundation.mavlink import Packer, dialect
+from foundation.px4 import MODES
+from foundation.run_folder import layout
+from foundation.run_folder.writing import TelemetryLog
+from foundation.truth import TRUTH_COMPONENT
+from tests.support.json_lines import rows
+
+DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
+LATER_US = 10_000_000  # µs after the flight's own messages, so that what is added comes last
+
+
+def test_decisions_are_those_of_the_log(flight, folder):
+    told = rows(folder / layout.DECISIONS)
+    assert [one.t_s for one in flight.of(DECISION)] == [row["t_decided"] for row in told]
+    assert flight.of(FAULT) == ()
+    assert all("step" in one.words for one in flight.of(DECISION))
+
+
+def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
+    last = rows(folder / layout.DECISIONS)[-1]["step"]
+
+    def another(row):
+        if row["step"] == 0:
+            return {**row, "action": None, "error": "there is no JSON in it", "reply": "hm"}
+        return {**row, "action": {"action": "finished"}} if row["step"] == last else row
+
+    rewrite(copied / layout.DECISIONS, another)
+    flight = playable_flight(copied)
+    (declared,), (fault,) = flight.of(DECLARATION), flight.of(FAULT)
+    assert str(last) in declared.words
+    assert declared.drone == 0
+    assert "there is no JSON in it" in fault.words
+    assert fault.t_s == flight.of(DECISION)[0].t_s
+    said = flight.moment(declared.t_s).judge.said[0]
+    assert flight.moment(declared.t_s - 0.01).judge.said == ()
+    frame = rows(folder / layout.TRUTH, "frame")[-1]
+    assert f"{frame['distance_m']:.2f} m" in said
+    (line,) = flight.moment(fault.t_s).drones[0].said
+    assert line.startswith(f"{fault.t_s:.1f} s")
+    assert line.endswith(fault.words)
+    assert flight.moment(fault.t_s - 0.01).drones[0].said == ()
+
+
+def test_the_envelope(copied):
+    t0_us = rows(copied / layout.TRUTH, "begin")[0]["t0_us"]
+    lines = [{"time_us": t0_us + 2_000_000, "drone": 0, "limits": ["ceiling", "speed"]},
+             {"time_us": t0_us + 3_000_000, "drone": 0, "limits": []}]  # fmt: skip
+    (copied / layout.SAFETY).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (fault,) = playable_flight(copied).of(FAULT)
+    assert (fault.t_s, fault.drone) == (2.0, 0)
+    assert "ceiling, speed" in fault.words
+
+
+@pytest.mark.parametrize("component", [1, TRUTH_COMPONENT])
+def test_warnings_and_collisions(copied, component):
+    """Of the autopilot, and of the simulator that says what was hit; a notice is no fault."""
+    t_s = added(copied, component, dialect.MAV_SEVERITY_WARNING, "Collision: hit a tree at 1.4 m/s")
+    flight = playable_flight(copied)
+    (fault,) = flight.of(FAULT)
+    assert (fault.drone, fault.words) == (0, "Collision: hit a tree at 1.4 m/s")
+    assert fault.t_s == pytest.approx(t_s, abs=0.05)
+    added(copied, component, dialect.MAV_SEVERITY_NOTICE, "all is well")
+    assert len(playable_flight(copied).of(FAULT)) == 1
+
+
+def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
+    mode = MODES["RETURN"]
+    spliced(copied, 1, dialect.MAVLink_heartbeat_message(2, 12, 128 | 1, mode.custom_mode, 4, 3))
+    rewrite(copied / layout.TRUTH, lambda row: {**row, "reason": "takeover"} if row["kind"] == "end" else row)
+    flight = playable_flight(copied)
+    mode_left, end = flight.of(FAULT)[0], flight.of(FAULT)[-1]
+    assert "RETURN" in mode_left.words
+    assert mode_left.drone == 0
+    assert 1.0 < mode_left.t_s < 5.0
+    assert "takeover" in end.words
+    assert (end.drone, end.t_s) == (None, flight.end_s)
+
+
+def added(folder, component, severity, text):
+    """Have a component say something in the middle of the flight; return when, s."""
+    return spliced(folder, component, dialect.MAVLink_statustext_message(severity, text.encode(), 0, 0))
+
+
+def spliced(folder, component, message):
+    """Put a message of vehicle 1 into the tlog three seconds after the beginning; return that time, s."""
+    begin_us = rows(folder / layout.TRUTH, "begin")[0]["t0_us"]
+    data, at = (folder / layout.TLOG).read_bytes(), 0
+    while int.from_bytes(data[at : at + 8], "big") < begin_us + 3_000_000:
+        at += 8 + 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)
+    (folder / layout.TLOG).write_bytes(data[:at])
+    log = TelemetryLog(folder / layout.TLOG)
+    log.write(begin_us + 3_000_000, Packer(1, component).pack(message))
+    log.close()
+    with (folder / layout.TLOG).open("ab") as file:
+        file.write(data[at:])
+    return 3.0
+
+
+@given(st.lists(st.floats(0.0, 300.0), max_size=20), st.floats(0.0, 300.0))
+def test_next_and_before_are_the_nearest_on_their_side(times, t_s):
+    found = [Occurrence(t, DECISION, 0, "") for t in sorted(times)]
+    ahead, back = following(found, t_s), preceding(found, t_s)
+    assert (ahead.t_s if ahead else None) == min((t for t in times if t > t_s + 1e-6), default=None)
+    assert (back.t_s if back else None) == max((t for t in times if t < t_s - 1e-6), default=None)

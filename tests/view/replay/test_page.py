@@ -1,0 +1,124 @@
+"""The page without a browser: a fleet made of rows alone, over a plain grid, as every viewer is sent it."""
+
+import itertools
+import math
+import re
+import socket
+
+import pytest
+
+from dronecats.view.replay.page import ReplayPage
+from dronecats.view.replay.recorded import playable_flight
+from dronecats.view.replay.views import NO_WORLD, AgainView
+from dronecats.view.scene import display
+from tests.support.ports import free_port
+from tests.support.run_folders import run_folder
+from tests.view.replay.sent import Sent
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    return playable_flight(run_folder(tmp_path / "fleet", {"nowhere-commanding-01": "go there"}, drones=3))
+
+
+@pytest.fixture
+def page(fleet):
+    made = ReplayPage([fleet], free_port(socket.SOCK_STREAM))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def sent(page):
+    made = Sent(page.url)
+    yield made
+    made.close()
+
+
+def test_a_fleet_over_a_plain_grid_and_what_is_missing(page, sent, fleet):
+    page.go_to(4.0)
+    assert page.idle(PATIENCE_S)
+    for drone in range(3):
+        place = sent.newest("SetPositionMessage", f"/world/flight/drone-{drone}")["position"]
+        assert math.dist(display.ned_of(place), (5.2, 2.0 * drone, -2.0)) < 1e-3
+    said = sent.text()
+    assert "flight.tlog" in said
+    assert re.search(r"4\.0 s\b.*\b15\.6 s", said)
+    assert "/world/map" in said
+
+
+def test_a_trail_is_the_way_flown_so_far_however_one_came_there(page, sent):
+    page.go_to(10.0)
+    assert page.idle(PATIENCE_S)
+    page.go_to(4.0)
+    assert page.idle(PATIENCE_S)
+    trail = [each for each in sent.update() if str(each.get("name", "")).startswith("/world/flight/trail-0/")]
+    kinds = [each["type"] for each in trail]
+    assert kinds[-1] != "RemoveSceneNodeMessage"  # laid anew
+    assert "RemoveSceneNodeMessage" in kinds
+    assert fleet_way(page) == pytest.approx(1.3 * 4.0, abs=1e-6)
+
+
+def fleet_way(page):
+    """Return how long the way is that a trail of the first drone is laid along, m."""
+    way = page.flights[0].way(0, page.t_s, 0.1)
+    return sum(math.dist(a, b) for a, b in itertools.pairwise(way))
+
+
+def test_digits_choose_a_drone_and_the_view_goes_with_it(page, sent):
+    page.choose(2)
+    page.go_along()
+    assert page.idle(PATIENCE_S)
+    page.go_to(4.0)
+    assert page.idle(PATIENCE_S)
+    assert (page.state.drone, page.state.along) == (2, True)
+    assert any((each.get("updates") or {}).get("value") == "drone 3" for each in sent.update())  # the panel says whom
+    x, y, z = sent.newest("SetPositionMessage", "/world")["position"]
+    assert math.dist(display.ned_of((-x, -y, -z)), (5.2, 0.0, 0.0)) < 1e-3
+    page.choose(7)  # nobody has that number: the first is meant
+    assert page.idle(PATIENCE_S)
+
+
+def test_a_view_of_a_world_that_is_not_known_says_why(page, sent):
+    page.next_view()
+    assert page.idle(PATIENCE_S)
+    assert page.state.view is AgainView.CHASE
+    assert NO_WORLD in sent.text()
+    for view in (AgainView.TOP, AgainView.ONBOARD, None):
+        page.next_view()
+        assert page.state.view is view
+
+
+def test_what_is_judged_is_sent_on_demand_only(page, sent):
+    page.go_to(1e9)
+    assert page.idle(PATIENCE_S)
+    assert "verdict:" not in sent.text()
+    assert "/judge/" not in sent.text()
+    page.judge()
+    assert page.idle(PATIENCE_S)
+    assert "verdict:" in sent.text()
+    assert "/judge/ring" in sent.text()
+
+
+def test_the_target_is_shown_unasked_where_it_is_then_and_of_the_chosen_flight_alone(flight, runs):
+    """Of both it would stand twice where one flight is over and the other goes on."""
+    page = ReplayPage([flight, playable_flight(runs / "other")], free_port(socket.SOCK_STREAM), at_s=3.0)
+    sent = Sent(page.url)
+    try:
+        for number in (0, 1):
+            page.choose(number)
+            assert page.idle(PATIENCE_S)
+            told = [each for each in sent.update() if "/thing/" in str(each.get("name"))]
+            shown = {each["name"] for each in told} - {
+                each["name"] for each in told if each["type"] == "RemoveSceneNodeMessage"
+            }
+            (name,) = (each for each in shown if each.startswith(f"/world/{number + 1} "))
+            assert len(shown) == 1
+            place = display.ned_of(sent.newest("SetPositionMessage", name)["position"])
+            assert place == pytest.approx(flight.world.target_pose(3.0)[0], abs=1e-3)
+        assert "/judge/" not in sent.text()
+    finally:
+        sent.close()
+        page.close()

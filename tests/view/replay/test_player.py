@@ -1,0 +1,88 @@
+"""The thread that plays: everything that is ordered is shown, in order, and what goes wrong ends nothing."""
+
+import threading
+from functools import partial
+from typing import Any
+
+import pytest
+
+from dronecats.view.replay.clock import PlaybackClock
+from dronecats.view.replay.player import RATE_HZ, Player
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def shown():
+    return []
+
+
+@pytest.fixture
+def player(shown):
+    made = Player(PlaybackClock(10.0), lambda t_s, clock: shown.append(t_s))
+    yield made
+    made.close()
+
+
+def test_what_is_ordered_is_shown_and_nothing_while_it_stands(player, shown):
+    assert player.idle(PATIENCE_S)
+    assert shown == [0.0]
+    player.order(lambda clock, wall_s: clock.scrubbed(4.0, wall_s))
+    assert player.idle(PATIENCE_S)
+    assert (shown, player.t_s) == ([0.0, 4.0], 4.0)
+    player.again()
+    assert player.idle(PATIENCE_S)
+    assert shown == [0.0, 4.0, 4.0]
+
+
+def test_it_plays_to_the_end_and_stands_there(player, shown):
+    player.order(lambda clock, wall_s: clock.at_speed(20.0, wall_s))
+    player.order(PlaybackClock.toggled)
+    assert player.idle(PATIENCE_S)  # half a second of the wall
+    assert shown == sorted(shown)
+    assert shown[-1] == 10.0 == player.t_s
+    assert not player.clock.playing
+    assert 2 < len(shown) <= 0.5 * RATE_HZ + 4
+
+
+def scrubbed(t_s, clock, wall_s):
+    return clock.scrubbed(t_s, wall_s)
+
+
+def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
+    said: list[Any] = []
+    shown: list[float] = []
+    monkeypatch.setattr(threading, "excepthook", said.append)
+
+    def show(t_s, clock):
+        if t_s == 3.0:
+            raise ValueError("no")
+        shown.append(t_s)
+
+    player = Player(PlaybackClock(10.0), show)
+    try:
+        for t_s in (3.0, 5.0):
+            player.order(partial(scrubbed, t_s))
+            assert player.idle(PATIENCE_S)
+    finally:
+        player.close()
+    assert shown[-1] == 5.0
+    assert [str(one.exc_value) for one in said] == ["no"]
+
+
+def test_a_slow_page_skips_times_and_falls_behind_by_none(shown):
+    held = threading.Event()
+
+    def show(t_s, clock):
+        shown.append(t_s)
+        held.wait(0.2)  # a browser that takes its time
+
+    player = Player(PlaybackClock(10.0, speed=20.0), show)
+    try:
+        player.order(PlaybackClock.toggled)
+        assert player.idle(PATIENCE_S)
+    finally:
+        held.set()
+        player.close()
+    assert shown[-1] == 10.0
+    assert len(shown) <= 8

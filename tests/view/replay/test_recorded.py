@@ -1,0 +1,286 @@
+"""A run folder at any moment: held to truth.jsonl, decisions.jsonl and the tlog, read by other means."""
+
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+
+from dronecats.report.afterflight.sources import tlog_messages
+from dronecats.view.replay import recorded
+from dronecats.view.replay.onboard import KINDS, vehicle_logs
+from dronecats.view.replay.recorded import of_one_episode, playable_flight
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.frames import quat_conjugate, quat_multiply, quat_to_euler, rotate_inverse
+from foundation.mavlink import Packer, dialect
+from foundation.run_folder import layout
+from foundation.run_folder.writing import TelemetryLog
+from tests.support.json_lines import rows
+from tests.support.onboard_logs import with_onboard_log
+from tests.support.run_folders import run_folder
+
+SOON = 1e-4  # s
+
+
+def places(folder):
+    """Return (t, place, yaw in degrees, distance) of every line of truth.jsonl that tells a place."""
+    told = [row for row in rows(folder / layout.TRUTH) if row.get("position_ned")]
+    return [(row["t"], row["position_ned"], row["yaw_deg"], row["distance_m"]) for row in told]
+
+
+def test_a_drone_is_where_truth_jsonl_has_it(flight, folder):
+    told = places(folder)
+    assert len(told) > 12
+    for t, place, yaw_deg, distance_m in told:
+        moment = flight.moment(t)
+        drone = moment.drones[0]
+        assert math.dist(drone.position_ned, place) < 0.02
+        turned = math.degrees(quat_to_euler(drone.attitude)[2]) - yaw_deg
+        assert abs((turned + 180.0) % 360.0 - 180.0) < 0.5
+        assert drone.true
+        assert moment.judge.distance_m[0] == pytest.approx(distance_m, abs=0.02)
+    assert flight.missing == ()
+
+
+def test_it_moves_as_fast_as_the_truth_bus_says(flight, folder):
+    log = mavutil.mavlink_connection(str(folder / layout.TLOG), dialect="development")
+    t0_us, worst, speed = rows(folder / layout.TRUTH, "begin")[0]["t0_us"], 0.0, 0.0
+    while (m := log.recv_match(type="HIL_STATE_QUATERNION")) is not None:
+        t = (m.time_usec - t0_us) / 1e6
+        if 0.0 <= t <= flight.end_s:
+            shown = flight.moment(t).drones[0].velocity_ned
+            worst = max(worst, math.dist(shown, (m.vx / 100, m.vy / 100, m.vz / 100)))
+            speed = max(speed, math.hypot(*shown))
+    assert worst < 1e-6
+    assert speed > 0.5
+
+
+def test_pictures_and_decisions_come_when_they_came(flight, folder):
+    decisions = rows(folder / layout.DECISIONS)
+    assert len(decisions) > 1
+    for before, one in zip([None, *decisions], decisions, strict=False):
+        name = layout.frame_name(one["frame_id"])
+        for t, decided in ((one["t_frame"], before), (one["t_decided"] - SOON, before), (one["t_decided"], one)):
+            drone = flight.moment(t).drones[0]
+            assert drone.picture.jpeg == (folder / layout.FRAMES / name).read_bytes()
+            assert drone.picture.t_s == one["t_frame"]
+            assert (drone.decision.step if drone.decision else None) == (decided["step"] if decided else None)
+            assert (drone.decided_on.frame_id if drone.decided_on else None) == (decided and decided["frame_id"])
+        assert flight.moment(one["t_decided"]).rate_hz == one["rate_hz"]
+    assert flight.moment(decisions[0]["t_frame"] - SOON).drones[0].picture is None
+
+
+def test_the_chosen_place_is_behind_its_pixel_as_deep_as_the_pilot_said(flight):
+    gos = [one for one in flight.episode.logs.decisions if one.kind == "go"]
+    assert gos
+    camera = CameraModel()
+    for go in gos:
+        drone = flight.moment(go.t_decided).drones[0]
+        away = np.subtract(drone.chosen_ned, drone.lens_ned)
+        n, e, d = map(float, away)
+        ahead, right, below = rotate_inverse(flight.pose(0, go.t_frame).attitude, (n, e, d))
+        assert ahead == pytest.approx(go.action["depth_m"])
+        assert right / ahead * camera.focal_px + camera.width / 2 == pytest.approx(go.action["point"][0] * 1.280)
+        assert below / ahead * camera.focal_px + camera.height / 2 == pytest.approx(go.action["point"][1] * 0.720)
+
+
+def test_what_the_autopilot_tells_of_itself(flight):
+    drone = flight.moment(3.0).drones[0]
+    assert (drone.mode, drone.armed) == ("OFFBOARD", True)
+    assert 0.5 < drone.battery <= 1.0
+    told = [flight.moment(t).drones[0].setpoint_ned for t in np.arange(0.0, flight.end_s, 0.25)]
+    assert max(math.hypot(*each) for each in told if each) > 0.5
+    north, east, down = drone.position_ned
+    assert drone.height_m == pytest.approx(flight.world.scene.terrain.at(north, east) - down, abs=0.05)
+
+
+def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight):
+    assert flight.moment(0.0).judge.said == ()
+    end = flight.moment(flight.end_s)
+    assert flight.episode.verdict.outcome in end.judge.said[-1]
+    assert "cap" in end.state
+    assert "air" in flight.moment(1.0).state
+    assert flight.moment(1e6) == end
+    assert flight.moment(-5.0) == flight.moment(0.0)
+    moved = math.dist(flight.moment(0.0).judge.target_ned, end.judge.target_ned)
+    assert moved > 1.0  # it follows one that moves
+
+
+def test_it_needs_nothing_but_the_folder(flight, copied):
+    again = playable_flight(copied)
+    for t in (0.0, 2.0, flight.end_s):
+        assert again.moment(t) == flight.moment(t)
+
+
+def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
+    (copied / layout.TLOG).unlink()
+    flight = playable_flight(copied)
+    assert flight.missing == (recorded.NO_TLOG,)
+    for t, place, _, _ in places(folder):
+        drone = flight.moment(t).drones[0]
+        assert drone.position_ned == pytest.approx(place, abs=0.06)
+        roll, pitch, _ = quat_to_euler(drone.attitude)
+        assert abs(roll) + abs(pitch) < 1e-6
+    assert (drone.mode, drone.armed, drone.setpoint_ned, drone.velocity_ned) == ("", None, None, None)
+
+
+def test_a_torn_tlog_is_read_as_far_as_it_goes(copied, flight):
+    tlog = copied / layout.TLOG
+    tlog.write_bytes(tlog.read_bytes()[: tlog.stat().st_size * 9 // 10 + 1])
+    assert math.dist(playable_flight(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
+
+
+def test_pictures_that_are_not_there_are_said(copied, runs):
+    shutil.rmtree(copied / layout.FRAMES)
+    flight = playable_flight(copied)
+    assert flight.missing == (recorded.NO_PICTURES,)
+    assert flight.moment(3.0).drones[0].picture is None
+    assert flight.moment(3.0).drones[0].decision is not None
+    assert playable_flight(runs / "other").missing == (recorded.NOT_DRAWN,)
+
+
+def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(copied, flight, rewrite):
+    def unknown(row):
+        return {**row, "source": "estimate"} if row["kind"] == "begin" else row if row["kind"] == "end" else None
+
+    rewrite(copied / layout.TRUTH, unknown)
+    (copied / layout.EPISODE).unlink()
+    own = playable_flight(copied)
+    assert own.missing == (recorded.NO_TRUTH,)
+    assert own.world is None
+    for t in (1.0, 3.0, 5.0):
+        shown = own.moment(t)
+        assert not shown.drones[0].true
+        assert shown.judge.target_ned is None
+        assert shown.judge.said == ()
+        assert shown.drones[0].position_ned == own.pose(0, t).position_ned
+        flown = np.subtract(own.pose(0, t).position_ned, own.pose(0, 0.0).position_ned)
+        truly = np.subtract(flight.pose(0, t).position_ned, flight.pose(0, 0.0).position_ned)
+        assert math.dist(flown, truly) < 0.5  # estimated: half a metre is its wander
+        leans = quat_multiply(quat_conjugate(flight.pose(0, t).attitude), own.pose(0, t).attitude)
+        assert 2.0 * math.acos(min(1.0, abs(leans[0]))) < math.radians(4.0)
+        assert shown.drones[0].velocity_ned is not None
+    with pytest.raises(UsageError, match=r"\btruth\b"):
+        of_one_episode([flight, own])
+
+
+def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
+    """Ours are 1, 2, …; a real one may be any."""
+    path = copied / layout.TLOG
+    heard = list(tlog_messages(path, KINDS))
+    packers: dict[int, Packer] = {}
+    path.unlink()
+    log = TelemetryLog(path)
+    for message in heard:
+        packer = packers.setdefault(message.get_srcComponent(), Packer(42, message.get_srcComponent()))
+        log.write(0, packer.pack(message))
+    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # flies nothing
+    log.close()
+    logs = vehicle_logs(path, flight.episode.logs.begin.t0_us)
+    assert list(logs) == [0]
+    assert logs[0].setpoints == flight.vehicles[0].setpoints
+    assert logs[0].states == flight.vehicles[0].states
+
+
+def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
+    record = json.loads((copied / layout.EPISODE).read_text())
+    (copied / layout.EPISODE).write_text(json.dumps({**record, "map": "somebodys-own"}))
+    flight = playable_flight(copied)
+    assert flight.world is None
+    assert len(flight.missing) == 1
+    assert "somebodys-own" in flight.missing[0]
+    for t, place, _, distance_m in places(folder):
+        assert flight.moment(t).drones[0].position_ned == pytest.approx(place, abs=0.06)
+        assert flight.moment(t).judge.distance_m[0] == pytest.approx(distance_m, abs=0.2)
+
+
+def test_a_fleet_made_of_rows_alone(tmp_path):
+    run = run_folder(tmp_path / "run", {"nowhere-commanding-01": "go there"}, drones=3)
+    flight = playable_flight(run)
+    assert flight.drones == (0, 1, 2)
+    moment = flight.moment(4.0)
+    assert [drone.position_ned for drone in moment.drones] == [pytest.approx((5.2, 2.0 * k, -2.0)) for k in range(3)]
+    assert len({drone.picture.jpeg for drone in moment.drones if drone.picture}) == 3
+    assert len(moment.judge.distance_m) == 3
+
+
+def test_a_flight_that_never_began_is_refused(copied, rewrite):
+    rewrite(copied / layout.TRUTH, lambda row: None if row["kind"] == "begin" else row)
+    with pytest.raises(UsageError, match=r"truth\.jsonl"):
+        playable_flight(copied)
+
+
+def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied):
+    """Killed in the middle of a line, at two thirds of its logs; what was flown till then is as it was."""
+    for name in (layout.TRUTH, layout.DECISIONS):
+        whole = (copied / name).read_bytes()
+        (copied / name).write_bytes(whole[: 2 * len(whole) // 3])
+    for name in (layout.VERDICT, layout.IDENTITY):
+        (copied / name).unlink(missing_ok=True)
+    killed = playable_flight(copied)
+    assert 0.0 < killed.end_s < flight.end_s
+    assert recorded.NO_END in killed.missing
+    t = 0.5 * killed.end_s
+    assert killed.moment(t).drones[0].position_ned == flight.moment(t).drones[0].position_ned
+    last = killed.moment(killed.end_s)
+    assert "air" in last.state
+    assert not any(flight.episode.verdict.outcome in said for said in last.judge.said)
+
+
+def test_what_is_damaged_or_no_flight_is_refused(copied, tmp_path):
+    with pytest.raises(UsageError, match="nothing"):
+        playable_flight(tmp_path / "nothing")
+    with pytest.raises(UsageError, match=str(tmp_path)):
+        playable_flight(tmp_path)
+    (copied / layout.SAFETY).write_text('{"time_us": "late", "drone": 0, "limits": []}\n')
+    with pytest.raises(UsageError, match=r"safety\.jsonl line 1\b"):
+        playable_flight(copied)
+    (copied / layout.SAFETY).unlink()
+    text = (copied / layout.TRUTH).read_text().splitlines()
+    (copied / layout.TRUTH).write_text("\n".join([text[0], '{"kind": "pose"', *text[1:]]) + "\n")
+    with pytest.raises(UsageError, match=r"truth\.jsonl line 2\b"):
+        playable_flight(copied)
+
+
+def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, tmp_path, runs):
+    of_one_episode([flight, playable_flight(runs / "other")])
+    stranger = playable_flight(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
+    with pytest.raises(UsageError, match=r"residential-tracking-01 and .*nowhere-approaching-07"):
+        of_one_episode([flight, stranger])
+    record = json.loads((copied / layout.EPISODE).read_text())
+    (copied / layout.EPISODE).write_text(json.dumps({**record, "instruction": "go elsewhere"}))
+    with pytest.raises(UsageError, match="residential-tracking-01"):
+        of_one_episode([flight, playable_flight(copied)])
+
+
+def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
+    """A velocity whose climb is NaN once kept the last setpoint on the page: it was no new one."""
+    log, vehicle = TelemetryLog(tmp_path / layout.TLOG), Packer(1, 1)
+    for time_ms, down, mask in ((1000, 0.3, 0), (2000, math.nan, 0b100000)):
+        log.write(0, vehicle.pack(dialect.MAVLink_local_position_ned_message(time_ms, 0, 0, -2, 0, 0, 0)))
+        log.write(0, vehicle.pack(dialect.MAVLink_position_target_local_ned_message(
+            time_ms, 1, mask, 0, 0, 0, 1.0, 0.5, down, 0, 0, 0, 0, 0)))  # fmt: skip
+    log.close()
+    heard = vehicle_logs(tmp_path / layout.TLOG, 0)[0]
+    assert heard.own_track is not None
+    assert heard.own_track.level  # it never told how it leans
+    told = heard.setpoints
+    assert told.t_s == (1.0, 2.0)
+    assert told.values[0] == pytest.approx((1.0, 0.5, 0.3))
+    assert told.values[1] == (1.0, 0.5, 0.0)
+
+
+def test_the_estimate_is_that_of_the_log_on_board_where_it_was_kept(flight, copied):
+    true = with_onboard_log(copied, off=(7.0, 0.0, 0.0))
+    known = playable_flight(copied)
+    own, wire = known.vehicles[0].own_track, flight.vehicles[0].own_track
+    assert own is not None
+    assert wire is not None
+    assert len(own.t) > 5 * len(wire.t)
+    for t in (1.0, 2.0, 3.0):
+        assert own.at(t).position_ned[0] - true.at(t).position_ned[0] == pytest.approx(7.0, abs=0.01)
+        assert known.tracks[0].at(t) == flight.tracks[0].at(t)
+    assert known.vehicles[0].states == flight.vehicles[0].states

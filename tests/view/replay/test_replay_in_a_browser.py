@@ -1,0 +1,261 @@
+"""The page of recorded flights in a real browser: keys, places, several flights, the judge's view, other views."""
+
+import math
+import re
+import socket
+
+import pytest
+
+from dronecats.view.replay.clock import SPEEDS
+from dronecats.view.replay.occurrences import OccurrenceKind
+from dronecats.view.replay.page import ReplayPage
+from dronecats.view.replay.recorded import playable_flight
+from dronecats.view.replay.views import AgainView
+from dronecats.view.scene import display
+from foundation.run_folder import layout
+from tests.support.json_lines import rows
+from tests.support.ports import free_port
+from tests.support.run_folders import run_folder
+from tests.view.replay.sent import Sent
+
+pytestmark = pytest.mark.slow
+PATIENCE_S = 120.0  # a software renderer on a busy machine
+JUDGES = ("target (judge)", "/judge/", "only the judge knows", "verdict:", "to the target")
+
+
+@pytest.fixture(scope="module")
+def flights(flight, runs):
+    return [flight, playable_flight(runs / "other")]
+
+
+@pytest.fixture
+def opened(browser):
+    """Open a page of flights in the browser; it is closed with the test."""
+    made: list[ReplayPage | Sent] = []
+
+    def serve(flights, **options):
+        page = ReplayPage(flights, free_port(socket.SOCK_STREAM), **options)
+        made.append(page)
+        sent = Sent(page.url)
+        made.append(sent)
+        browser.get_log("browser")  # of pages before
+        browser.get(page.url)
+        until(browser, lambda: "Drawn again" in text(browser) and str(flights[0].instruction) in text(browser))
+        return page, sent
+
+    yield serve
+    browser.get("about:blank")
+    for one in reversed(made):
+        one.close()
+
+
+def until(browser, condition):
+    from selenium.common.exceptions import StaleElementReferenceException
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    wait = WebDriverWait(browser, PATIENCE_S, poll_frequency=0.05, ignored_exceptions=[StaleElementReferenceException])
+    return wait.until(lambda _: condition())
+
+
+def text(browser) -> str:
+    from selenium.webdriver.common.by import By
+
+    return str(browser.find_element(By.TAG_NAME, "body").text)
+
+
+def press(browser, *keys) -> None:
+    """Press the last key while the others are held."""
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    hands = ActionChains(browser)
+    for key in keys[:-1]:
+        hands.key_down(key)
+    hands.send_keys(keys[-1])
+    for key in keys[:-1]:
+        hands.key_up(key)
+    hands.perform()
+
+
+def shown_at(browser, page, t_s):
+    """Wait until the clock stands at a time, and the page says so."""
+    until(browser, lambda: page.t_s == pytest.approx(t_s) and page.idle(0.0) and f"{t_s:.1f} s of" in text(browser))
+
+
+@pytest.fixture
+def plain(tmp_path):
+    """The folder of an episode that was never flown: over a plain grid, which a browser draws at once."""
+    return run_folder(tmp_path / "plain", {"nowhere-approaching-01": "go there"}) / "nowhere-approaching-01"
+
+
+def test_every_key_moves_what_it_should(browser, opened, plain):
+    from selenium.webdriver.common.keys import Keys
+
+    flight = playable_flight(plain)
+    page, _ = opened([flight])
+    decided = [one.t_s for one in flight.of(OccurrenceKind.DECISION)]
+    assert len(decided) > 1
+    shown_at(browser, page, 0.0)
+    press(browser, Keys.ARROW_RIGHT)
+    shown_at(browser, page, decided[0])
+    press(browser, Keys.ARROW_RIGHT)
+    shown_at(browser, page, decided[1])
+    press(browser, Keys.ARROW_LEFT)
+    shown_at(browser, page, decided[0])
+    press(browser, Keys.SHIFT, Keys.ARROW_RIGHT)
+    shown_at(browser, page, decided[0] + 0.1)
+    press(browser, Keys.SHIFT, Keys.ARROW_LEFT)
+    shown_at(browser, page, decided[0])
+    press(browser, Keys.END)
+    shown_at(browser, page, flight.end_s)
+    press(browser, Keys.ARROW_RIGHT)  # there is nothing more
+    press(browser, Keys.HOME)
+    shown_at(browser, page, 0.0)
+    for key, speed in (("+", 2.0), ("=", 5.0), ("-", 2.0), ("-", 1.0)):
+        press(browser, key)
+        until(browser, lambda speed=speed: page.clock.speed == speed and f"· {speed:g}×" in text(browser))
+    press(browser, " ")
+    until(browser, lambda: page.clock.playing and page.t_s > 0.5)
+    until(browser, lambda: "▶ " in text(browser))
+    press(browser, " ")
+    until(browser, lambda: not page.clock.playing)
+    assert 0.5 < page.t_s < flight.end_s
+    press(browser, Keys.SHIFT, "?")
+    until(browser, lambda: "to the next declaration" in text(browser))
+    press(browser, "?")
+    until(browser, lambda: "to the next declaration" not in text(browser))
+    assert page.clock.speed in SPEEDS
+
+
+def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, plain, rewrite):
+    from selenium.webdriver.common.keys import Keys
+
+    steps = [row["step"] for row in rows(plain / layout.DECISIONS)]
+
+    def another(row):
+        if row["step"] == steps[0]:
+            return {**row, "action": None, "error": "there is no JSON in it", "reply": "<b>hm</b>"}
+        return {**row, "action": {"action": "finished"}} if row["step"] == steps[-1] else row
+
+    rewrite(plain / layout.DECISIONS, another)
+    flight = playable_flight(plain)
+    (declared,), (fault,) = flight.of(OccurrenceKind.DECLARATION), flight.of(OccurrenceKind.FAULT)
+    page, _ = opened([flight])
+    press(browser, "d")
+    shown_at(browser, page, declared.t_s)
+    press(browser, Keys.SHIFT, "f")
+    shown_at(browser, page, fault.t_s)
+    until(browser, lambda: "there is no JSON in it" in text(browser) and "<b>hm</b>" in text(browser))
+    press(browser, Keys.HOME)
+    press(browser, "f")
+    shown_at(browser, page, fault.t_s)
+    press(browser, Keys.END)
+    press(browser, Keys.SHIFT, "d")
+    shown_at(browser, page, declared.t_s)
+
+
+def test_a_drone_on_the_page_is_where_truth_jsonl_has_it(browser, opened, flight, folder):
+    page, sent = opened([flight])
+    told = rows(folder / layout.TRUTH, "pose")
+    for row in told[1:10:3]:
+        page.go_to(row["t"])
+        shown_at(browser, page, row["t"])
+        until(browser, lambda row=row: away(sent, "/world/flight/drone-0", row["position_ned"]) < 0.02)
+
+
+def away(sent, node, place):
+    """Return how far a node of the browser is from a place, m."""
+    position = sent.newest("SetPositionMessage", node)["position"]
+    return math.dist(display.ned_of(tuple(position)), place)
+
+
+def test_two_flights_lie_over_one_another_and_digits_choose(browser, opened, flights, runs):
+    page, sent = opened(flights)
+    assert re.search(r"1 paper\b.*oracle", text(browser))
+    assert re.search(r"2 other\b.*oracle.*seed 3", text(browser))
+    row = rows(runs / "paper" / flights[0].episode.id / layout.TRUTH, "pose")[9]
+    page.go_to(row["t"])
+    shown_at(browser, page, row["t"])
+    until(browser, lambda: away(sent, "/world/1 paper/drone-0", row["position_ned"]) < 0.02)
+    other = flights[1].pose(0, row["t"]).position_ned
+    until(browser, lambda: away(sent, "/world/2 other/drone-0", other) < 0.001)
+    assert flights[0].pose(0, row["t"]) != flights[1].pose(0, row["t"])
+    assert page.state.flight == 0
+    press(browser, "2")
+    until(browser, lambda: page.state.flight == 1 and page.idle(0.0))
+    press(browser, "1")
+    until(browser, lambda: page.state.flight == 0 and page.idle(0.0))
+
+
+def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight):
+    from selenium.webdriver.common.keys import Keys
+
+    page, sent = opened([flight])
+    press(browser, Keys.END)
+    shown_at(browser, page, flight.end_s)
+    press(browser, "v")
+    assert page.idle(PATIENCE_S)
+    said = sent.text()
+    assert "/world/flight/drone-0" in said
+    assert [word for word in JUDGES if word in said] == []
+    press(browser, "j")
+    until(browser, lambda: "only the judge knows" in text(browser) and "verdict:" in text(browser))
+    assert [word for word in JUDGES if word in sent.text()] == list(JUDGES)
+    ring = sent.newest("SetPositionMessage", "/world/flight/judge/name")["position"]
+    target = rows(flight.episode.folder / layout.TRUTH, "pose")[-1]["target_ned"]
+    assert math.dist(display.ned_of(tuple(ring))[:2], target[:2]) < 0.5
+    press(browser, "j")
+    until(browser, lambda: "only the judge knows" not in text(browser))
+
+
+def test_views_are_drawn_again(browser, opened, flight):
+    page, _ = opened([flight], at_s=3.0)
+    shown = []
+    for view in AgainView:
+        press(browser, "v")
+        until(browser, lambda view=view: page.state.view is view and f"{view.value} at 3.0 s" in text(browser))
+        shown.append(until(browser, lambda: picture(browser)))
+    assert len(set(shown)) == 3
+    page.step(0.5)
+    until(browser, lambda: f"{view.value} at 3.5 s" in text(browser) and picture(browser) not in (None, shown[-1]))
+    press(browser, "v")
+    until(browser, lambda: page.state.view is None and picture(browser) is None)
+
+
+def picture(browser):
+    """Return what identifies the picture that is shown among the views, None where there is none."""
+    from selenium.webdriver.common.by import By
+
+    found = [each for each in browser.find_elements(By.CSS_SELECTOR, "img[src^=blob]") if each.is_displayed()]
+    return found[0].get_attribute("src") if found else None
+
+
+def test_g_goes_with_a_drone_and_buttons_and_lists_do_what_keys_do(browser, opened, flight):
+    from selenium.webdriver.common.by import By
+
+    page, sent = opened([flight])
+    press(browser, "g")
+    until(browser, lambda: page.state.along and page.idle(0.0))
+    press_button(browser, "▶|")
+    shown_at(browser, page, flight.end_s)
+    moved = sent.newest("SetPositionMessage", "/world")["position"]
+    flown = math.dist(flight.pose(0, 0.0).position_ned, flight.pose(0, flight.end_s).position_ned)
+    assert math.hypot(*moved) == pytest.approx(flown, abs=0.05)
+    press_button(browser, "-0.1")
+    shown_at(browser, page, flight.end_s - 0.1)
+    box = until(browser, lambda: next((e for e in browser.find_elements(By.TAG_NAME, "input")
+                                       if (e.get_attribute("value") or "").endswith(" to jump to")), None))  # fmt: skip
+    browser.execute_script("arguments[0].click(); arguments[0].focus()", box)
+    first = flight.of(OccurrenceKind.DECISION)[0]
+    path = f"//*[@role='option'][contains(., '1. {first.t_s:.1f} s')]"
+    entry = until(browser, lambda: next((e for e in browser.find_elements(By.XPATH, path) if e.is_displayed()), None))
+    browser.execute_script("arguments[0].click()", entry)
+    shown_at(browser, page, first.t_s)
+    severe = [line["message"] for line in browser.get_log("browser") if line["level"] == "SEVERE"]
+    assert not [line for line in severe if "favicon" not in line]
+
+
+def press_button(browser, label):
+    from selenium.webdriver.common.by import By
+
+    path = f"//button[normalize-space()='{label}']"
+    until(browser, lambda: next((b for b in browser.find_elements(By.XPATH, path) if b.is_displayed()), None)).click()

@@ -1,0 +1,58 @@
+"""Views that are drawn again: the drone is in those from outside, and not in its own."""
+
+import numpy as np
+import pytest
+
+from dronecats.view.replay.views import NO_WORLD, AgainView, AgainViews, FlightViews, ViewWish, aboard
+from foundation.camera import CameraModel
+
+SMALL = (320, 180)
+
+
+@pytest.fixture(scope="module")
+def views(flight):
+    made = FlightViews(flight.filmed, SMALL)
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("view", list(AgainView))
+def test_a_view_shows_the_world_and_who_flies_in_it(views, flight, view):
+    stage = views.stage(view)
+    seen = stage.view(views.eye(0, view, 3.0), 3.0)
+    drone = (seen.ids == stage.ids[0]).sum()
+    assert len(np.unique(seen.ids)) > 2
+    if view is AgainView.ONBOARD:
+        assert drone == 0
+    else:
+        assert drone > 10
+        _, columns = np.nonzero(seen.ids == stage.ids[0])
+        assert abs(columns.mean() / SMALL[0] - 0.5) < 0.35
+    picture = views.picture(0, view, 3.0)
+    assert picture.shape == (180, 320, 3)
+    assert picture.std() > 10
+    assert (picture != views.picture(0, view, 5.0)).mean() > 0.05  # it moves
+
+
+def test_through_its_camera_is_where_the_frame_was_taken(flight):
+    one = flight.episode.logs.decisions[0]
+    shown = flight.moment(one.t_decided).drones[0]
+    assert shown.lens_ned == pytest.approx(aboard(flight.pose(0, one.t_frame), CameraModel()).position_ned)
+
+
+def test_only_the_newest_wish_is_drawn_and_what_cannot_be_says_why(flight):
+    drawn = []
+    made = AgainViews([flight.filmed, None], lambda wish, picture: drawn.append((wish, picture)))
+    try:
+        wishes = [ViewWish(0, 0, AgainView.TOP, 0.1 * k) for k in range(30)]
+        for wish in wishes:
+            made.wish(wish)
+        assert made.idle(60.0)
+        assert drawn[-1][0] == wishes[-1]
+        assert len(drawn) < len(wishes)
+        assert not isinstance(drawn[-1][1], str)
+        made.wish(ViewWish(1, 0, AgainView.TOP, 0.0))
+        assert made.idle(60.0)
+        assert drawn[-1][1] == NO_WORLD
+    finally:
+        made.close()
