@@ -1,8 +1,8 @@
 """The digest of what decides a flight: of what sources say, not of where they stand or how they are explained.
 
 A Python source is the set of its top-level statements, without imports, docstrings, comments and `__version__`, so a
-function that moves to another file stays what it is. The path of one of our modules counts as `a module`, wherever it is written.
-A TOML file is its values, any other file its bytes. Names of files and the order of statements do not count.
+function that moves to another file stays what it is. The path of one of our modules counts as `a module`, wherever it
+is written. A TOML file is its values, any other file its bytes. File names and the order of statements do not count.
 """
 
 import ast

@@ -1,8 +1,8 @@
 """The shipped maps look as they did when a person last looked: not one byte of picture, depth or ids has changed.
 
 After an intended change of a map or of the renderer, record them again:
-`python -m tests.episodes.camera.renderer.frame_hashes`. A view may have several: where two faces lie in one plane, processors with wider vectors meet the other one in a few
-pixels.
+`python -m tests.episodes.camera.renderer.frame_hashes`. A view may have several: where two faces lie in one plane,
+processors with wider vectors meet the other one in a few pixels.
 """
 
 import json
