@@ -9,9 +9,11 @@ from typing import Protocol
 from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.host_pace import HostPace
+from dronecats.agent.models.model import Request
 from dronecats.agent.pictures import PicturePath
-from foundation.camera import Camera, CameraModel
+from foundation.camera import Camera, CameraModel, Frame
 from foundation.protocol import CAP_S
+from foundation.run_folder.writing import PromptLog
 
 
 def _nothing(*_: object) -> None:
@@ -29,12 +31,22 @@ class Cockpit:
     frames_dir: Path
     executor: Executor  # where what may take long is called
     t0_us: int  # µs, the vehicles' clock when the episode began
+    prompts: PromptLog | None = None  # takes the text of every question; None: nobody keeps them
     commander_log: Path | None = None  # where a hierarchy keeps its exchanges; None: nowhere
     seed: tuple[int, ...] = (0,)  # of all that an agent draws
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
     on_tick: Callable[[], None] = _nothing  # called at every tick; what it raises ends the flight
     pictures: PicturePath | None = None  # what is done to pictures on purpose; None: each is had when it is taken
     host: HostPace | None = None  # what the vehicle's clock is held to; None: nothing, and no host can be late
+
+
+    def log_prompt(self, request: Request, frames: Sequence[Frame], asked_s: float) -> None:
+        """Log the text of a question that is about to be asked, `asked_s` after the episode began."""
+        if self.prompts:
+            ids = [frame.frame_id for frame in frames]
+            self.prompts.write(
+                request.role, request.drone, request.step, asked_s, ids, request.labels, request.text
+            )
 
 
 class Agent(Protocol):

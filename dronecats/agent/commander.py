@@ -155,6 +155,7 @@ class FleetCommander:
             step=shown.number,
             role="commander",
         )
+        self._cockpit.log_prompt(request, shown.frames, shown.asked_s)
         question = Question(self._cockpit.seed, shown.number, COMMANDER)
         executor, last_s = self._cockpit.executor, self._answered_s
         return Asking(command.model, request, executor, command.latency, question, shown.asked_s, last_s=last_s)

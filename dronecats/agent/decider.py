@@ -146,6 +146,7 @@ class Decider:
         request = Request(
             text, pictures, thinking, labels(len(self._drones)), step=number, drone=first, taken_us=taken_us
         )
+        cockpit.log_prompt(request, frames, now_s)
         question = Question(cockpit.seed, number, first)
         executor, last_s = cockpit.executor, self._decided_s
         return Asking(asked.model, request, executor, asked.latency, question, now_s, asked.beside, last_s)

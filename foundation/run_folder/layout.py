@@ -15,6 +15,7 @@ EPISODE = "episode.json"  # the record that was flown
 WORLD = "world.json"  # the record that was drawn and not judged
 DECISIONS = "decisions.jsonl"  # by the agent
 COMMANDER = "commander.jsonl"  # by the agent, of a hierarchy: every exchange with its commander
+PROMPTS = "prompts.jsonl"  # by the agent: the text of every question
 TRUTH = "truth.jsonl"  # by the logger
 ESTIMATE = "estimate.jsonl"  # derived after a flight without truth
 VERDICT = "verdict.json"

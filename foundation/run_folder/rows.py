@@ -176,6 +176,26 @@ class Exchange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedPrompt:
+    """The text of one question to a model: a line of prompts.jsonl, by the agent.
+
+    A line has the whole `text`, or what differs from the last line of its role that has one: that line's first `head`
+    lines of text, then `lines`, then its last `tail` lines of text. `foundation.run_folder.prompts` puts it together.
+    """
+
+    role: Annotated[Literal["pilot", "commander"], Meta(extra={"wrong": "is neither pilot nor commander"})]
+    drone: Annotated[DroneNumber, _of("the first of the drones that the question is about, 0 is the first")]
+    number: Annotated[Whole, _of("questions of this role about these drones before this one")]
+    t_asked: Annotated[Seconds, _of("s, when it was asked")]
+    frames: Annotated[tuple[Whole, ...], _of("frame_id of each picture, in the order sent")]
+    labels: Annotated[tuple[str, ...], _of("the line of text before each picture; empty: none has one")]
+    text: Annotated[str, _of("the whole text; missing: it is put together")] | UnsetType = UNSET
+    head: Annotated[Whole, _of("lines of text at the beginning")] | UnsetType = UNSET
+    lines: Annotated[tuple[str, ...], _of("lines of text between head and tail")] | UnsetType = UNSET
+    tail: Annotated[Whole, _of("lines of text at the end")] | UnsetType = UNSET
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Begin:
     """The beginning of the episode, in truth.jsonl."""
 

@@ -10,7 +10,7 @@ import msgspec
 from foundation.run_folder import layout
 from foundation.run_folder.benchmark import Benchmark
 from foundation.run_folder.results import Result, Verdict
-from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, Run
+from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, LoggedPrompt, Run
 from foundation.run_folder.study import Study
 
 FOLDER = Path(__file__).with_name("schemas")
@@ -22,6 +22,7 @@ FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name -> (what it is of,
     "study": (layout.STUDY, (Study,)),
     "decisions": ("A line of decisions.jsonl", (Decision,)),
     "commander": ("A line of commander.jsonl", (Exchange,)),
+    "prompts": ("A line of prompts.jsonl", (LoggedPrompt,)),
     "truth": ("A line of truth.jsonl", tuple(TRUTH_ROWS.values())),
     "estimate": ("A line of estimate.jsonl", tuple(ESTIMATE_ROWS.values())),
     "verdict": (layout.VERDICT, (Verdict,)),

@@ -2,16 +2,18 @@
 
 import json
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, Literal, TextIO
 
 from msgspec import UNSET
 
+from foundation.run_folder.rows import LoggedPrompt
 from foundation.whole_file import write_text
 
+NEW_LINE = "\n"
 _TIME = struct.Struct(">Q")
 PLAIN = frozenset((float, int, str, bool, type(None)))
 
@@ -71,9 +73,59 @@ class TelemetryLog:
         self._file.close()
 
 
+class PromptLog:
+    """Writes prompts.jsonl. Each line is on disk before the model is asked.
+
+    Most of a prompt is the same at every step, so a line holds only the lines of text that differ from an earlier one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._log = LineLog(path)
+        self._whole: dict[str, list[str]] = {}  # role → the lines of the last text that was written whole
+
+    def write(
+        self,
+        role: Literal["pilot", "commander"],
+        drone: int,
+        number: int,
+        t_asked: float,
+        frames: Sequence[int],
+        labels: Sequence[str],
+        text: str,
+    ) -> None:
+        """Append one question; the arguments are the fields of `LoggedPrompt`."""
+        lines, base = text.split(NEW_LINE), self._whole.get(role, [])
+        head = _common(base, lines)
+        tail = _common(base[head:][::-1], lines[head:][::-1])
+        row = LoggedPrompt(
+            role=role,
+            drone=drone,
+            number=number,
+            t_asked=round(t_asked, 6),
+            frames=tuple(frames),
+            labels=tuple(labels),
+            **(
+                {"head": head, "lines": tuple(lines[head : len(lines) - tail]), "tail": tail}
+                if head + tail > len(lines) / 2
+                else {"text": text}
+            ),
+        )
+        if row.text is not UNSET:
+            self._whole[role] = lines
+        self._log.write(row)
+
+    def close(self) -> None:
+        self._log.close()
+
+
 def write_lines(path: Path, rows: Iterable[Any]) -> None:
     """Write a whole file of JSON lines beside its place and move it there. Raises OSError."""
     write_text(path, "".join(_line(row) for row in rows))
+
+
+def _common(one: Sequence[str], other: Sequence[str]) -> int:
+    """Return how many of their first lines are the same."""
+    return next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 
 def _line(row: Any) -> str:

@@ -23,6 +23,7 @@ from dronecats.agent.prompt import Prompt
 from dronecats.pilots import briefing
 from foundation.errors import ModelError
 from foundation.run_folder.reading import exchanges
+from foundation.run_folder.writing import PromptLog
 from foundation.setpoints import Hold
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.json_lines import rows
@@ -87,10 +88,10 @@ def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5",
     """Fly a hierarchy; return (decisions, exchanges, vehicles)."""
     folder.mkdir(exist_ok=True)
     vehicles = [Holding() for _ in range(drones)]
-    log = DecisionLog(folder / "decisions.jsonl")
+    log, prompts = DecisionLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
     cockpit = Cockpit(
-        aircraft=vehicles, camera=Timed(vehicles), camera_model=CAMERA, log=log, frames_dir=folder,
-        executor=executor or InlineExecutor(), t0_us=0, commander_log=folder / "commander.jsonl",
+        aircraft=vehicles, camera=Timed(vehicles), camera_model=CAMERA, log=log, prompts=prompts,
+        frames_dir=folder, executor=executor or InlineExecutor(), t0_us=0, commander_log=folder / "commander.jsonl",
     )  # fmt: skip
     charge = latency(policy) if isinstance(policy, str) else policy
     command = CommandQuestions(commander, CommandPrompt.load(), "find it", charge)
@@ -99,6 +100,7 @@ def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5",
         agent.fly(seconds, stop or (lambda decision: False))
     finally:
         log.close()
+        prompts.close()
     return rows(folder / "decisions.jsonl"), exchanges(folder), vehicles
 
 

@@ -1,4 +1,4 @@
-"""What is written: names, data, pictures, and the prompts that are rendered again."""
+"""What is written: names, data, pictures, and the prompts that were sent."""
 
 import json
 import re
@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.command_prompt import CommandPrompt
 from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.executors import InlineExecutor
@@ -20,19 +19,18 @@ from dronecats.agent.prompt import Prompt
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.report.page import write_page
-from dronecats.report.page.asked import asked, commanded
 from dronecats.report.page.assembly import program
 from dronecats.report.page.index import keys, script_json
 from dronecats.report.page.pictures import kept
 from dronecats.report.results.collection import collect
 from foundation.errors import UsageError
+from foundation.run_folder.prompts import prompts_of, read_prompts
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
+from foundation.run_folder.writing import PromptLog
 from tests.agent import test_hierarchy as hierarchy
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.run_folders import run_folder
-
-FLOWN = {"flight": {"pilot": "vision"}, "prompt_sha256": Prompt.load().digest}
 
 
 def page_of(out, *runs, **how):
@@ -70,21 +68,23 @@ def flown(folder, drones, groups, replies):
     """Fly the paper's agent; return (decisions of the log, prompts that it really sent)."""
     coming = iter(replies)
     model = hierarchy.Said(lambda request: next(coming))
-    log = DecisionLog(folder / "decisions.jsonl")
+    log, prompts = DecisionLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
     cockpit = Cockpit(
-        aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, frames_dir=folder,
-        executor=InlineExecutor(), t0_us=0,
+        aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, prompts=prompts,
+        frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
     agent = PaperAgent(Questions(model, Prompt.load(None), "find it", latency("fixed:0.5")), cockpit, groups)
     agent.fly(stop=lambda decision: len(model.asked) == len(replies))
     log.close()
+    prompts.close()
     return list(rows(folder / "decisions.jsonl", Decision)), [request.text for request in model.asked]
 
 
-def once_each(prompts, decisions):
-    """Return the text of every question, in the order of the log."""
-    steps = {decision.step: prompt.text for decision, prompt in zip(decisions, prompts, strict=True)}
-    return [steps[step] for step in sorted(steps)]
+def texts(folder, decisions):
+    """Return the text that each step answers, in the order of the steps."""
+    found = prompts_of(decisions, read_prompts(folder))
+    assert found.keys() == {(each.drone, each.step) for each in decisions if not isinstance(each.confirmed_by, int)}
+    return [text for _, text in sorted({step: prompt.text for (_, step), prompt in found.items()}.items())]
 
 
 def test_the_prompts_are_those_that_were_sent(tmp_path):
@@ -92,52 +92,48 @@ def test_the_prompts_are_those_that_were_sent(tmp_path):
     replies = [go, "nonsense", hierarchy.TURN, '{"action":"think"}', go, hierarchy.DONE, go, go]
     decisions, sent = flown(tmp_path, 1, None, replies)
     assert len(decisions) == len(replies)
-    assert once_each(asked(FLOWN, "find it", decisions), decisions) == sent
+    assert texts(tmp_path, decisions) == sent
+
+
+def test_most_of_a_prompt_is_written_once(tmp_path):
+    flown(tmp_path, 1, None, [hierarchy.GO] * 8)
+    first, *others = (tmp_path / "prompts.jsonl").read_text().splitlines()
+    assert len(others) == 7
+    assert all(len(line) < len(first) / 4 for line in others)
 
 
 def test_so_are_a_fleets(tmp_path):
     joint = [f"[{hierarchy.GO},{turn}]" for turn in (hierarchy.TURN, hierarchy.GO, "{}", hierarchy.DONE)]
     decisions, sent = flown(tmp_path, 2, None, joint)
     assert {decision.drone for decision in decisions} == {0, 1}
-    assert once_each(asked(FLOWN, "find it", decisions), decisions) == sent
+    assert texts(tmp_path, decisions) == sent
 
 
 def test_so_are_those_of_drones_that_decide_alone(tmp_path):
     replies = [hierarchy.GO, hierarchy.TURN, hierarchy.DONE] * 3
     decisions, sent = flown(tmp_path, 2, [[0], [1]], replies)
     assert len(decisions) >= 8
-    assert Counter(once_each(asked(FLOWN, "find it", decisions), decisions)) <= Counter(sent)
+    assert Counter(texts(tmp_path, decisions)) <= Counter(sent)
 
 
 def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
     pilot = hierarchy.Said(lambda request: hierarchy.DONE if request.drone == 1 and request.step > 2 else hierarchy.GO)
     other = {"orders": [{"drone": 2, "goal": "something else"}]}
     commander = hierarchy.script({"orders": hierarchy.EVERYBODY}, other, {"confirm": [2]})
-    _, told, _ = hierarchy.fly(tmp_path / "flight", pilot, commander, seconds=40.0)
-    decisions = list(rows(tmp_path / "flight/decisions.jsonl", Decision))
-    prompts = asked(FLOWN, "find it", decisions, told)
+    folder = tmp_path / "flight"
+    _, exchanges, _ = hierarchy.fly(folder, pilot, commander, seconds=40.0)
+    decisions, prompts = list(rows(folder / "decisions.jsonl", Decision)), read_prompts(folder)
+    answered = prompts_of(decisions, prompts)
     for drone in range(3):
-        own = [p.text for d, p in zip(decisions, prompts, strict=True) if d.drone == drone and p is not None]
+        own = [answered[d.drone, d.step].text for d in decisions if d.drone == drone and (d.drone, d.step) in answered]
         assert own == [request.text for request in pilot.asked if request.drone == drone][: len(own)]
         assert len(own) > 4
-    confirmed = [p for d, p in zip(decisions, prompts, strict=True) if isinstance(d.confirmed_by, int)]
+    confirmed = [(d.drone, d.step) for d in decisions if isinstance(d.confirmed_by, int)]
     assert confirmed
-    assert set(confirmed) == {None}
-    known = {**FLOWN, "commander_prompt_sha256": CommandPrompt.load().digest}
-    assert [commanded(known, "find it", each) for each in told] == [request.text for request in commander.asked]
-    assert commanded(FLOWN, "find it", told[0]) is None
+    assert not answered.keys() & set(confirmed)
+    assert [p.text for p in prompts if p.row.role == "commander"] == [request.text for request in commander.asked]
+    assert [p.row.number for p in prompts if p.row.role == "commander"] == [each.number for each in exchanges]
 
-
-def test_what_another_template_asked_is_not_made_up(tmp_path):
-    decisions, _ = flown(tmp_path, 1, None, [hierarchy.GO] * 2)
-    assert asked({**FLOWN, "prompt_sha256": "f" * 64}, "find it", decisions) == [None, None]
-    assert asked({**FLOWN, "agent": "mine.agent"}, "find it", decisions) == [None, None]
-    own = Prompt("Fly. {instruction}\n{history}\n{history}")
-    [first, second] = asked({"flight": {"prompt": own.template}, "prompt_sha256": own.digest}, "find it", decisions)
-    assert first is not None
-    assert second is not None
-    assert first.text.startswith("Fly. find it\n(none yet")
-    assert second.text.count("GO x=640 y=360 depth=9m") == 2
 
 
 def test_a_flight_is_a_file_of_its_own_and_the_page_holds_none(tmp_path):

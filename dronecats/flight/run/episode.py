@@ -22,6 +22,7 @@ from foundation.protocol import CAP_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import read
 from foundation.run_folder.rows import drone_label
+from foundation.run_folder.writing import PromptLog
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
@@ -75,7 +76,7 @@ def fly(
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
     Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
     """
-    log = DecisionLog(folder / layout.DECISIONS)
+    log, prompts = DecisionLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
@@ -96,7 +97,7 @@ def fly(
             link.settle_envelope()
             if link.limits and (what := unwatched(link.state, link.limits)):
                 say(f"      envelope: {what}")
-        agent = _begin(stage, make_agent, folder, log, on_step, check, cap_s, seed, pictures)
+        agent = _begin(stage, make_agent, folder, log, prompts, on_step, check, cap_s, seed, pictures)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
@@ -120,6 +121,7 @@ def fly(
     error = finish(stage, reason, error, authority.then, say)
     safety.sum_up()
     log.close()
+    prompts.close()
     ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
     return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
 
@@ -144,6 +146,7 @@ def _begin(
     make_agent: AgentFactory,
     folder: Path,
     log: DecisionLog,
+    prompts: PromptLog,
     on_step: Callable[[Decision], None],
     check: Callable[[], None],
     cap_s: float,
@@ -175,6 +178,7 @@ def _begin(
             camera=stage.camera,
             camera_model=stage.camera_model,
             log=log,
+            prompts=prompts,
             frames_dir=folder / layout.FRAMES,
             commander_log=folder / layout.COMMANDER,
             executor=stage.executor,

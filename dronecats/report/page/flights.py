@@ -5,18 +5,20 @@ What is None is left out on the way to the page; numbers are rounded to what can
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dronecats.agent.action import Action, ActionError, action_from
 from dronecats.agent.history import compact
 from dronecats.judge.measured import qualifies
 from dronecats.judge.metrics.flown_episode import FlownEpisode
-from dronecats.report.page.asked import action_of, asked, camera_of, commanded
 from dronecats.report.page.pictures import PictureAddress
 from dronecats.report.results.flown_run import FlownRun
+from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
+from foundation.run_folder.prompts import prompts_of, read_prompts
 from foundation.run_folder.reading import exchanges
 from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose, FrameTruth, Pose, drone_label
 
@@ -82,8 +84,8 @@ class ShownStep:
     says: str | None  # the action in the prompt's compact form
     error: str | None
     reply: int | None
-    parts: tuple[int, ...] | None  # of the prompt, around the history
-    history: int | None
+    parts: tuple[int, ...] | None  # of the prompt, around what changes from step to step
+    history: int | None  # what changes: the history
     picture: str | None
     latency: float | None  # s
     tokens_in: int | None
@@ -146,10 +148,12 @@ def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) ->
         logs.poses if logs.true else logs.estimate.poses if logs.estimate is not None else ()
     )
     texts = _Texts()
-    prompts = asked(run.configuration, instruction, logs.decisions, told)
+    prompts = read_prompts(flown.folder)
+    answered = prompts_of(logs.decisions, prompts)
+    commanded = {prompt.row.number: prompt.text for prompt in prompts if prompt.row.role == "commander"}
     steps = []
-    for decision, prompt in zip(logs.decisions, prompts, strict=True):
-        action = action_of(decision)
+    for decision in logs.decisions:
+        action, prompt = action_of(decision), answered.get((decision.drone, decision.step))
         steps.append(
             ShownStep(
                 step=decision.step,
@@ -161,8 +165,8 @@ def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) ->
                 says=None if action is None else compact(action),
                 error=decision.error,
                 reply=texts.number(decision.reply) if isinstance(decision.reply, str) else None,
-                parts=None if prompt is None else tuple(texts.number(part) for part in prompt.parts),
-                history=None if prompt is None else texts.number(prompt.history),
+                parts=None if prompt is None else tuple(texts.number(part) for part in (prompt.head, prompt.tail)),
+                history=None if prompt is None else texts.number(prompt.changed),
                 picture=picture(decision),
                 latency=_known(3, decision.latency_s),
                 tokens_in=decision.tokens_in,
@@ -205,11 +209,33 @@ def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) ->
                 tokens_out=each.tokens_out,
                 model=each.model,
                 reply=each.reply,
-                prompt=commanded(run.configuration, instruction, each),
+                prompt=commanded.get(each.number),
             )
             for each in told
         ),
     )  # fmt: skip
+
+
+def camera_of(configuration: Mapping[str, Any]) -> CameraModel:
+    """Return the camera of a run, the benchmark's where run.json names none."""
+    told = configuration.get("camera") or {}
+    default = CameraModel()
+    try:
+        return CameraModel(
+            int(told.get("width", default.width)),
+            int(told.get("height", default.height)),
+            float(told.get("hfov_deg", default.hfov_deg)),
+        )
+    except (TypeError, ValueError):
+        return default
+
+
+def action_of(decision: Decision) -> Action | None:
+    """Return a decision's action; None where there is none, or none that this version knows."""
+    try:
+        return None if decision.action is None else action_from(decision.action)
+    except ActionError:
+        return None
 
 
 class _Texts:

@@ -1,5 +1,6 @@
 """A flight's folder, followed while it is written: at every turn the moment that it has come to."""
 
+import contextlib
 import json
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -10,16 +11,27 @@ from typing import Any
 from dronecats.view.live.heard import HeardFlight
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.view.live.pictures import PictureTail
-from dronecats.view.live.questions import AskedQuestions, spec_in
 from dronecats.view.live.sight import ChosenSight, chosen_go, sight
 from dronecats.view.live.tails import FrameTail, LineTail
 from dronecats.view.live.world import instruction_in, lens_in
 from episodes.world.world import World
+from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.run_folder import layout
 from foundation.run_folder.damage import Row, taken
+from foundation.run_folder.prompts import PromptReader
 from foundation.run_folder.reading import json_object
-from foundation.run_folder.rows import TRUTH_ROWS, Begin, Decision, End, Exchange, FrameTruth, Pose, drone_label
+from foundation.run_folder.rows import (
+    TRUTH_ROWS,
+    Begin,
+    Decision,
+    End,
+    Exchange,
+    FrameTruth,
+    LoggedPrompt,
+    Pose,
+    drone_label,
+)
 
 WORDS = 20  # of autopilot, envelope and commander that are remembered of each drone
 
@@ -33,17 +45,18 @@ class FlightFollower:
         scene = world.scene if world is not None else None
         origin = (scene.latitude_deg, scene.longitude_deg, scene.altitude_m) if scene is not None else None
         self._camera, self._instruction = lens_in(folder), instruction_in(folder)
-        self._asked = AskedQuestions(spec_in(json_object(folder.parent / layout.RUN)), self._instruction, drones)
         self._heard = HeardFlight(origin)
         self._wire = FrameTail(folder / layout.TLOG)
         self._logs = {name: LineTail(folder / name) for name in
-                      (layout.TRUTH, layout.DECISIONS, layout.SAFETY, layout.COMMANDER)}  # fmt: skip
+                      (layout.TRUTH, layout.PROMPTS, layout.DECISIONS, layout.SAFETY, layout.COMMANDER)}  # fmt: skip
         self._pictures = PictureTail(folder / layout.FRAMES)
         self._begin: Begin | None = None
         self._end: End | None = None
         self._frames: dict[tuple[int, int], FrameTruth] = {}
         self._decisions: dict[int, Decision] = {}  # the newest of each drone
-        self._prompts: dict[int, str] = {}
+        self._reader = PromptReader()
+        self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → texts of unanswered ones
+        self._prompts: dict[int, str] = {}  # drone → the text that its newest decision answers
         self._sights: dict[int, tuple[int, ChosenSight]] = {}  # of the newest decision of each drone: (step, …)
         self._rate_hz: float | None = None
         self._said: dict[int, list[tuple[int, str]]] = defaultdict(list)  # of each drone: µs of vehicle time, text
@@ -67,6 +80,8 @@ class FlightFollower:
             self._take_safety(value)
         for value in self._rows(layout.COMMANDER):
             self._take_exchange(value)
+        for value in self._rows(layout.PROMPTS):
+            self._take_prompt(value)
         made = [self._row(value, Decision) for value in self._rows(layout.DECISIONS)]
         self._take_decisions([decision for decision in made if decision is not None])
         self._judge()
@@ -131,12 +146,19 @@ class FlightFollower:
         self._limited[drone, text] += 1
         self._say(drone, time_us, f"{text} ({times + 1} times)" if times else text)
 
+    def _take_prompt(self, value: dict[str, Any]) -> None:
+        row = self._row(value, LoggedPrompt)
+        if row is not None:
+            with contextlib.suppress(UsageError):  # its first line was lost
+                prompt = self._reader.read(row)
+                if row.role == "pilot":
+                    self._texts[row.drone].append(prompt.text)
+
     def _take_exchange(self, value: dict[str, Any]) -> None:
         exchange = self._row(value, Exchange)
         if exchange is None or exchange.t_answered is None:
             return
         for order in exchange.orders:
-            self._asked.goal(order.drone, order.goal)
             self._say(order.drone, self._us(exchange.t_answered), f"commander: {order.goal}")
 
     def _say(self, drone: int, time_us: int, text: str) -> None:
@@ -148,7 +170,9 @@ class FlightFollower:
         for one in decisions:
             steps.setdefault(one.step, []).append(one)
         for together in steps.values():
-            prompt = self._asked.asked(together)
+            unanswered = self._texts[together[0].drone]
+            confirmed = isinstance(together[0].confirmed_by, int)
+            prompt = unanswered.pop(0) if unanswered and not confirmed else ""
             for one in together:
                 self._decisions[one.drone], self._prompts[one.drone] = one, prompt
                 self._rate_hz = one.rate_hz if one.rate_hz is not None else self._rate_hz

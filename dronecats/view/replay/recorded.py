@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from dronecats.report.results.flown_run import FlownRun, flown_run
 from dronecats.view.film.flown import FilmedFlight, filmed_flight
 from dronecats.view.film.track import DroneTrack, traced
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
-from dronecats.view.live.questions import AskedQuestions, spec_in
 from dronecats.view.live.sight import ChosenSight, chosen_go, sight
 from dronecats.view.live.world import lens_in
 from dronecats.view.replay.occurrences import OFFBOARD, Occurrence, OccurrenceKind, envelope_rows, occurrences
@@ -30,6 +28,7 @@ from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.run_folder import layout
+from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.reading import Logs, episode_folder, exchanges
 from foundation.run_folder.rows import Decision, EstimatedPose, FrameTruth, Order, Pose, drone_label
 
@@ -136,7 +135,7 @@ class PlayableFlight:
             armed=state.armed if state else None,
             battery=state.battery if state else None,
             said=self._said(drone, t_s),
-            prompt=self._prompts.get((drone, decided.step), "") if decided else "",
+            prompt=sent.text if decided and (sent := self._prompts.get((drone, decided.step))) else "",
             picture=self._picture(asked),
             decision=decided,
             decided_on=self._picture(decided),
@@ -166,19 +165,9 @@ class PlayableFlight:
         return found
 
     @cached_property
-    def _prompts(self) -> dict[tuple[int, int], str]:
-        """What each decision was asked, by drone and step; a commander's orders are in them from when they came."""
-        asked = AskedQuestions(spec_in(self.run.configuration), self.instruction, len(self.drones))
-        found: dict[tuple[int, int], str] = {}
-        waiting = list(self._orders)
-        for _, of_step in groupby(self.episode.logs.decisions, key=attrgetter("step")):
-            together = list(of_step)
-            while waiting and waiting[0][0] <= together[0].t_frame + SOON_S:
-                _, order = waiting.pop(0)
-                asked.goal(order.drone, order.goal)
-            text = asked.asked(together)
-            found |= {(one.drone, one.step): text for one in together}
-        return found
+    def _prompts(self) -> dict[tuple[int, int], SentPrompt]:
+        """The question that each decision answers, by drone and step."""
+        return prompts_of(self.episode.logs.decisions, read_prompts(self.episode.folder))
 
     def _newest(self, drone: int, t_s: float, when: str) -> Decision | None:
         return self._decisions[drone, when].at(t_s)

@@ -13,6 +13,7 @@ OF = {
     layout.RUN: "run",
     layout.DECISIONS: "decisions",
     layout.COMMANDER: "commander",
+    layout.PROMPTS: "prompts",
     layout.TRUTH: "truth",
     layout.ESTIMATE: "estimate",
     layout.VERDICT: "verdict",

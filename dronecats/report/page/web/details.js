@@ -63,7 +63,7 @@ function said(flight, step) {
   const reply = flight.text(step.reply);
   const prompt = flight.prompt(step);
   const missing = step.confirmed_by === undefined
-    ? "Not kept, and not to be had again: another template or agent flew than this version knows."
+    ? "The run folder has no prompts.jsonl: it was flown by an older version, or by an agent that logs no prompts."
     : "The commander was asked: see its exchanges.";
   return el(
     "div",
@@ -76,7 +76,7 @@ function said(flight, step) {
       el("summary", {}, "Prompt"),
       prompt === null
         ? el("p", { class: "quiet" }, missing)
-        : [el("p", { class: "quiet" }, "Rendered again from the run’s template, its instruction and the log; then the picture."), el("pre", { tabindex: "0" }, prompt)],
+        : [el("p", { class: "quiet" }, "As it was sent; then the picture."), el("pre", { tabindex: "0" }, prompt)],
     ),
   );
 }

@@ -1,0 +1,84 @@
+"""Reads prompts.jsonl: the text of every question that a model was sent."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.reading import rows
+from foundation.run_folder.rows import Decision, LoggedPrompt
+from foundation.run_folder.writing import NEW_LINE
+
+
+@dataclass(frozen=True, slots=True)
+class SentPrompt:
+    """One question as it was sent. The text is `head + changed + tail`; `changed` is what differs from step to step."""
+
+    row: LoggedPrompt
+    head: str
+    changed: str
+    tail: str
+
+    @property
+    def text(self) -> str:
+        """Return the whole text."""
+        return self.head + self.changed + self.tail
+
+
+class PromptReader:
+    """Puts the texts of a prompts.jsonl together, line by line in their order."""
+
+    def __init__(self) -> None:
+        self._whole: dict[str, list[str]] = {}
+
+    def read(self, row: LoggedPrompt) -> SentPrompt:
+        """Return the question of a line. Raises UsageError for one that refers to text that no earlier line has."""
+        if isinstance(row.text, str):
+            self._whole[row.role] = row.text.split(NEW_LINE)
+            return SentPrompt(row, row.text, "", "")
+        base = self._whole.get(row.role)
+        head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # what is UNSET is false
+        if base is None or head + tail > len(base):
+            raise UsageError(f"the text of question {row.number} to the {row.role} refers to lines that are missing")
+        before, after = base[:head], base[len(base) - tail :]
+        return SentPrompt(
+            row,
+            NEW_LINE.join(before) + (NEW_LINE if before and (lines or after) else ""),
+            NEW_LINE.join(lines),
+            (NEW_LINE if lines and after else "") + NEW_LINE.join(after),
+        )
+
+
+def read_prompts(folder: Path) -> tuple[SentPrompt, ...]:
+    """Return the questions of an episode folder, none where none were logged. Raises UsageError when it is damaged."""
+    path = folder / layout.PROMPTS
+    if not path.exists():
+        return ()
+    reader = PromptReader()
+    try:
+        return tuple(reader.read(row) for row in rows(path, LoggedPrompt))
+    except UsageError as error:
+        raise error if str(path) in str(error) else UsageError(f"{path} is damaged: {error}") from None
+
+
+def prompts_of(decisions: Iterable[Decision], prompts: Iterable[SentPrompt]) -> dict[tuple[int, int], SentPrompt]:
+    """Return the question that each decision answers, by its drone and step; of some there is none.
+
+    A question is answered by the next step of its decider. What a commander confirms answers no question to a pilot.
+    """
+    answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer its questions
+    drones: dict[int, list[int]] = defaultdict(list)  # step → its drones
+    for decision in decisions:
+        if not isinstance(decision.confirmed_by, int):
+            if decision.step not in drones:
+                answers[decision.drone].append(decision.step)
+            drones[decision.step].append(decision.drone)
+    found: dict[tuple[int, int], SentPrompt] = {}
+    for prompt in prompts:
+        steps = answers.get(prompt.row.drone, [])
+        if prompt.row.role == "pilot" and prompt.row.number < len(steps):
+            step = steps[prompt.row.number]
+            found |= {(drone, step): prompt for drone in drones[step]}
+    return found
