@@ -35,6 +35,7 @@ SOURCES = (
     "vehicles/*.py",
     "autopilot/*.py",
     "autopilot/control/*.py",
+    "autopilot/design/*.py",
     "autopilot/estimator/*.py",
     "episodes/camera/renderer/*.py",
     "episodes/maps/scene.py",

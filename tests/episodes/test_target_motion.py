@@ -67,7 +67,7 @@ def test_processes_agree_to_the_last_bit() -> None:
     """Agent, logger and verifier each compute the pose themselves, under hash seeds of their own."""
     asked = "residential-tracking-01", [0.0, 0.1, 17.3, 123.456, 299.99]
     program = (
-        "import json, sys\nfrom episodes import catalogue\nfrom episodes.world.target import motion\n"
+        "import json, sys\nfrom episodes.records import catalogue\nfrom episodes.world.target import motion\n"
         "name, times = json.loads(sys.argv[1])\nway = motion(catalogue.load(name).target)\n"
         "print(json.dumps([[*p, y] for p, y in map(way.pose, times)]))"
     )

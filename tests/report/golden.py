@@ -1,11 +1,11 @@
-"""The small benchmark's report as it was last looked at: `python -m tests.review.golden` writes it anew."""
+"""The small benchmark's report as it was last looked at: `python -m tests.report.golden` writes it anew."""
 
 from pathlib import Path
 
 from dronecats.report.report_folder import opening, write
 from dronecats.report.tables.all import tables
 from foundation.protocol import RADIUS_M
-from tests.review.small import small
+from tests.report.small import small
 
 FOLDER = Path(__file__).with_name("golden")
 

@@ -22,7 +22,7 @@ from tests.judge.episode_logs import BEGIN, END, frame, pose, write
 TRACKING = tuple(f"{place}-tracking-{k:02}" for place in ("campus", "residential") for k in range(1, 11))
 APPROACHING = tuple(f"{place}-approaching-{k:02}" for place in ("campus", "residential") for k in range(1, 11))
 TOLD: dict[str, Any] = {
-    "agent": "dronecats.flight.run.pilot.papers_agent", "prompt_sha256": "c" * 64, "code_sha256": "a" * 64,
+    "agent": "dronecats.run.pilot.papers_agent", "prompt_sha256": "c" * 64, "code_sha256": "a" * 64,
     "clock": "lockstep", "camera": {"width": 1280, "height": 720, "hfov_deg": 90.0},
     "protocol": {"RADIUS_M": 5.0, "CAP_S": 300.0}, "suite": {"name": "all", "version": 1, "sha256": "5" * 64},
 }  # fmt: skip

@@ -13,7 +13,7 @@ from dronecats.report.results.flown_run import FlownRun
 NO_VERDICT = outcome(NOTHING)
 MODEL = {"provider": "vllm", "name": "Qwen/Qwen3.5-9B", "temperature": 0.4, "max_tokens": 8192}
 TOLD: dict[str, Any] = {
-    "agent": "dronecats.flight.run.pilot.papers_agent",
+    "agent": "dronecats.run.pilot.papers_agent",
     "prompt_sha256": "c" * 64,
     "code_sha256": "a" * 64,
     "clock": "lockstep",

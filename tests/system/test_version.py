@@ -19,7 +19,7 @@ def test_the_project_takes_its_version_from_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert "version" in project["project"]["dynamic"]
     assert "version" not in project["project"]
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "dronecats.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "foundation.version.__version__"}
 
 
 def test_the_command_line_says_it(capsys):

@@ -47,7 +47,7 @@ def fly() -> tuple[Recording, dict[str, np.ndarray]]:
     core = FlightCore(frame)
     autopilot = Autopilot(frame, core, plant.sensors, actuators=plant.actuators)
     arguments = core.kernel_args(plant.sensors, plant.actuators)
-    commander, offboard = autopilot.commander.commander, autopilot.commander.commander.flight.offboard
+    commander, offboard = autopilot.commander, autopilot.commander.flight.offboard
     sensors, setpoints, landed = [], [], []
     truth: dict[str, list[np.ndarray]] = {name: [] for name in TRUTH}
     took_over = ready = None

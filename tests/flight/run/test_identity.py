@@ -16,11 +16,8 @@ from foundation.run_folder.rows import EpisodeIdentity
 @pytest.fixture
 def sources(tmp_path, monkeypatch):
     """A copy of the sources that are digested."""
-    for floor in identity.FLOORS:
-        shutil.copytree(identity.ROOT / floor, tmp_path / floor, ignore=shutil.ignore_patterns("__pycache__"))
-    for room in identity.ROOMS:
-        copied = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(identity.ROOT / "dronecats" / room, tmp_path / "dronecats" / room, ignore=copied)
+    for folder in (*identity.FOLDERS, identity.JUDGE):
+        shutil.copytree(identity.ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(identity, "ROOT", tmp_path)
     code_digest.cache_clear()
     yield tmp_path

@@ -21,7 +21,7 @@ def write_run(folder: Path, ids: tuple[str, ...], pilot: str = "oracle", seed: i
     """Write a run of these episodes, each flown straight to its target, and return its folder."""
     spec = FlightSpec(pilot=pilot, simulated=Simulated(speed=None, rendered=False), seed=seed, **settings)
     folder.mkdir(parents=True, exist_ok=True)
-    told = {"flight": as_kept(spec), "agent": "dronecats.flight.run.pilot.papers_agent",
+    told = {"flight": as_kept(spec), "agent": "dronecats.run.pilot.papers_agent",
             "prompt_sha256": Prompt.load().digest, "clock": "lockstep", "camera": None}  # fmt: skip
     folders.write_run(folder, told)
     for id in ids:

@@ -50,7 +50,7 @@ def test_a_label_says_as_much_of_the_setting_as_tells_it_from_its_namesakes():
 
 
 def test_another_agent_is_always_told_and_its_runs_are_no_line_with_the_papers():
-    made = {"steady": "dronecats.flight.run.steady.steady_agent", "mine:agent": "mine.agent"}
+    made = {"steady": "dronecats.run.steady.steady_agent", "mine:agent": "mine.agent"}
     others = [flights(a_run(f"runs/{k}", flight={"agent": name}, agent=made[name]), ONE) for k, name in enumerate(made)]
     papers = [flights(a_run("runs/p", flight={"agent": "paper"}), ONE), flights(a_run("runs/q", seed=1), ONE)]
     assert labels(*papers, *others) == ["vision", "vision · steady", "vision · mine:agent"]

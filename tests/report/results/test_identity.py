@@ -48,14 +48,14 @@ CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
 
 def test_an_agent_is_the_same_under_the_name_that_version_0_1_0_gave_it():
     former, now = (a_run(f"runs/{k}", model=MODEL, agent=name) for k, name in enumerate(
-        ("dronecats.flight.run.steady.steady_agent", "steady")))  # fmt: skip
+        ("dronecats.run.steady.steady_agent", "steady")))  # fmt: skip
     assert refusal([former, now]) is None
     assert identity_digest(identity(former)) == identity_digest(identity(now))
 
 
 def test_the_digest_of_a_kind_is_that_of_archives_made_with_version_0_1_0():
     told = {"the agent": frozenset({"paper"}), "the clock": frozenset({"lockstep"})}
-    text = '{"the agent": ["dronecats.flight.run.pilot.papers_agent"], "the clock": ["lockstep"]}'
+    text = '{"the agent": ["dronecats.run.pilot.papers_agent"], "the clock": ["lockstep"]}'
     assert identity_digest(told) == hashlib.sha256(text.encode()).hexdigest()
 
 

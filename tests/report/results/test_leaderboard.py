@@ -68,10 +68,10 @@ def test_the_better_stands_above_and_what_is_partial_apart():
 
 def test_no_table_holds_two_agents():
     steady = replace(
-        ONE, name="Steady", archive_sha256="c" * 64, settings={"agent": "dronecats.flight.run.steady.steady_agent"}
+        ONE, name="Steady", archive_sha256="c" * 64, settings={"agent": "dronecats.run.steady.steady_agent"}
     )
     papers = replace(
-        ONE, name="Papers", archive_sha256="d" * 64, settings={"agent": "dronecats.flight.run.pilot.papers_agent"}
+        ONE, name="Papers", archive_sha256="d" * 64, settings={"agent": "dronecats.run.pilot.papers_agent"}
     )
     assert tables(page([steady, papers, ONE])) == [["One", "Papers"], ["Steady"]]
 
