@@ -9,8 +9,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.action import action_from
+from dronecats.agent.history import History
+from dronecats.agent.prompt import Prompt, labels
+from foundation.camera import CameraModel
+from foundation.protocol import HISTORY_LENGTH
 from foundation.run_folder import layout
+from foundation.run_folder.writing import PromptLog
 
 TARGET = (20.0, 3.0, -1.0)  # m NED
 PERIOD_S = 2.6
@@ -67,11 +72,17 @@ def episode_folder(
     }))  # fmt: skip
     decisions: list[dict[str, Any]] = []
     truth: list[dict[str, Any]] = [{"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": steps * period_s}]
+    histories, prompts = [History(CameraModel()) for _ in range(drones)], PromptLog(folder / layout.PROMPTS)
     for step in range(steps):
+        past = "\n".join(history.render() for history in histories)
+        text = Prompt.load().render(instruction, past, HISTORY_LENGTH, "xy", drones)
+        ids = [step * drones + drone for drone in range(drones)]
+        prompts.write("pilot", 0, step, 0.1 + step * period_s, ids, labels(drones), text)
         t = round(0.1 + step * period_s, 2)
         actions = [action(step, drone, steps) for drone in range(drones)]
         reply = told if told is not None else json.dumps(actions if drones > 1 else actions[0])
         for drone, what in enumerate(actions):
+            histories[drone].append(action_from(what))
             frame_id = step * drones + drone
             decisions.append({
                 "step": step, "drone": drone, "frame_id": frame_id, "t_frame": t, "t_decided": round(t + 0.5, 2),
@@ -80,6 +91,7 @@ def episode_folder(
             })  # fmt: skip
             truth.append({"kind": "frame", "frame_id": frame_id, **measured(t, drone), "distance_box_m": 1.0,
                           "visible_fraction": 0.9, "bearing_deg": 8.5, "oracle_depth_m": 7.0})  # fmt: skip
+    prompts.close()
     end = steps * period_s
     truth += [{"kind": "pose", **measured(k / 2, drone)} for k in range(math.ceil(2 * end)) for drone in range(drones)]
     truth.append({"kind": "end", "t": end, "reason": "cap", "error": None})
