@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.bench.worker_config import WorkerConfig
-from dronecats.flight.run.settings import settings
-from dronecats.flight.run.simulated import fly_in
+from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import from_json
@@ -84,9 +83,7 @@ def flown(told: dict[str, Any], folder: Path) -> dict[str, Any]:
     try:
         spec = from_json(told, "a worker's order")
         with COMPUTING.taken() if waits_for_models_alone(spec) else nullcontext():
-            flight = look_up(spec)
-            found = settings(flight, flight.camera)
-            result = fly_in(folder, flight, lambda line: None, found)
+            result = SimulatedFlight(look_up(spec)).fly_in(folder, lambda line: None)
     except DronecatsError as error:
         return {"fault": str(error)}
     except Exception as bug:

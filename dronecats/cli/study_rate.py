@@ -58,17 +58,16 @@ def run(args: argparse.Namespace) -> int:
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    from dronecats.flight.run.connected import fly_connected
+    from dronecats.flight.run.fly import fly
     from dronecats.flight.run.outcome import undisturbed
     from dronecats.study.rate.files import check_fresh, write_replay
     from dronecats.study.rate.instruments import RateInstruments
     from dronecats.study.rate.summary import summarised
 
-    assert spec.connected is not None
     if args.out is not None:
         check_fresh(args.out)
     instruments = RateInstruments(wanted)
-    result = fly_connected(spec, spec.connected, args.out, say, instruments)
+    result = fly(spec, args.out, say, instruments)
     with undisturbed():
         instruments.close()
         times, folder = instruments.times, instruments.run

@@ -15,7 +15,7 @@ from typing import Any
 
 from dronecats.agent.models.model import Reply, Request
 from dronecats.flight.run.settings import settings
-from dronecats.flight.run.simulated import fly_in
+from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
 from foundation.errors import ModelError, UsageError
@@ -75,8 +75,9 @@ class OutsideFlight:
         self._flight = look_up(spec, outside=self._handed)
         if self._flight.record is None or self._flight.spec.simulated is None:
             raise UsageError("a flight that is flown from outside is a simulated episode")
-        self._found = settings(self._flight, self._flight.camera)
-        created = folders.create(run, spec.pilot_name, self._flight.record.id, self._found)
+        self._setup = SimulatedFlight(self._flight)
+        found = settings(self._flight, self._flight.camera)
+        created = folders.create(run, spec.pilot_name, self._setup.episode, found)
         with _CREATING:
             self.folder = self._held.enter_context(created)
         self._waiting = False  # whether a question is out
@@ -134,7 +135,7 @@ class OutsideFlight:
 
     def _fly(self) -> None:
         try:
-            self._told.put(fly_in(self.folder, self._flight, lambda line: None, self._found))
+            self._told.put(self._setup.fly_in(self.folder, lambda line: None))
         except BaseException as error:
             self._told.put(error)
         finally:

@@ -1,29 +1,31 @@
 """A flight of a vehicle that we did not start: the same episode code. Without truth there is no verdict."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from dronecats.agent.cockpit import AgentFactory
 from dronecats.flight.picture.intent import draw as draw_intent
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import Flown, fly
-from dronecats.flight.run.first_question import asked_folder
-from dronecats.flight.run.instruments import UNWATCHED, Instruments
+from dronecats.flight.run.episode import Flown
+from dronecats.flight.run.instruments import Instruments
 from dronecats.flight.run.onboard_log import fetch_onboard_log
-from dronecats.flight.run.outcome import Say, fly_and_judge, served_rate_hz
-from dronecats.flight.run.pilot import opened
-from dronecats.flight.run.settings import settings
-from dronecats.flight.run.step_lines import StepLines
-from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.flight_spec import Connected, FlightSpec
+from dronecats.flight.run.outcome import Say
+from dronecats.flight.run.pilot import OpenPilot, opened
+from dronecats.flight.run.setup import FlightSetup, Ready
+from dronecats.flight.spec.flight import Flight
+from dronecats.flight.spec.flight_spec import Connected
 from dronecats.flight.stages.connected import ConnectedStage
 from dronecats.pilots import roster
+from foundation.camera import CameraModel
 from foundation.errors import CameraError, UsageError
-from foundation.run_folder import folder as folders
 from foundation.run_folder import layout
+from foundation.run_folder.folder import write_json
 from foundation.signing import load_key
 from hil.cameras.address import shown
-from hil.cameras.open import open_camera
+from hil.cameras.open import RealCamera, open_camera
 from hil.cameras.patient import FRAMES_S, PatientCamera
 from hil.link.envelope import Limits
 from hil.link.link import Link
@@ -36,58 +38,73 @@ HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off
 SILENCE_S = 6.0
 
 
-def fly_connected(
-    spec: FlightSpec, vehicle: Connected, out: Path | None, say: Say, instruments: Instruments = UNWATCHED
-) -> dict[str, Any]:
-    """Return what `fly --json` prints, with `status` and `reason`. `instruments` look on.
+class VehicleFlight(FlightSetup):
+    """A flight of somebody else's vehicle."""
 
-    Everything that can be refused is refused before the run folder is made: UsageError.
-    """
-    if roster.knows(spec.pilot):
-        raise UsageError(
-            f"the pilot {spec.pilot} needs the truth, which --sitl knows, or --world with --truth;"
-            " choose --pilot vision or --model"
-        )
-    flight = look_up(spec)
-    link = open_link(vehicle, spec.envelope)
-    camera = _camera(vehicle, link, say)
-    dry = vehicle.authority.dry
-    found = settings(
-        flight,
-        {
-            "width": camera.model.width,
-            "height": camera.model.height,
-            "hfov_deg": round(camera.model.hfov_deg, 3),
-            "url": shown(vehicle.camera or ""),
-        },
-    )
-    with asked_folder(spec, out, EPISODE, found, say) as folder:
-        folders.write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": flight.instruction})
+    def __init__(
+        self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]
+    ) -> None:
+        """`link` is open, and closed with the flight."""
+        super().__init__(flight, episode, camera)
+        self.vehicle, self.link, self.authority = vehicle, link, vehicle.authority
 
-        def fly_it() -> Flown:
-            stage = ConnectedStage(link, camera, folder)
-            try:
-                instruments.watch(link, camera, folder.parent)
-                with opened(flight, stage, folder) as opened_pilot:
-                    pilot = replace(opened_pilot, model=instruments.model(opened_pilot.model))
-                    make_agent = instruments.agent(pilot.agent(flight))
-                    return fly(
-                        stage, [StartOffset((0.0, 0.0, -HEIGHT_M), None)], make_agent, folder,
-                        seed=flight.seed, cap_s=spec.seconds, authority=vehicle.authority,
-                        check=pilot.check, say=say,
-                        on_step=StepLines(say, spent=pilot.spent, stop_unreadable=spec.stop_unreadable),
-                    )  # fmt: skip
-            finally:
-                stage.close()
+    def facts(self) -> dict[str, Any]:
+        return {**super().facts(), "firmware": str(self.link.firmware) if self.link.firmware else None}
 
-        def afterwards(flown: Flown) -> None:
-            folders.write_run(folder.parent, {**found, **told_by(link), "served_rate_hz": served_rate_hz(folder)})
-            if spec.keep_ulog:
-                fetch_onboard_log(vehicle.url, link, folder, say)
-            if dry:
-                say(f"drew {draw_intent(folder, camera.model)} decisions into {folder / layout.INTENT}")
+    def finish(self, folder: Path, flown: Flown, say: Say) -> None:
+        if self.flight.spec.keep_ulog:
+            fetch_onboard_log(self.vehicle.url, self.link, folder, say)
+        self.draw(folder, flown)
+        if self.authority.dry:
+            say(f"drew {draw_intent(folder, self.camera_model)} decisions into {folder / layout.INTENT}")
 
-        return fly_and_judge(fly_it, folder, EPISODE, spec.pilot_name, afterwards)
+    def draw(self, folder: Path, flown: Flown) -> None:
+        """Draw flight.png, where the truth is known."""
+
+    @property
+    def camera_model(self) -> CameraModel:
+        """The model of the camera that the pilot looks through."""
+        return CameraModel()
+
+
+class ConnectedFlight(VehicleFlight):
+    """A flight in the real world, or in one that we know nothing of."""
+
+    def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
+        """Open its link and its camera. Raises UsageError, LinkError."""
+        pilot = flight.spec.pilot
+        if roster.knows(pilot):
+            raise UsageError(
+                f"the pilot {pilot} needs the truth, which --sitl knows, or --world with --truth;"
+                " choose --pilot vision or --model"
+            )
+        link = open_link(vehicle, flight.spec.envelope)
+        self._camera, self._instruments = _camera(vehicle, link), instruments
+        model = self._camera.model
+        described = {"width": model.width, "height": model.height, "hfov_deg": round(model.hfov_deg, 3)}
+        super().__init__(flight, vehicle, link, EPISODE, {**described, "url": shown(vehicle.camera or "")})
+
+    def write_record(self, folder: Path) -> None:
+        write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": self.flight.instruction})
+
+    @contextmanager
+    def ready(self, folder: Path, say: Say) -> Iterator[Ready]:
+        camera = PatientCamera(self._camera, FRAMES_S, lambda fault: say(f"      holding: {fault}"))
+        stage = ConnectedStage(self.link, camera, folder)
+        try:
+            self._instruments.watch(self.link, camera, folder.parent)
+            with opened(self.flight, stage, folder) as pilot:
+                watched = replace(pilot, model=self._instruments.model(pilot.model))
+                yield Ready(stage=stage, starts=[StartOffset((0.0, 0.0, -HEIGHT_M), None)], pilot=watched)
+        finally:
+            stage.close()
+
+    def agent(self, pilot: OpenPilot) -> AgentFactory:
+        return self._instruments.agent(super().agent(pilot))
+
+    @property
+    def camera_model(self) -> CameraModel:
+        return self._camera.model
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:
@@ -97,12 +114,7 @@ def open_link(vehicle: Connected, limits: Limits | None) -> Link:
     return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, mute=vehicle.authority.dry)
 
 
-def told_by(link: Link) -> dict[str, Any]:
-    """Return what run.json says of the autopilot."""
-    return {"firmware": str(link.firmware) if link.firmware else None}
-
-
-def _camera(vehicle: Connected, link: Link, say: Say) -> PatientCamera:
+def _camera(vehicle: Connected, link: Link) -> RealCamera:
     """Return the camera, from which a frame has come: no picture, no flight, said before anything moves. UsageError."""
     max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
     try:
@@ -116,4 +128,4 @@ def _camera(vehicle: Connected, link: Link, say: Say) -> PatientCamera:
         camera.close()
         link.close()
         raise UsageError(str(error)) from None
-    return PatientCamera(camera, FRAMES_S, lambda fault: say(f"      holding: {fault}"))
+    return camera

@@ -9,7 +9,7 @@ from dronecats.agent import decider
 from dronecats.agent.asking import Asking
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run import pilot as run_pilot
-from dronecats.flight.run.simulated import fly_simulated
+from dronecats.flight.run.fly import fly
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots.server import PilotServer
@@ -63,7 +63,7 @@ def flown(folder, model, latency):
             seconds=4.0,
             full=True,
         )
-        result = fly_simulated(spec, folder, lambda line: None)
+        result = fly(spec, folder, lambda line: None)
     finally:
         server.close()
     assert result["reason"] == "cap", result["error"]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.models.replay import RecordedFlight, RecordedStep
-from dronecats.flight.run.simulated import fly_simulated
+from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.disturbances import Disturbances, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.frames import wrap_pi
@@ -26,7 +26,7 @@ TICK_S = 0.05
 def flown(folder, spec=UNSEEN, **faults):
     """Fly, and return the episode's folder."""
     spec = replace(spec, disturbances=Disturbances(frame=FrameFaults(**faults)))
-    result = fly_simulated(spec, folder, lambda line: None)
+    result = fly(spec, folder, lambda line: None)
     assert result["reason"] == "cap", result["error"]
     return next(path.parent for path in folder.rglob("truth.jsonl"))
 

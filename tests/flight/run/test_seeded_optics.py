@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.flight.run.simulated import fly_simulated
+from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from episodes.camera.optics.options import Optics, Sensor
 
@@ -26,7 +26,7 @@ def first_picture(folder, seed, speed=None):
     seconds = 2.0 if speed is None else 20.0  # the first reply has to come within
     simulated = replace(SPEC.simulated, speed=speed)
     spec = replace(SPEC, seed=seed, latency=latency, seconds=seconds, simulated=simulated)
-    result = fly_simulated(spec, folder, lambda line: None)
+    result = fly(spec, folder, lambda line: None)
     assert result["reason"] == "cap", result["error"]
     return min(folder.rglob("frames/*.jpg")).read_bytes()
 
