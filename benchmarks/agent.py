@@ -30,13 +30,11 @@ import psutil
 
 from benchmarks.machine import Machine
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import Decision, DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import InlineExecutor
+from dronecats.agent.models.model import ModelSpec
 from dronecats.agent.models.open import open_model
-from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from dronecats.bench.batch import Batch
 from dronecats.bench.one_run import fly_run
@@ -48,6 +46,8 @@ from episodes.records import catalogue, suites
 from episodes.world.world import World
 from foundation.camera import CameraModel, Frame
 from foundation.frames import quat_from_euler
+from foundation.run_folder.rows import Decision
+from foundation.run_folder.writing import LineLog
 from foundation.setpoints import Setpoint, Sight
 
 EPISODE = "blocks-commanding-01"  # four starts, from each of which there is something to see
@@ -136,7 +136,7 @@ def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
         model = open_model(ModelSpec(provider="local", name="stand-in", base_url=f"{address}/v1"))
         questions = Questions(model, Prompt.load(), "Find the red sign that reads EXIT.", latency("fixed:0"))
 
-        log = DecisionLog(Path(folder) / "decisions.jsonl")
+        log = LineLog(Path(folder) / "decisions.jsonl")
         cockpit = Cockpit(
             aircraft=aircraft, camera=camera, camera_model=CameraModel(), log=log, frames_dir=Path(folder),
             executor=InlineExecutor(), t0_us=0,

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from dronecats.agent.aircraft import Aircraft
-from dronecats.agent.decisions import Decision, DecisionLog
+from dronecats.agent.drone import Aircraft
 from dronecats.agent.host_pace import HostPace
 from dronecats.agent.models.model import Request
 from dronecats.agent.pictures import PicturePath
 from foundation.camera import Camera, CameraModel, Frame
 from foundation.protocol import CAP_S
-from foundation.run_folder.writing import PromptLog
+from foundation.run_folder.rows import Decision
+from foundation.run_folder.writing import LineLog, PromptLog
 
 
 def _nothing(*_: object) -> None:
@@ -27,7 +27,7 @@ class Cockpit:
     aircraft: Sequence[Aircraft]  # one per drone, in a fixed order
     camera: Camera
     camera_model: CameraModel
-    log: DecisionLog
+    log: LineLog
     frames_dir: Path
     executor: Executor  # where what may take long is called
     t0_us: int  # µs, the vehicles' clock when the episode began

@@ -1,15 +1,262 @@
-"""The loop of the paper: see, decide, act, log. It knows a frame, an instruction, its history, and MAVLink."""
+"""The loop of the paper: see, decide, act, log. It knows a frame, an instruction, its history, and MAVLink.
+
+A decider decides for some drones together: their pictures in one question, an action for each out of one reply. It is a
+generator that yields whenever vehicle time has to pass, so several of them fly side by side.
+"""
 
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from dronecats.agent.aircraft import Aircraft
+from msgspec import UNSET, UnsetType
+
+from dronecats.agent import action as actions
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Decider, Questions, Tally
-from dronecats.agent.decisions import Decision
-from dronecats.agent.drone import Drone
-from foundation.camera import CameraModel
-from foundation.protocol import CAP_S
+from dronecats.agent.drone import Aircraft, Drone
+from dronecats.agent.latency import Latency, Question
+from dronecats.agent.model_call import Asking, await_reply
+from dronecats.agent.models.model import Model, Request
+from dronecats.agent.prompt import Prompt, labels
+from dronecats.agent.reply.reading import ReplyParser, reading
+from foundation.camera import CameraModel, Frame
+from foundation.errors import CameraError, ModelError
+from foundation.picture import encode
+from foundation.protocol import CAP_S, HISTORY_LENGTH
+from foundation.run_folder.layout import frame_name
+from foundation.run_folder.rows import Decision
+from foundation.turn import COMPUTING
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Questions:
+    """Whom a decider asks, and how."""
+
+    model: Model
+    prompt: Prompt
+    instruction: str
+    latency: Latency
+    axis_order: actions.AxisOrder = "xy"
+    parser: ReplyParser = "strict"
+    patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
+    beside: bool = False  # the model knows nothing but the question, so that a clock that waits may go on meanwhile
+    last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
+
+
+class Tally:
+    """Numbers the steps of an episode as they are decided, over all who decide in it: so none is ever missing."""
+
+    def __init__(self) -> None:
+        self.taken = 0
+
+    def take(self) -> int:
+        """Return the next number, from 0."""
+        self.taken += 1
+        return self.taken - 1
+
+
+class Decider:
+    """Decides for its drones, step by step. Of one drone it is the paper's pilot, of four its joint command."""
+
+    def __init__(
+        self,
+        questions: Questions,
+        drones: Sequence[Drone],
+        cockpit: Cockpit,
+        now_s: Callable[[], float],
+        tally: Tally | None = None,
+    ) -> None:
+        """`now_s` reads the episode's clock; `tally` numbers the steps, shared by who shares the episode."""
+        self._questions, self._drones, self._cockpit = questions, drones, cockpit
+        self._now_s = now_s
+        self._tally = tally or Tally()
+        self._asked = 0  # questions; of the only decider of an episode each is the step of its number
+        self._decided_s: float | None = None
+        self._served: str | None = None  # what answered last, in the vendor's words
+        self._host = cockpit.host.watch() if cockpit.host else None
+        self.steps = 0
+
+    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
+        """Decide and act until `cap_s`, or until `stop` says so of a decision; yield for every tick that passes.
+
+        Returns whether it was told to stop. Raises ModelError, CameraError, LinkError.
+        """
+        while self._now_s() < cap_s:
+            frames = yield from self._see(cap_s)
+            if frames is None:
+                break
+            decisions = yield from self._step(frames, cap_s)
+            if any(stop(decision) for decision in decisions):
+                return True
+        return False
+
+    def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
+        """Return every drone's newest frame, from which the angles of its next action count; None: it came too late."""
+        indices = [drone.index for drone in self._drones]
+        asked_s = self._host.now_s if self._host else 0.0
+        question = Question(self._cockpit.seed, self._asked, indices[0])
+        frames = yield from newest_frames(
+            self._cockpit, question, indices, self._now_s, cap_s, self._questions.patience_s
+        )
+        if frames is None:
+            if not self._tally.taken:
+                raise CameraError("no picture came before the episode was over")
+            return None
+        if self._host:
+            on_purpose_s = self._cockpit.pictures.held_s if self._cockpit.pictures else 0.0
+            self._host.waited(max(0.0, self._host.now_s - asked_s - on_purpose_s) / len(indices))
+        for drone, frame in zip(self._drones, frames, strict=True):
+            drone.see(frame.time_us)
+        return frames
+
+    def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
+        """Ask, await the reply, and have every drone begin what it says; return when all have flown it."""
+        COMPUTING.step()
+        # a frame may be newer than what its drone has told since; no reply is older than its picture
+        asked_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
+        thinking = any(drone.thinks_next for drone in self._drones)  # one call answers for all of them
+        asking = self._ask(frames, thinking, self._asked, asked_s)
+        self._asked += 1
+        asked = self._questions
+        if not (yield from await_reply(asking, self._now_s, asked_s, cap_s, asked.patience_s, asked.last_reply)):
+            if not self._tally.taken:
+                raise ModelError("the model did not answer once before the episode was over")
+            return []  # the episode is over before the reply: whatever it says came too late to be an action
+        decisions = self._decide(frames, asking, thinking)
+        yield from self._act(cap_s)
+        return decisions
+
+    def _act(self, cap_s: float) -> Generator[None, None, None]:
+        """Yield until what was decided has been flown as far as it has to be before the next picture."""
+        while any(drone.busy for drone in self._drones) and self._now_s() < cap_s:
+            yield
+            for drone in self._drones:
+                drone.advance(self._now_s())
+
+    def _ask(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
+        asked, cockpit = self._questions, self._cockpit
+        pictures = keep_pictures(cockpit, frames)
+        text = asked.prompt.render(
+            self._instruction(), self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
+        )
+        first = self._drones[0].index
+        taken_us = tuple(frame.time_us for frame in frames) if cockpit.pictures else ()
+        request = Request(
+            text, pictures, thinking, labels(len(self._drones)), step=number, drone=first, taken_us=taken_us
+        )
+        cockpit.log_prompt(request, frames, now_s)
+        question = Question(cockpit.seed, number, first)
+        executor, last_s = cockpit.executor, self._decided_s
+        return Asking(asked.model, request, executor, asked.latency, question, now_s, asked.beside, last_s)
+
+    def _instruction(self) -> str:
+        """Return what the drones are told to do."""
+        return self._questions.instruction
+
+    def _report(self, action: actions.Action | None) -> bool | UnsetType:
+        """Return whether an action is a report to a commander; unset where there is none to report to."""
+        return UNSET
+
+    def _histories(self) -> str:
+        if len(self._drones) == 1:
+            return self._drones[0].history.render()
+        named = zip(labels(len(self._drones)), self._drones, strict=True)
+        return "\n".join(f"{label}\n{drone.history.render()}" for label, drone in named)
+
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
+        reply, now_s, step = asking.reply(), self._now_s(), self._tally.take()
+        rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
+        self._decided_s = now_s
+        served = UNSET if reply.served == self._served else reply.served or self._questions.model.name
+        self._served = reply.served
+        lag_s, waited_s = self._host.take() if self._host else (None, None)
+        decisions = []
+        read = reading(reply.text, len(self._drones), self._questions.axis_order, self._questions.parser)
+        for drone, frame, said in zip(self._drones, frames, read, strict=True):
+            action = said.action
+            decision = Decision(
+                step=step,
+                drone=drone.index,
+                frame_id=frame.frame_id,
+                t_frame=round(self._since_begin_s(frame), 6),
+                t_decided=round(now_s, 6),
+                reply=reply.text,
+                action=action.as_json() if action else None,
+                error=said.error,
+                mended=said.mended or UNSET,
+                latency_s=round(asking.latency_s(now_s), 6),
+                tokens_in=reply.tokens_in,
+                tokens_out=reply.tokens_out,
+                thinking=thinking,
+                rate_hz=None if rate_hz is None else round(rate_hz, 6),
+                finish=reply.finish or UNSET,
+                report=self._report(action),
+                served=served,
+                tokens_cached=UNSET if reply.tokens_cached is None else reply.tokens_cached,
+                tokens_reasoning=UNSET if reply.tokens_reasoning is None else reply.tokens_reasoning,
+                endpoint=reply.endpoint or UNSET,
+                host_lag_s=UNSET if lag_s is None else round(lag_s, 3),
+                frame_wait_s=UNSET if waited_s is None else round(waited_s, 3),
+            )
+            self._cockpit.log.write(decision)
+            drone.thinks_next = isinstance(action, actions.Think)
+            if action is not None:
+                drone.history.append(action)
+            self._cockpit.on_step(decision)
+            decisions.append(decision)
+            drone.plan(action)
+        self.steps += 1
+        for drone in self._drones:
+            drone.begin(self._now_s())
+        return decisions
+
+    def _since_begin_s(self, frame: Frame) -> float:
+        return (frame.time_us - self._cockpit.t0_us) / 1e6
+
+
+def newest_frames(
+    cockpit: Cockpit,
+    question: Question,
+    drones: Sequence[int],
+    now_s: Callable[[], float],
+    cap_s: float,
+    patience_s: float | None,
+) -> Generator[None, None, list[Frame] | None]:
+    """Return the newest frame of each drone, on which a question is asked; yield while they come, which takes a while.
+
+    None where the episode is over (`cap_s`) before those come that are held back on purpose. Raises CameraError.
+    """
+
+    def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
+        coming = cockpit.executor.submit(call)
+        asked_s = now_s()
+        while not coming.done():
+            yield
+            if patience_s is not None and now_s() > asked_s + patience_s:
+                raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
+        return coming.result()
+
+    if cockpit.pictures is None:
+        return (yield from fetched(lambda: [cockpit.camera.newest(drone) for drone in drones]))
+    coming = cockpit.pictures.frames(cockpit.camera, question, drones, now_s, cockpit.t0_us, fetched)
+    while True:
+        try:
+            next(coming)
+        except StopIteration as came:
+            return list(came.value)
+        if now_s() >= cap_s:
+            return None
+        yield
+
+
+def keep_pictures(cockpit: Cockpit, frames: Sequence[Frame]) -> tuple[bytes, ...]:
+    """Return frames as the JPEGs that a model gets, each kept in the run folder."""
+    pictures = tuple(encode(frame.image_rgb) for frame in frames)
+    for frame, jpeg in zip(frames, pictures, strict=True):
+        (cockpit.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
+    return pictures
+
 
 D = TypeVar("D", bound=Drone)
 DroneMaker = Callable[[int, Aircraft, CameraModel], D]  # of its index, what it flies and its camera

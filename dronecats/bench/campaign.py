@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.model import ModelSpec
 from dronecats.bench.batch import Batch
 from dronecats.bench.engine import Engine, Sortie
 from dronecats.bench.matrix import BenchEntry

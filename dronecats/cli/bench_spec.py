@@ -178,7 +178,7 @@ def _latencies(args: argparse.Namespace) -> list[str]:
 
 def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]":
     """Return each pilot's name and flight by each agent, but for episode, command and latency."""
-    from dronecats.agent.models.budget import cost_limit, token_limit
+    from dronecats.agent.models.ledger import cost_limit, token_limit
     from dronecats.agent.names import PAPER
     from dronecats.cli.fly_spec import commanded_by, template_of
     from dronecats.cli.speed import speed

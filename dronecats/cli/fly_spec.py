@@ -154,7 +154,7 @@ def said_of_replay(args: argparse.Namespace, flight: str) -> str:
 
 
 def _accounts(args: argparse.Namespace) -> "Accounts":
-    from dronecats.agent.models.budget import cost_limit, token_limit
+    from dronecats.agent.models.ledger import cost_limit, token_limit
     from dronecats.flight.spec.flight_spec import Accounts
 
     return Accounts(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dronecats.agent.models.spec import ModelSpec
+    from dronecats.agent.models.model import ModelSpec
 
 # as argparse has them
 OPTIONS = ("base_url", "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort")

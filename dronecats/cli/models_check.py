@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.models.finish import ending_reason
+from dronecats.agent.models.model import ending_reason
 from dronecats.cli.model_options import add_options, model_of, told
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli.model_options import add_options, told, with_options
 
 if TYPE_CHECKING:
-    from dronecats.agent.models.spec import ModelSpec
+    from dronecats.agent.models.model import ModelSpec
 
 INSTRUCTION = "go to the cyan SUV"  # of the request that is shown
 
@@ -68,7 +68,7 @@ def kept(spec: "ModelSpec") -> dict[str, Any]:
 
 def request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
     """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
-    from dronecats.agent.history import History
+    from dronecats.agent.action import History
     from dronecats.agent.models.model import Request
     from dronecats.agent.models.open import open_model
     from dronecats.agent.models.probe import marked_picture

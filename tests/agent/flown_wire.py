@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import InlineExecutor
+from dronecats.agent.models.model import ModelSpec
 from dronecats.agent.models.open import open_model
-from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
+from foundation.run_folder.writing import LineLog
 from foundation.setpoints import Hold, Sight
 from tests.support.json_lines import rows
 
@@ -124,7 +123,7 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
     views = views or Views()
     vehicles = [Clock() for _ in range(drones)]
     model = open_model(ModelSpec(provider=provider, name="maker/model-1", base_url=endpoint.url))
-    log = DecisionLog(folder / "decisions.jsonl")
+    log = LineLog(folder / "decisions.jsonl")
     asked = Questions(
         model, prompt or Prompt.load(None), "go to the cyan SUV", latency("fixed:0"), axis_order=axis_order
     )

@@ -5,15 +5,14 @@ import itertools
 import json
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import Latency, Question, latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.pictures import PicturePath
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.reading import ReplyParser
+from foundation.run_folder.writing import LineLog
 from tests.agent.flown_wire import CAMERA, Clock, Views
 
 
@@ -41,7 +40,7 @@ class Noting:
 def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
     """Fly three drones under deciders of these groups; return (decisions, how many were asked for at a time)."""
     folder.mkdir()
-    model, log = model or Noting(), DecisionLog(folder / "decisions.jsonl")
+    model, log = model or Noting(), LineLog(folder / "decisions.jsonl")
     cockpit = Cockpit(
         aircraft=[Clock() for _ in range(3)], camera=Views(90, 160), camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0, pictures=pictures,
@@ -125,7 +124,7 @@ def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_pa
         ("lenient", ["single_quotes", "number_text", "unit", "short"]), ("strict", None),
     ]  # fmt: skip
     for parser, mended in cases:
-        log = DecisionLog(tmp_path / f"{parser}.jsonl")
+        log = LineLog(tmp_path / f"{parser}.jsonl")
         cockpit = Cockpit(
             aircraft=[Clock() for _ in range(2)], camera=Views(90, 160), camera_model=CAMERA, log=log,
             frames_dir=tmp_path, executor=InlineExecutor(), t0_us=0,

@@ -11,19 +11,18 @@ import pytest
 from msgspec import UNSET
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
-from dronecats.agent.commander import CommandQuestions
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
-from dronecats.agent.hierarchy import Hierarchy
+from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
+from dronecats.agent.commanding.commander import CommandQuestions
+from dronecats.agent.commanding.hierarchy import Hierarchy
 from dronecats.agent.latency import Latency, latency
+from dronecats.agent.loop import Questions
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import briefing
 from foundation.errors import ModelError
 from foundation.run_folder.reading import exchanges
-from foundation.run_folder.writing import PromptLog
+from foundation.run_folder.writing import LineLog, PromptLog
 from foundation.setpoints import Hold
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.json_lines import rows
@@ -88,7 +87,7 @@ def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5",
     """Fly a hierarchy; return (decisions, exchanges, vehicles)."""
     folder.mkdir(exist_ok=True)
     vehicles = [Holding() for _ in range(drones)]
-    log, prompts = DecisionLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
+    log, prompts = LineLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
     cockpit = Cockpit(
         aircraft=vehicles, camera=Timed(vehicles), camera_model=CAMERA, log=log, prompts=prompts,
         frames_dir=folder, executor=executor or InlineExecutor(), t0_us=0, commander_log=folder / "commander.jsonl",

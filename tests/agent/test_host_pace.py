@@ -8,17 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.host_pace import HostPace
 from dronecats.agent.latency import latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.host_stalls import STALL_S, delayed, host_stalls
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
+from foundation.run_folder.writing import LineLog
 from tests.agent.flown_wire import CAMERA, Clock, Views
 
 
@@ -140,7 +139,7 @@ def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_p
         wall.now_s += 0.05 + stalls.pop(ticks, 0.0)
         pace.tick(vehicle.time_us / 1e6)
 
-    log = DecisionLog(tmp_path / "decisions.jsonl")
+    log = LineLog(tmp_path / "decisions.jsonl")
     cockpit = Cockpit(
         aircraft=[vehicle], camera=Late(wall), camera_model=CAMERA, log=log, frames_dir=tmp_path,
         executor=InlineExecutor(), t0_us=0, on_tick=on_tick, host=pace,
@@ -158,7 +157,7 @@ def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_p
 
 
 def test_where_no_clock_is_held_nothing_is_said_of_the_host(tmp_path) -> None:
-    log = DecisionLog(tmp_path / "decisions.jsonl")
+    log = LineLog(tmp_path / "decisions.jsonl")
     cockpit = Cockpit(
         aircraft=[Clock()], camera=Views(), camera_model=CAMERA, log=log, frames_dir=tmp_path,
         executor=InlineExecutor(), t0_us=0,

@@ -7,7 +7,7 @@ import pytest
 from dronecats.agent.action import Go, Rotate
 from dronecats.agent.drone import Drone
 from dronecats.agent.steady.drone import SteadyDrone
-from dronecats.agent.steady.place import seen_place
+from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel
 from hil.link.track import Track
 

@@ -5,10 +5,9 @@ from concurrent.futures import Executor, Future
 
 import pytest
 
-from dronecats.agent.asking import Asking
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import Latency, Question, latency
 from dronecats.agent.latency_draws import LONGEST_S
+from dronecats.agent.model_call import Asking, InlineExecutor
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError
 from tests.support.refusal import refusal

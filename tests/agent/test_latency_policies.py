@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from dronecats.agent.asking import Asking
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import COMMANDER, KINDS, Circumstance, Question, latency, parts_of, trace_name
 from dronecats.agent.latency_draws import LONGEST_S
+from dronecats.agent.model_call import Asking, InlineExecutor
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.pictures import PicturePath
 from dronecats.pilots.noisy import NoisyPilot

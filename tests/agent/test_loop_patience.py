@@ -5,15 +5,14 @@ import threading
 import pytest
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import DaemonExecutor
 from dronecats.agent.latency import latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import DaemonExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import CameraError
+from foundation.run_folder.writing import LineLog
 from tests.agent.flown_wire import Clock
 
 
@@ -45,7 +44,7 @@ class Model:
 def test_a_camera_that_hangs_ends_the_flight(tmp_path):
     camera = StuckCamera()
     cockpit = Cockpit(
-        aircraft=[Clock()], camera=camera, camera_model=CameraModel(), log=DecisionLog(tmp_path / "d.jsonl"),
+        aircraft=[Clock()], camera=camera, camera_model=CameraModel(), log=LineLog(tmp_path / "d.jsonl"),
         frames_dir=tmp_path, executor=DaemonExecutor(), t0_us=0,
     )  # fmt: skip
     agent = PaperAgent(Questions(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0), cockpit)

@@ -9,13 +9,13 @@ import pytest
 from scipy import stats
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import newest_frames
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import COMMANDER, Question
+from dronecats.agent.loop import newest_frames
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.pictures import PicturePath
 from foundation.camera import CameraModel, Frame
 from foundation.errors import UsageError
+from foundation.run_folder.writing import LineLog
 
 TICK_S = 0.05
 GREY = np.zeros((1, 1, 3), np.uint8)
@@ -49,7 +49,7 @@ def questions(tmp_path, count, *, drones=(0,), every_s=2.0, first=None, seed=(4,
     """Ask so many questions, `every_s` after the last was asked; return (frames, s when asked for, s when had) each."""
     watch = Watch()
     cockpit = Cockpit(
-        aircraft=[], camera=watch, camera_model=CameraModel(), log=DecisionLog(tmp_path / "decisions.jsonl"),
+        aircraft=[], camera=watch, camera_model=CameraModel(), log=LineLog(tmp_path / "decisions.jsonl"),
         frames_dir=tmp_path, executor=InlineExecutor(), t0_us=Watch.T0_US,
         pictures=PicturePath(**faults, recall=watch.at),
     )  # fmt: skip

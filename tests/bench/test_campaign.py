@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.model import ModelSpec
 from dronecats.bench.batch import RETRIED, Batch
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.campaign import Campaign, OpenRun

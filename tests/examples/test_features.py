@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.agent.history import History
+from dronecats.agent.action import Action, Finished, Go, History, Rotate, Think
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import briefing
 from examples.action_head import features

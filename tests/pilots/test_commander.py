@@ -4,9 +4,8 @@ import json
 import re
 
 from dronecats.agent.action import Finished, Go
-from dronecats.agent.command_prompt import STALL_STEPS, CommandPrompt
+from dronecats.agent.commanding.command_prompt import STALL_STEPS, CommandPrompt, Post, roster
 from dronecats.agent.drone import Drone
-from dronecats.agent.roster import Post, roster
 from dronecats.pilots import commander, places
 from foundation.camera import CameraModel
 from foundation.run_folder.rows import Cause

@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.registry import METRICS
@@ -27,7 +25,7 @@ from foundation.errors import UsageError
 from foundation.run_folder.prompts import prompts_of, read_prompts
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
-from foundation.run_folder.writing import PromptLog
+from foundation.run_folder.writing import LineLog, PromptLog
 from tests.agent import test_hierarchy as hierarchy
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.run_folders import run_folder
@@ -68,7 +66,7 @@ def flown(folder, drones, groups, replies):
     """Fly the paper's agent; return (decisions of the log, prompts that it really sent)."""
     coming = iter(replies)
     model = hierarchy.Said(lambda request: next(coming))
-    log, prompts = DecisionLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
+    log, prompts = LineLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
     cockpit = Cockpit(
         aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, prompts=prompts,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,

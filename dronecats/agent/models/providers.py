@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from dronecats.agent.models.spec import PAPERS_TEMPERATURE, ModelSpec
+from dronecats.agent.models.model import PAPERS_TEMPERATURE, ModelSpec
 from foundation.errors import UsageError
 
 Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Any, Literal, cast
 
-from dronecats.agent.orders import CONFIRM, ORDERS
+from dronecats.agent.commanding.orders import CONFIRM, ORDERS
 
 # by the rules of `agent.action`
 _ACTIONS: tuple[tuple[str, dict[str, Any]], ...] = (

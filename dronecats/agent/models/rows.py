@@ -11,8 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from dronecats.agent.models.model import ModelSpec
 from dronecats.agent.models.providers import PROVIDERS, provider_of, spec_of
-from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import UsageError
 from foundation.wording import did_you_mean, nearest
 

@@ -10,9 +10,8 @@ from typing import Any
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import strict
-from dronecats.agent.reply.mends import TOLERATED, Mend
+from dronecats.agent.reply.mends import TOLERATED, Mend, answer_of, around
 from dronecats.agent.reply.shapes import action_of, tells
-from dronecats.agent.reply.surroundings import answer_of, around
 from dronecats.agent.reply.tolerant import Cut, Found, values
 
 NAMED = ("drone", "drone_id", "drone_number", "drone_index")

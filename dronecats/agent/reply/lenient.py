@@ -7,9 +7,8 @@ flown instead.
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import fleet, strict
-from dronecats.agent.reply.mends import TOLERATED, Mend, in_order
+from dronecats.agent.reply.mends import TOLERATED, Mend, answer_of, around, in_order
 from dronecats.agent.reply.shapes import action_of, tells
-from dronecats.agent.reply.surroundings import answer_of, around
 from dronecats.agent.reply.tolerant import Found, values
 
 Read = tuple[Action | ActionError, tuple[Mend, ...]]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
-from dronecats.agent.reply.surroundings import answer_of
+from dronecats.agent.reply.mends import answer_of
 
 MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
 MAX_TRIES = 500  # places in a reply at which JSON may begin

@@ -3,11 +3,9 @@
 import math
 
 from dronecats.agent.action import Action, Go
-from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.controller import turn
-from dronecats.agent.drone import Drone
-from dronecats.agent.steady.leg import Leg, leg, steered
-from dronecats.agent.steady.place import SeenPlace, seen_place
+from dronecats.agent.drone import Aircraft, Drone
+from dronecats.agent.steady.leg import Leg, SeenPlace, leg, seen_place, steered
 from dronecats.agent.steady.pursuit import Pursuit
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, wrap_pi

@@ -5,12 +5,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from dronecats.agent.models.budget import Budget, BudgetedModel, told
 from dronecats.agent.models.cache import CachedModel, ReplyCache
-from dronecats.agent.models.ledger import Books, Ledger, Spent
-from dronecats.agent.models.model import Model
+from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, told
+from dronecats.agent.models.model import Model, ModelSpec
 from dronecats.agent.models.open import open_model
-from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts
 from foundation.errors import BudgetError
 from foundation.run_folder.layout import LEDGER

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Protocol
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
-from dronecats.agent.decisions import Decision, DecisionLog
 from dronecats.agent.host_pace import HostPace
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset, ascend, unchecked
@@ -21,8 +20,8 @@ from foundation.errors import BudgetError, DronecatsError, ModelRejectedError
 from foundation.protocol import CAP_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import read
-from foundation.run_folder.rows import drone_label
-from foundation.run_folder.writing import PromptLog
+from foundation.run_folder.rows import Decision, drone_label
+from foundation.run_folder.writing import LineLog, PromptLog
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
@@ -76,7 +75,7 @@ def fly(
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
     Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
     """
-    log, prompts = DecisionLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
+    log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
@@ -145,7 +144,7 @@ def _begin(
     stage: Stage,
     make_agent: AgentFactory,
     folder: Path,
-    log: DecisionLog,
+    log: LineLog,
     prompts: PromptLog,
     on_step: Callable[[Decision], None],
     check: Callable[[], None],

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.models.ledger import Ledger, Spent
-from dronecats.agent.models.rate_headers import Allowance
+from dronecats.agent.models.turns import Allowance
 from foundation.errors import InfrastructureError
 
 
@@ -77,7 +77,7 @@ class RemoteLedger:
 
 
 class RemoteLimiter:
-    """The limiter of all that share a cluster's ledger (`dronecats.agent.models.limiter.Limiter`)."""
+    """The limiter of all that share a cluster's ledger (`dronecats.agent.models.turns.Limiter`)."""
 
     def __init__(self, ask: Callable[..., Any], address: str, model: str) -> None:
         self._ask, self._address, self._model = ask, address, model

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from dronecats.agent.command_prompt import CommandPrompt
+from dronecats.agent.commanding.command_prompt import CommandPrompt
 from dronecats.flight.run.agents import agent_maker
 from dronecats.flight.run.identity import code_digest, protocol_numbers
 from dronecats.flight.spec.disturbed import disturbed

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.latency import Latency, latency
-from dronecats.agent.models.budget import Budget, cost_limit, token_limit
 from dronecats.agent.models.cache import ReplyCache
-from dronecats.agent.models.ledger import Ledger
+from dronecats.agent.models.ledger import Budget, Ledger, cost_limit, token_limit
 from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
 from dronecats.agent.prompt import Prompt

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dronecats.agent.executors import DaemonExecutor
+from dronecats.agent.model_call import DaemonExecutor
 from dronecats.flight.logger.config import EstimateLoggerConfig
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.stages import parts

@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 
-from dronecats.agent.executors import InlineExecutor
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.logger.telemetry import subscribe
 from dronecats.flight.logger.world_measure import measured_in

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.executors import DaemonExecutor
+from dronecats.agent.model_call import DaemonExecutor
 from dronecats.flight.logger.config import LoggerConfig
 from dronecats.flight.processes.bus_listener import Listener
 from dronecats.flight.processes.supervisor import Supervisor

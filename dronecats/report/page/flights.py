@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dronecats.agent.action import Action, ActionError, action_from
-from dronecats.agent.history import compact
+from dronecats.agent.action import Action, ActionError, action_from, compact
 from dronecats.judge.measured import qualifies
 from dronecats.judge.metrics.flown_episode import FlownEpisode
 from dronecats.report.page.pictures import PictureAddress

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dronecats.agent.decisions import Decision
 from dronecats.agent.models.model import Reply
+from foundation.run_folder.rows import Decision
 
 DIGITS = 6  # of seconds: µs
 

@@ -5,15 +5,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from dronecats.agent.aircraft import Aircraft
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
-from dronecats.agent.decisions import Decision
+from dronecats.agent.drone import Aircraft
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.flight.run.instruments import Instruments
 from dronecats.study.rate.chain import ChainClock, QuestionTimes
 from dronecats.study.rate.files import ChainLog
 from foundation.camera import Camera, Frame
 from foundation.protocol import CAP_S
+from foundation.run_folder.rows import Decision
 from foundation.setpoints import Setpoint, Sight
 from hil.cameras.patient import PatientCamera
 from hil.link.link import Link

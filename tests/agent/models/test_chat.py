@@ -7,11 +7,10 @@ from typing import Any
 
 import pytest
 
-from dronecats.agent.models.model import Request
+from dronecats.agent.models.model import ModelSpec, Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.openai_chat import ChatModel
 from dronecats.agent.models.providers import PROVIDERS, spec_of
-from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 from tests.support.refusal import refusal
 

@@ -9,22 +9,19 @@ from email.utils import format_datetime
 import httpx
 import pytest
 
-from dronecats.agent.asking import Asking
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import DaemonExecutor, InlineExecutor
 from dronecats.agent.latency import Question, latency
-from dronecats.agent.loop import PaperAgent
+from dronecats.agent.loop import PaperAgent, Questions
+from dronecats.agent.model_call import Asking, DaemonExecutor, InlineExecutor
 from dronecats.agent.models import endpoint as endpoints
 from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, pause_asked_for
-from dronecats.agent.models.model import Request
+from dronecats.agent.models.model import ModelSpec, Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.openai_chat import ChatModel
-from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
+from foundation.run_folder.writing import LineLog
 from tests.agent.flown_wire import Clock, Views
 from tests.agent.models.faulty_wire import Wire, answer, completion, hang, reset, say, trickle
 
@@ -192,7 +189,7 @@ def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QU
         model(wire, patience), Prompt.load(None), "go", latency("fixed:0"), patience_s=patience_s, last_reply=last_reply
     )
     cockpit = Cockpit(
-        aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=DecisionLog(folder / "decisions.jsonl"),
+        aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=LineLog(folder / "decisions.jsonl"),
         frames_dir=folder, executor=executor, t0_us=0, on_tick=on_tick,
     )  # fmt: skip
     return PaperAgent(asked, cockpit)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.rate_headers import Allowance
-from dronecats.agent.models.turns import APART_S, LONGEST_S, SLOW_S, Turns
+from dronecats.agent.models.turns import APART_S, LONGEST_WAIT_S, SLOW_S, Allowance, Turns
 
 NOW = 1_000_000.0
 
@@ -70,7 +69,7 @@ def test_a_longer_hold_stands_and_a_clock_that_was_set_back_holds_nobody():
     turns = Turns().held(30.0, NOW).held(5.0, NOW)
     assert turns.claim("m", 0, NOW)[0] == pytest.approx(30.0)
     assert turns.claim("m", 0, NOW - 86_400.0)[0] == 0.0
-    assert Turns().held(1e9, NOW).claim("m", 0, NOW)[0] == LONGEST_S
+    assert Turns().held(1e9, NOW).claim("m", 0, NOW)[0] == LONGEST_WAIT_S
 
 
 def test_an_answer_does_not_know_of_what_others_have_just_asked():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement, plan
-from dronecats.agent.steady.place import point_of, seen_place
+from dronecats.agent.steady.leg import point_of, seen_place
 from foundation.camera import CameraModel
 from foundation.setpoints import Sight, Velocity
 

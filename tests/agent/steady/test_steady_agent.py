@@ -9,16 +9,16 @@ import pytest
 
 from dronecats.agent.action import Go, Rotate
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.decider import Questions
-from dronecats.agent.decisions import DecisionLog
-from dronecats.agent.executors import InlineExecutor
 from dronecats.agent.latency import Latency, latency
+from dronecats.agent.loop import Questions
+from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.steady.agent import SteadyAgent
 from dronecats.agent.steady.drone import SteadyDrone
-from dronecats.agent.steady.place import seen_place
+from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel, Frame
+from foundation.run_folder.writing import LineLog
 from hil.link.offboard import GRACE_US, OffboardStream, PositionSetpoint
 from hil.link.track import Track
 
@@ -117,7 +117,7 @@ THINK, FINISHED = {"action": "think"}, {"action": "finished"}
 def flown(folder, model, policy, seconds=20.0, drones=1, groups=None):
     """Return (decisions, aircraft, camera)."""
     aircraft = [Follows() for _ in range(drones)]
-    camera, log = Views(aircraft), DecisionLog(folder / "decisions.jsonl")
+    camera, log = Views(aircraft), LineLog(folder / "decisions.jsonl")
     cockpit = Cockpit(
         aircraft=aircraft, camera=camera, camera_model=CAMERA, log=log, frames_dir=folder,
         executor=InlineExecutor(), t0_us=0,

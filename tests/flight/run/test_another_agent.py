@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.agent.decisions import Decision
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.errors import UsageError
+from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
 
 EPISODE = "residential-approaching-01"

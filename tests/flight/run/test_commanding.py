@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dronecats.agent.command_prompt import CommandPrompt
+from dronecats.agent.commanding.command_prompt import CommandPrompt
 from dronecats.cli.main import main
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
@@ -105,7 +105,7 @@ def test_what_does_not_go_together_is_told_in_one_sentence(words, word, tmp_path
 
 
 def test_a_commander_that_looks_wants_pictures():
-    from dronecats.agent.models.spec import ModelSpec
+    from dronecats.agent.models.model import ModelSpec
 
     model = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:9/v1")
     spec = FlightSpec(pilot="oracle", episode=EPISODE, command="hierarchical", commander=model, simulated=GREY)

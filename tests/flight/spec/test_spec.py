@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.model import ModelSpec
 from dronecats.cli import fly
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.decisions import Decision
 from dronecats.agent.models.model import Reply
 from dronecats.study.rate.chain import ChainClock, QuestionTimes
+from foundation.run_folder.rows import Decision
 
 SPANS = st.lists(st.floats(0.0, 30.0), min_size=9, max_size=9)
 

@@ -10,20 +10,17 @@ from dataclasses import dataclass
 from msgspec import UNSET, UnsetType
 
 from dronecats.agent.action import Finished
-from dronecats.agent.asking import Asking
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
-from dronecats.agent.decider import Tally, keep_pictures, newest_frames
-from dronecats.agent.decisions import Decision
-from dronecats.agent.last_reply import await_reply
+from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt, Post, roster
+from dronecats.agent.commanding.orders import FleetOrders, OrdersError, parse_orders
 from dronecats.agent.latency import COMMANDER, Latency, Question
+from dronecats.agent.loop import Tally, keep_pictures, newest_frames
+from dronecats.agent.model_call import Asking, await_reply
 from dronecats.agent.models.model import Model, Request
-from dronecats.agent.orders import FleetOrders, OrdersError, parse_orders
 from dronecats.agent.prompt import labels
-from dronecats.agent.roster import Post, roster
 from foundation.camera import Frame
 from foundation.errors import ModelError
-from foundation.run_folder.rows import Cause, Exchange, Order
+from foundation.run_folder.rows import Cause, Decision, Exchange, Order
 
 
 @dataclass(frozen=True, slots=True)

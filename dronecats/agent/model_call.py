@@ -1,11 +1,46 @@
-"""A question on its way to the model, and when its reply is due on the vehicle's clock."""
+"""A question to a model: the call, its latency on the vehicle's clock, and what becomes of a late reply."""
 
+import threading
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Executor, Future, wait
+from typing import ParamSpec, TypeVar
 
-from dronecats.agent.executors import DaemonExecutor
 from dronecats.agent.latency import Circumstance, Latency, Question
 from dronecats.agent.models.model import Model, Reply, Request
+from foundation.errors import ModelError
 from foundation.turn import COMPUTING
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class InlineExecutor(Executor):
+    """Runs a call at once, in the caller: while it runs, nothing else happens. The executor of lockstep."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class DaemonExecutor(Executor):
+    """Runs each call on a thread that the interpreter does not wait for: a silent endpoint must not keep us alive."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
+
+        def call() -> None:
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except BaseException as error:
+                future.set_exception(error)
+
+        threading.Thread(target=call, name="model", daemon=True).start()
+        return future
+
 
 SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
 
@@ -84,3 +119,44 @@ class Asking:
             since_s = None if self._last_s is None else self._asked_s - self._last_s
             self._charged_s = self._policy.charge(self._question, Circumstance(reply, since_s))
         return self._charged_s
+
+
+def await_reply(
+    asking: Asking,
+    now_s: Callable[[], float],
+    asked_s: float,
+    cap_s: float,
+    patience_s: float | None = None,
+    last_reply: bool = True,
+) -> Generator[None, None, bool]:
+    """Yield until the reply is due, or the episode over; return whether it is due.
+
+    Times are vehicle seconds since the episode began. `last_reply`: one still under way at `cap_s` is outlasted.
+    Raises ModelError beyond `patience_s` (None: the client's alone), and what the client raises.
+    """
+    while not asking.due(now_s()):
+        yield
+        if now_s() >= cap_s:
+            break
+        if patience_s is not None and now_s() > asked_s + patience_s:
+            raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
+    if asking.due(now_s()):
+        return True
+    if last_reply:
+        yield from outlast(asking, lambda: now_s() - asked_s, patience_s)
+    return False
+
+
+def outlast(asking: Asking, waited_s: Callable[[], float], patience_s: float | None = None) -> Iterator[None]:
+    """Yield until the model has answered, or its client has given it up. Raises what the client raises.
+
+    waited_s: vehicle seconds since the question; beyond patience_s (None: the client's alone) raises ModelError.
+
+    Whatever it answers comes too late to be an action. But a model that is slow has failed, and one that is dead has
+    not, and only waiting tells them apart: an endpoint that hangs must not be scored as a pilot's failure.
+    """
+    while not asking.answered:
+        yield
+        if patience_s is not None and waited_s() > patience_s:
+            raise ModelError(f"the model has not answered for {patience_s:g} s, nor when the episode was over")
+    asking.reply()
