@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.flight_conditions import FlightConditions
+from dronecats.flight.sitl.config import FlightConditions
 from dronecats.flight.sitl.one_vehicle import one_vehicle
 from dronecats.flight.sitl.scenario import load_world, world_of
 from dronecats.flight.sitl.simulation import BootPose

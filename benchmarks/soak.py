@@ -40,7 +40,7 @@ from episodes.records.catalogue import OPEN_GROUND
 from foundation.errors import DronecatsError, LinkError
 from foundation.frames import Vec3, ned_to_geodetic
 from foundation.mavlink import dialect
-from hil.cameras.snapshot import HttpCamera
+from hil.cameras.http import HttpCamera
 from hil.link.conversation import Conversation
 from hil.link.link import Link
 from hil.link.parameters import Parameters

@@ -32,7 +32,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.pilots import reading
 from episodes.records import suites
-from foundation.once import expect_more
+from foundation.threads import expect_more
 
 ROOT = Path(__file__).parent.parent
 LOOK_S = 0.002  # s of processor time

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import UsageError
-from foundation.user_cache import user_cache
+from foundation.machine import user_cache
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)

@@ -9,7 +9,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from hypothesis import settings
 
-from foundation.once import expect_more
+from foundation.threads import expect_more
 from tests import natures
 
 pytest_plugins = ["tests.support.browser", "tests.support.flown_runs"]

@@ -24,7 +24,7 @@ from foundation.picture import encode
 from foundation.protocol import CAP_S, HISTORY_LENGTH
 from foundation.run_folder.layout import frame_name
 from foundation.run_folder.rows import Decision
-from foundation.turn import COMPUTING
+from foundation.threads import COMPUTING
 
 T = TypeVar("T")
 

@@ -8,7 +8,7 @@ from typing import ParamSpec, TypeVar
 from dronecats.agent.latency import Circumstance, Latency, Question
 from dronecats.agent.models.model import Model, Reply, Request
 from foundation.errors import ModelError
-from foundation.turn import COMPUTING
+from foundation.threads import COMPUTING
 
 P = ParamSpec("P")
 T = TypeVar("T")

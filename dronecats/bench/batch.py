@@ -13,11 +13,11 @@ from dronecats.judge.metrics.stuck import is_stuck, poses_of, track_m
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from foundation.errors import UsageError
-from foundation.json_file import write_json
 from foundation.run_folder import layout
 from foundation.run_folder.folder import LOCK, differences, hold, prepare, write_run
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED
+from foundation.whole_file import write_json
 
 RETRIED = "retried"  # folder of the run that keeps the flights that did not move, each with another in its place
 

@@ -19,8 +19,8 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from dronecats.bench.engine import Landed, Sortie
 from dronecats.bench.local import ANSWER_S, HANG_S, log_sizes, lost
+from dronecats.flight.run.accounts import LedgerKeeper
 from dronecats.flight.run.identity import code_digest
-from dronecats.flight.run.ledger_actor import LedgerKeeper
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
 from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError

@@ -20,8 +20,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import from_json
 from foundation.compiled import in_turn
 from foundation.errors import DronecatsError
-from foundation.once import expect_more
-from foundation.turn import COMPUTING
+from foundation.threads import COMPUTING, expect_more
 
 # Short, since a flight asks for the interpreter anew after each picture and each line that it writes, and would wait
 # for this long whenever another one computes.

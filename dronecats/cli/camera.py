@@ -45,7 +45,7 @@ def _check(args: argparse.Namespace) -> int:
     import cv2
 
     from foundation.errors import UsageError
-    from hil.cameras.calibration import load
+    from hil.cameras.lens import load
     from hil.cameras.measure import host_us, measure
     from hil.cameras.open import open_camera
 
@@ -110,9 +110,8 @@ def _table(found: dict[str, Any]) -> str:
 
 def _calibrate(args: argparse.Namespace) -> int:
     from foundation.errors import UsageError
-    from hil.cameras.calibration import save
     from hil.cameras.chessboard import board_of, fit
-    from hil.cameras.lens import Lens
+    from hil.cameras.lens import Lens, save
 
     board = board_of(args.board, args.square)
     if args.out.suffix not in (".yml", ".yaml", ".xml", ".json"):
@@ -143,8 +142,8 @@ def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None])
     """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
     from foundation.errors import UsageError
     from hil.cameras.chessboard import corners
-    from hil.cameras.playback import pictures
     from hil.cameras.stream import decoded
+    from hil.cameras.video import pictures
 
     views: list[Any] = []
     size: tuple[int, ...] | None = None

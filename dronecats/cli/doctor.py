@@ -19,10 +19,10 @@ from pathlib import Path
 from dronecats import __version__
 from dronecats.agent.models import rows
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
-from foundation import memory
+from foundation import machine as memory
 from foundation.errors import UsageError
 from foundation.extras import BASE_COMMAND, EXTRAS, Extra, is_installed
-from foundation.ports import port_holder
+from foundation.machine import port_holder
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
 from dronecats.cli.output import Drawing
-from foundation.printable import printable
+from foundation.wording import printable
 
 if TYPE_CHECKING:
     from dronecats.bench.campaign import Came

@@ -184,7 +184,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec
     from dronecats.flight.spec.latency_trace import latency_fields
     from foundation.errors import UsageError
-    from hil.cameras.calibration import load as load_calibration
+    from hil.cameras.lens import load as load_calibration
     from hil.link.envelope import Limits
 
     _check_eyes(args)

@@ -5,7 +5,7 @@ import time
 from typing import Any
 
 from dronecats.cli.output import Drawing
-from foundation.printable import printable
+from foundation.wording import printable
 
 EVERY_S = 10.0  # wall s between two lines in a log
 BAR = "{bar:10} {desc}"  # tqdm cuts it off at the terminal's width

@@ -9,7 +9,7 @@ from typing import Any
 from dronecats import __version__
 from dronecats.cli.exit_status import exit_status
 from dronecats.cli.output import Output
-from foundation import memory
+from foundation import machine as memory
 from foundation.wording import did_you_mean, nearest
 
 VERBS = {

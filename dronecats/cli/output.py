@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from foundation.printable import printable
+from foundation.wording import printable
 
 
 class Lossy(io.FileIO):

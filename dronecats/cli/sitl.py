@@ -111,12 +111,11 @@ def run(args: argparse.Namespace) -> int:
 
     print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
     from dronecats.flight.processes.supervisor import Supervisor
-    from dronecats.flight.sitl.board.simulator import BoardSimulator
-    from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
-    from dronecats.flight.sitl.flight_conditions import FlightConditions
-    from dronecats.flight.sitl.ports import CAMERA_PORT
+    from dronecats.flight.sitl.board_simulator import BoardSimulator
+    from dronecats.flight.sitl.config import CameraConfig, FlightConditions, SimulatorConfig
     from dronecats.flight.sitl.px4.simulator import Px4Simulator
     from dronecats.flight.sitl.simulator_process import Simulator
+    from dronecats.flight.sitl.sockets import CAMERA_PORT
     from dronecats.flight.stages import parts
     from dronecats.view.live.config import WatchedWires
     from dronecats.view.live.opening import opened
@@ -219,7 +218,7 @@ def _say(line: str) -> None:
 
 
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
-    from dronecats.flight.sitl.ports import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
+    from dronecats.flight.sitl.sockets import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
     from hil.simulator.server import PORT
 
     for index in range(args.count or 1):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
     from dronecats.study.design import Axis, Design
     from dronecats.study.plan import StudyPlan
-    from foundation.run_folder.study import Level
+    from foundation.run_folder.benchmark import Level
 
 # what a file says besides the words of a benchmark's file, but for those of that which are factors here
 LISTS = ("cells", "maps", "generators")

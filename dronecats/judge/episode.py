@@ -19,12 +19,12 @@ from dronecats.judge.measures import NOTHING_KNOWN, measures
 from dronecats.judge.stored import Comparison, compare
 from dronecats.judge.verdict import Judgement, Measured, judge
 from foundation.errors import InfrastructureError, UsageError
-from foundation.json_file import write_json
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
 from foundation.run_folder.reading import Logs, check_version, episodes, exchanges, json_object, read
 from foundation.run_folder.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
 from foundation.run_folder.writing import as_json
+from foundation.whole_file import write_json
 
 NOTHING = Logs((), {}, (), None, None)
 

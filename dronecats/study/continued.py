@@ -13,9 +13,9 @@ from dronecats.study.factor import said
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
 from foundation.run_folder import layout
+from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
 from foundation.run_folder.folder import PER_EPISODE, PER_SITTING
 from foundation.run_folder.reading import json_object
-from foundation.run_folder.study import Level, Study, StudyFactor, StudyRun
 
 GROWS = ("flights", "runs")  # in which a study may be gone on with
 WHO = ("pilot", "model", "outside", "commander", "scripted")  # in which the flights of two pilots differ, …

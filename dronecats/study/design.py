@@ -15,7 +15,7 @@ from string import ascii_uppercase
 import numpy as np
 
 from foundation.errors import UsageError
-from foundation.run_folder.study import Level
+from foundation.run_folder.benchmark import Level
 
 KINDS = ("full", "fractional", "latin", "one-at-a-time")
 POINTS_MAX = 10_000

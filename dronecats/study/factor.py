@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from dronecats.flight.spec.flight_spec import FlightSpec
 from foundation.errors import UsageError
-from foundation.run_folder.study import Level
+from foundation.run_folder.benchmark import Level
 
 SAID = ".12g"  # as numbers are written into names and policies
 

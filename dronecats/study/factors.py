@@ -19,7 +19,7 @@ from dronecats.flight.spec.latency_trace import carried, latency_fields
 from dronecats.pilots import roster
 from dronecats.study.factor import Factor, said
 from foundation.errors import UsageError
-from foundation.run_folder.study import Level
+from foundation.run_folder.benchmark import Level
 
 Put = Callable[[FlightSpec, Level], FlightSpec]
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from dronecats.study.factors import factor_of
 from foundation.errors import UsageError
-from foundation.json_file import write_json
 from foundation.run_folder import layout
+from foundation.run_folder.benchmark import Level as Level
+from foundation.run_folder.benchmark import Study as Study
+from foundation.run_folder.benchmark import StudyFactor as StudyFactor
+from foundation.run_folder.benchmark import StudyRun as StudyRun
 from foundation.run_folder.damage import taken
 from foundation.run_folder.reading import json_object
-from foundation.run_folder.study import Level as Level
-from foundation.run_folder.study import Study as Study
-from foundation.run_folder.study import StudyFactor as StudyFactor
-from foundation.run_folder.study import StudyRun as StudyRun
 from foundation.run_folder.writing import as_json
+from foundation.whole_file import write_json
 
 
 def read(folder: Path) -> Study:

@@ -14,7 +14,7 @@ from dronecats.study.design import DesignPoint
 from dronecats.study.factor import said
 from dronecats.study.factors import HANGING, JITTERED, RATE, at_levels
 from foundation.errors import UsageError
-from foundation.run_folder.study import Level
+from foundation.run_folder.benchmark import Level
 
 BY_ITSELF = ("rate_cap",)  # silent at some levels of its own, with which the others are compared
 SERVED = ("fixed", RATE)  # policies of one reply time

@@ -11,7 +11,7 @@ from dronecats.study.factor import said
 from dronecats.study.factors import FACTORS, as_told, at_levels, check_together
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
-from foundation.run_folder.study import Level, Study, StudyFactor, StudyRun
+from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
 NAME_MAX = 100  # letters of a folder that tells its levels; longer ones tell the number of the point

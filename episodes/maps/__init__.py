@@ -8,7 +8,7 @@ from episodes.maps import blocks, campus, residential, residential_places, user
 from episodes.maps.places import Places
 from episodes.maps.scene import Scene
 from foundation.errors import UsageError
-from foundation.once import once
+from foundation.threads import once
 
 _MAPS: dict[str, Callable[[int], Scene]] = {
     "blocks": blocks.build,

@@ -11,7 +11,7 @@ from episodes.maps.scene import Instance, Scene
 from episodes.world.visibility import turn
 from foundation.frames import Vec3
 from foundation.obstacles import OPEN, MovingBox, Obstacles
-from foundation.once import recurring
+from foundation.threads import recurring
 
 CELL_M = 2.0
 BATCH = 4096  # triangles sorted at a time: bounds the memory that sorting takes

@@ -21,8 +21,8 @@ from episodes.world.wheels import Wheels, on_ground
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
-from foundation.once import once
 from foundation.terrain import HeightField
+from foundation.threads import once
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from foundation.errors import UsageError
-from foundation.json_file import write_json as write_json
 from foundation.run_folder import layout
 from foundation.run_folder.reading import SCHEMA, check_version, json_object, run_configuration
 from foundation.version import __version__
+from foundation.whole_file import write_json as write_json
 
 PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
 PER_SITTING = ("accounts",)  # in which a run may be gone on with

@@ -8,10 +8,9 @@ from typing import Any
 import msgspec
 
 from foundation.run_folder import layout
-from foundation.run_folder.benchmark import Benchmark
+from foundation.run_folder.benchmark import Benchmark, Study
 from foundation.run_folder.results import Result, Verdict
 from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, LoggedPrompt, Run
-from foundation.run_folder.study import Study
 
 FOLDER = Path(__file__).with_name("schemas")
 SAYS = "https://json-schema.org/draft/2020-12/schema"

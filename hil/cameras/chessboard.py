@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import UsageError
-from hil.cameras.calibration import Calibration
+from hil.cameras.lens import Calibration
 
 VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # root mean square

@@ -1,11 +1,18 @@
-"""Asking a camera over HTTP: with its password, which is in no sentence, and past the environment's proxies."""
+"""Cameras over HTTP: one picture per request, or Motion JPEG, with a password that no sentence shows."""
 
+import threading
 import time
+from collections import deque
+from collections.abc import Callable, Iterator
 
+import cv2
 import httpx
 
+from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
+from hil.cameras.lens import Lens
+from hil.cameras.stream import Picture, decoded
 
 CONNECT_S = 5.0
 
@@ -83,3 +90,195 @@ def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
     finally:
         response.close()
     return began_s, b"".join(parts)
+
+
+PICTURE_BYTES_MAX = 64 * 1024 * 1024
+
+
+class HttpCamera:
+    """Each call fetches one picture.
+
+    A simulated camera stamps it with the vehicle's clock. A real one's is stamped when its first bytes come: the time
+    that it takes on the wire is no part of the picture.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        now_us: Callable[[], int],
+        lens: Lens | None = None,
+        *,
+        max_age_s: float | None = None,
+        timeout_s: float = 20.0,
+    ) -> None:
+        """A frame older than `max_age_s` on the vehicle's clock is an error. Raises UsageError."""
+        self._caller = Caller(url)
+        self.url = url
+        self._now_us, self._lens = now_us, lens or Lens()
+        self._max_age_s, self._timeout_s = max_age_s, timeout_s
+        self._frames = 0
+        self._none = f"the camera at {self._caller.name} gives no frame"
+        self.stamps = False  # whether it stamped its newest picture itself
+        self.reopened = 0  # a connection that breaks is an error at once: nothing is kept open
+
+    @property
+    def model(self) -> CameraModel:
+        """The pinhole that the frames are pictures of. Takes one where that is not known yet. Raises CameraError."""
+        if self._lens.model is None:
+            self.newest()
+        assert self._lens.model is not None  # a picture has come, and has said how large it is
+        return self._lens.model
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens is known: frames are straightened, and the field of view is measured."""
+        return self._lens.calibration is not None
+
+    def newest(self, drone: int = 0) -> Frame:
+        """Return the newest frame. Raises CameraError when none comes."""
+        return self._frame(drone, {"drone": drone} if drone else None)
+
+    def at(self, time_us: int, drone: int = 0) -> Frame:
+        """Return a frame of a moment ago (µs, vehicle clock), which a simulated camera can give. Raises CameraError."""
+        return self._frame(drone, {"drone": drone, "at": time_us})
+
+    def _frame(self, drone: int, asked: dict[str, int] | None) -> Frame:
+        try:
+            response = self._caller.get(self._timeout_s, asked)
+            if response.headers.get("content-type", "").startswith("multipart/"):
+                response.close()
+                raise CameraError("it sends a stream where a picture was asked for")
+            came_s, data = body(response, PICTURE_BYTES_MAX)
+        except CameraError as fault:
+            raise CameraError(f"{self._none}: {fault}") from None
+        picture = decoded(data)
+        if picture is None:
+            raise CameraError(f"{self._none}: what it sent is not a picture")
+        arrived_us = self._now_us() - round((time.monotonic() - came_s) * 1e6)
+        self.stamps = "X-Frame-Time-Us" in response.headers
+        try:
+            frame_id = int(response.headers.get("X-Frame-Id", self._frames))
+            time_us = int(response.headers.get("X-Frame-Time-Us", arrived_us))
+        except ValueError:
+            raise CameraError(f"{self._none}: its X-Frame headers are not whole numbers") from None
+        self._frames += 1
+        age_s = (self._now_us() - time_us) / 1e6
+        if self._max_age_s is not None and age_s > self._max_age_s:
+            raise CameraError(f"{self._none}: the newest is {age_s:.1f} s old")
+        straight = self._lens.straightened(picture)
+        return Frame(frame_id, drone, time_us, cv2.cvtColor(straight, cv2.COLOR_BGR2RGB))
+
+    def following(self, frame_id: int) -> Frame:
+        """Return the next frame; asking is what makes one."""
+        return self.newest()
+
+    def close(self) -> None:
+        self._caller.close()
+
+
+PART_BYTES_MAX = 32 * 1024 * 1024
+SILENCE_S = 2.0  # s without a byte after which the stream is taken for broken
+
+
+class Multipart:
+    """Cuts the bytes of a multipart answer into its parts. Pure: the caller says when the bytes came."""
+
+    def __init__(self, content_type: str) -> None:
+        """Raises CameraError when the header names no boundary."""
+        boundary = content_type.partition("boundary=")[2].split(";")[0].strip().strip('"')
+        # some cameras write the two leading dashes into the header, others do not
+        self._boundary = b"--" + boundary.removeprefix("--").encode("latin-1", "replace")
+        if len(self._boundary) < 3:
+            raise CameraError("its stream names no boundary between pictures")
+        self._buffer = bytearray()
+        self._searched = 0  # bytes of the buffer in which no boundary begins
+        self._in_body = False
+        self._length: int | None = None  # bytes of the body, when its header says so
+        self._began_s: float | None = None  # when the body's first bytes came; None while there are none
+
+    def feed(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
+        """Take bytes; return the parts that are complete, each with the second at which its body began to come.
+
+        Raises CameraError for a part that is too large to be a picture.
+        """
+        self._buffer += data
+        if data and self._began_s is None:  # a header may come alone and wait long for its picture
+            self._began_s = now_s
+        parts: list[tuple[float, bytes]] = []
+        while self._in_body or self._header(now_s):
+            body = self._body()
+            if body is None:
+                break
+            if body:
+                parts.append((now_s if self._began_s is None else self._began_s, body))
+        if len(self._buffer) > PART_BYTES_MAX:
+            raise CameraError("its stream sends a part that is too large for a picture")
+        return parts
+
+    def _header(self, now_s: float) -> bool:
+        """Consume a boundary and the header lines after it; return whether they are complete."""
+        start = self._buffer.find(self._boundary)
+        if start < 0:
+            del self._buffer[: max(0, len(self._buffer) - len(self._boundary))]
+            return False
+        end, skip = self._buffer.find(b"\r\n\r\n", start), 4
+        if end < 0:
+            end, skip = self._buffer.find(b"\n\n", start), 2
+        if end < 0:
+            return False
+        self._length = None
+        for line in bytes(self._buffer[start:end]).splitlines()[1:]:
+            name, _, value = line.partition(b":")
+            if name.strip().lower() == b"content-length" and value.strip().isdigit():
+                self._length = int(value)
+        del self._buffer[: end + skip]
+        self._in_body, self._searched = True, 0
+        self._began_s = now_s if self._buffer else None
+        return True
+
+    def _body(self) -> bytes | None:
+        """Return the body when it is complete; it ends where its length or the next boundary says."""
+        if self._length is not None:
+            if len(self._buffer) < self._length:
+                return None
+            end = self._length
+        else:
+            end = self._buffer.find(self._boundary, self._searched)
+            if end < 0:
+                self._searched = max(0, len(self._buffer) - len(self._boundary))
+                return None
+        body = bytes(self._buffer[:end])
+        del self._buffer[:end]
+        self._in_body = False
+        return body if self._length is not None else body.removesuffix(b"\n").removesuffix(b"\r")
+
+
+class MjpegSource:
+    """Pictures of one MJPEG address, stamped when their first bytes come."""
+
+    def __init__(self, caller: Caller) -> None:
+        self._caller = caller
+        self._response: httpx.Response | None = None
+        self._ready: deque[tuple[float, bytes]] = deque()
+
+    def open(self) -> None:
+        self._ready.clear()
+        self._response = self._caller.get(SILENCE_S)
+        self._parts = Multipart(self._response.headers.get("content-type", ""))
+        self._chunks: Iterator[bytes] = self._response.iter_raw()
+
+    def shoot(self, stop: threading.Event) -> tuple[float, bytes | Picture]:
+        while not self._ready:
+            try:
+                chunk = next(self._chunks, None)
+            except httpx.HTTPError as error:
+                raise CameraError(f"its stream broke: {type(error).__name__}") from None
+            if chunk is None:
+                raise CameraError("it ended its stream")
+            self._ready.extend(self._parts.feed(chunk, time.monotonic()))
+        return self._ready.popleft()
+
+    def close(self) -> None:
+        if self._response is not None:
+            self._response.close()
+            self._response = None

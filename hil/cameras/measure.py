@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from foundation.camera import CameraModel, Frame
+from hil.cameras.http import HttpCamera
 from hil.cameras.open import RealCamera
-from hil.cameras.snapshot import HttpCamera
 from hil.cameras.stream import StreamEndedError
 
 GAP = 1.6  # times the usual interval, from which on a picture is missing between two

@@ -4,14 +4,10 @@ from collections.abc import Callable
 
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import Address, parse, shown
-from hil.cameras.calibration import Calibration
-from hil.cameras.capture import RtspSource, V4l2Source, size_of
-from hil.cameras.http import Caller
-from hil.cameras.lens import HFOV_DEG, Lens
-from hil.cameras.mjpeg import MjpegSource
-from hil.cameras.playback import FolderSource, VideoSource, rate_of
-from hil.cameras.snapshot import HttpCamera
+from hil.cameras.http import Caller, HttpCamera, MjpegSource
+from hil.cameras.lens import HFOV_DEG, Calibration, Lens
 from hil.cameras.stream import MAX_AGE_S, Source, StreamCamera
+from hil.cameras.video import FolderSource, RtspSource, V4l2Source, VideoSource, rate_of, size_of
 
 RealCamera = HttpCamera | StreamCamera
 ANSWER_S = 10.0  # s that a camera may take for its first picture

@@ -8,13 +8,10 @@ from collections.abc import Callable
 from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect, frame_of
 from foundation.signing import Signing, is_signed, timestamp
-from hil.link.family import Family
-from hil.link.firmware import Firmware, firmware, kind_name
-from hil.link.px4 import PX4
-from hil.link.statustext import StatusTexts
+from hil.link.autopilots import PX4, Family, Firmware, firmware, kind_name
+from hil.link.course import Track
 from hil.link.streams import TICK_US, Streams
-from hil.link.telemetry import TOLD, VehicleClock, VehicleState, update
-from hil.link.track import Track
+from hil.link.telemetry import TOLD, StatusTexts, VehicleClock, VehicleState, update
 from hil.link.transport import Transport
 from hil.link.vehicle_address import VehicleAddress
 

@@ -8,9 +8,8 @@ from foundation.errors import LinkError
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Setpoint, Sight
-from hil.link.arrival import Arrival
 from hil.link.conversation import SILENCE_S, Conversation
-from hil.link.course import Turning
+from hil.link.course import Arrival, Turning
 from hil.link.envelope import Limits, admit, broken_off, placed
 from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream
 from hil.link.streams import TICK_US, SetpointRate

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from foundation import extras
 from foundation.errors import LinkError, UsageError
-from foundation.ports import port_holder
+from foundation.machine import port_holder
 
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
 BAUD = 57_600  # of a serial line that names none, MAVSDK's and PX4's TELEM1

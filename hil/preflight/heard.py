@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from foundation.mavlink import dialect
-from hil.link.firmware import Firmware, firmware
+from hil.link.autopilots import Firmware, firmware
 from hil.link.link import Link
-from hil.link.statustext import StatusTexts
+from hil.link.telemetry import StatusTexts
 
 Message: TypeAlias = dialect.MAVLink_message
 

@@ -9,7 +9,7 @@ from dronecats.agent.drone import Drone
 from dronecats.agent.steady.drone import SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel
-from hil.link.track import Track
+from hil.link.course import Track
 
 CAMERA = CameraModel(width=64, height=36)
 TAKEN_US, TELLS_US = 1_000_000, 50_000

@@ -15,7 +15,7 @@ from dronecats.bench.campaign import Came, Campaign, OpenRun
 from dronecats.bench.cluster import ClusterEngine
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry
-from dronecats.flight.run.ledger_actor import RemoteLedger
+from dronecats.flight.run.accounts import RemoteLedger
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from foundation.errors import UsageError

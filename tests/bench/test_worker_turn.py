@@ -18,7 +18,7 @@ from dronecats.bench.worker import flown, waits_for_models_alone
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, as_kept
 from foundation.run_folder.folder import prepare
-from foundation.turn import COMPUTING
+from foundation.threads import COMPUTING
 
 EPISODES = ("blocks-commanding-01", "blocks-commanding-02")  # the map that is built at once
 PATIENCE_S = 60.0  # s for the other flight's question; two that wait for one another never ask together

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dronecats.cli.main import main
-from hil.cameras.calibration import load, save
+from hil.cameras.lens import load, save
 from tests import pictures
 from tests.hil.cameras.board_views import LENS, views
 from tests.hil.cameras.http_cameras import HttpServer, MjpegServer, jpeg, reply

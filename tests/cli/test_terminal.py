@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.cli.output import Drawing, Lossy, Printing
-from foundation.printable import printable
+from foundation.wording import printable
 from tests.agent.models.pointing import wrapped
 from tests.agent.models.recording import Recording
 from tests.support.command_line import DRONECATS

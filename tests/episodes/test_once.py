@@ -4,8 +4,8 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 from episodes import maps
-from foundation import once as once_module
-from foundation.once import expect_more, once, recurring
+from foundation import threads as once_module
+from foundation.threads import expect_more, once, recurring
 
 
 def test_who_asks_for_one_in_the_making_waits_for_it():

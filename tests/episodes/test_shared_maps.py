@@ -169,7 +169,7 @@ def test_what_reaches_beyond_the_map_makes_its_own_grid():
 
 def test_one_flight_keeps_nothing(monkeypatch):
     """What is kept for the next costs memory, and a process that flies once has no next."""
-    monkeypatch.setattr("foundation.once._expects_more", threading.Event())
+    monkeypatch.setattr("foundation.threads._expects_more", threading.Event())
     kept, of_map = [], renderer._shadows_of_map
 
     def keeping(*arguments):

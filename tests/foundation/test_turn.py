@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from foundation.turn import STEPS, ComputingTurn
+from foundation.threads import STEPS, ComputingTurn
 
 
 def start(*jobs):

@@ -13,7 +13,7 @@ from dronecats.flight.spec.spec_file import as_json, from_json
 from dronecats.study.factor import said
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of
 from foundation.errors import UsageError
-from foundation.run_folder.study import Level
+from foundation.run_folder.benchmark import Level
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency="rate:2")
 NUMBERS = [factor for factor in FACTORS.values() if factor.numeric]

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from dronecats.cli.main import FLIGHT_GB
-from foundation import memory
+from foundation import machine as memory
 from foundation.errors import UsageError
 
 LIMITED = """

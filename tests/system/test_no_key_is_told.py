@@ -159,7 +159,7 @@ def test_a_child_that_asks_no_model_does_not_get_the_key(tmp_path):
     server.server_close()
     assert flight.returncode == 3, err
     modules = {line.rpartition(" ")[2] for line in server.seen}
-    assert {"dronecats.flight.sitl.simulator_process", "dronecats.flight.sitl.camera_process"} <= modules, err
+    assert {"dronecats.flight.sitl.simulator_process", "dronecats.flight.sitl.camera"} <= modules, err
     for line, environ in server.seen.items():
         assert IN_THE_ENVIRONMENT not in line + environ, line
         assert "not-a-secret" in environ

@@ -20,9 +20,9 @@ import httpx
 from dronecats.agent.model_call import DaemonExecutor
 from dronecats.agent.models.turns import Limiter, Unlimited, allowances
 from foundation.errors import ModelError, ModelRejectedError, UsageError
-from foundation.printable import printable
 from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
-from foundation.turn import COMPUTING
+from foundation.threads import COMPUTING
+from foundation.wording import printable
 
 BUSY, DOWN, REFUSED = 429, 503, 400  # what a word for an error comes to
 _WORDS = (

@@ -9,7 +9,7 @@ from typing import Any
 from foundation.errors import LinkError
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
-from hil.link.arrival import Arrival
+from hil.link.course import Arrival
 from hil.link.envelope import broken_off
 from hil.link.link import Link
 from hil.link.telemetry import VehicleState

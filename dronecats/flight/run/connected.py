@@ -1,6 +1,6 @@
 """A flight of a vehicle that we did not start: the same episode code. Without truth there is no verdict."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -10,27 +10,47 @@ from dronecats.agent.cockpit import AgentFactory
 from dronecats.flight.picture.intent import draw as draw_intent
 from dronecats.flight.run.ascent import StartOffset
 from dronecats.flight.run.episode import Flown
-from dronecats.flight.run.instruments import Instruments
-from dronecats.flight.run.onboard_log import fetch_onboard_log
 from dronecats.flight.run.outcome import Say
 from dronecats.flight.run.pilot import OpenPilot, opened
-from dronecats.flight.run.setup import FlightSetup, Ready
+from dronecats.flight.run.setup import FlightSetup, Instruments, Ready
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Connected
 from dronecats.flight.stages.connected import ConnectedStage
 from dronecats.pilots import roster
 from foundation.camera import CameraModel
-from foundation.errors import CameraError, UsageError
+from foundation.errors import CameraError, DronecatsError, UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.folder import write_json
+from foundation.run_folder.layout import onboard_log_name
 from foundation.signing import load_key
 from hil.cameras.address import shown
 from hil.cameras.open import RealCamera, open_camera
 from hil.cameras.patient import FRAMES_S, PatientCamera
 from hil.link.envelope import Limits
+from hil.link.flight_logs import log_store
 from hil.link.link import Link
 from hil.link.reopening import Reopening
 from hil.link.transport import connect
+
+LATER = "fetch it later with dronecats flightlog fetch"
+
+
+def fetch_onboard_log(url: str, link: Link, folder: Path, say: Callable[[str], None]) -> None:
+    """Fetch the newest log of a vehicle whose link is closed; say so where it cannot be fetched."""
+    if link.state.armed:
+        say(f"the autopilot's log is not kept: the vehicle is still armed and writes it; {LATER}")
+        return
+    try:
+        with log_store(url) as store:
+            logs = [log for log in store.entries() if log.size_bytes]
+            if not logs:
+                say("the autopilot's log is not kept: there is none on board")
+                return
+            say(f"fetching the autopilot's log ({logs[-1].size_bytes:,} bytes) …")
+            store.fetch(logs[-1], folder).rename(folder / onboard_log_name())
+    except DronecatsError as fault:
+        say(f"the autopilot's log is not kept: {fault}; {LATER}")
+
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off, PX4's MIS_TAKEOFF_ALT

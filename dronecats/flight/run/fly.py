@@ -5,10 +5,9 @@ from typing import Any
 
 from dronecats.flight.run.episode import Flown
 from dronecats.flight.run.first_question import asked_folder
-from dronecats.flight.run.instruments import UNWATCHED, Instruments
 from dronecats.flight.run.outcome import Say, served_rate_hz
 from dronecats.flight.run.settings import settings
-from dronecats.flight.run.setup import FlightSetup
+from dronecats.flight.run.setup import UNWATCHED, FlightSetup, Instruments
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
 from foundation.run_folder.folder import write_run

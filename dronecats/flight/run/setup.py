@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.cockpit import AgentFactory
+from dronecats.agent.models.model import Model
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset
 from dronecats.flight.run.episode import EVERYTHING, Flown, StartCheck, fly
@@ -17,6 +18,26 @@ from dronecats.flight.run.step_lines import StepLines
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
+from hil.cameras.patient import PatientCamera
+from hil.link.link import Link
+
+
+class Instruments:
+    """None: everything is as it is. Whoever measures hands back the same, watched."""
+
+    def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
+        """Take in what the flight stands on, before anything is asked of it. `run` is the run folder."""
+
+    def model(self, model: Model) -> Model:
+        """Return the model that the agent asks."""
+        return model
+
+    def agent(self, make: AgentFactory) -> AgentFactory:
+        """Return what makes the agent."""
+        return make
+
+
+UNWATCHED = Instruments()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 from types import TracebackType
 
-from dronecats.flight.sitl.placement import Placement
 from dronecats.flight.sitl.scenario import origin
+from dronecats.flight.sitl.truth_bridge import Placement
 from dronecats.flight.stages.stage import TruthfulStage
 from episodes.world.world import World
 from foundation.errors import InfrastructureError

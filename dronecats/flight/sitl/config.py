@@ -1,11 +1,66 @@
-"""What the simulator's processes are told when they start."""
+"""What the simulator's processes are told when they start: what is flown, in which air, on which host."""
 
+import random
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
-from dronecats.flight.sitl.host_stalls import NO_STALLS, HostStalls
+from foundation.frames import Vec3
 from foundation.truth import KEPT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightConditions:
+    """The same for all vehicles of a simulation. The defaults are those of the benchmark."""
+
+    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, the direction the air moves to
+    gusts_w20: float = 0.0  # m/s, the wind at 20 ft that the turbulence belongs to
+    gps_delay_s: float = 0.0  # s by which fixes are older than they say
+    gps_noise: float = 1.0  # × the errors of a fix
+    sensor_noise: float = 1.0  # × noise and drift of accelerometer, gyroscope, compass and barometer
+
+
+AS_EVER = FlightConditions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostStalls:
+    """How often, and for how long."""
+
+    share: float = 0.0  # of the vehicle's seconds, each of which may begin with one
+    seconds: float = 0.5  # s of wall time
+
+    def __bool__(self) -> bool:
+        return self.share > 0.0 and self.seconds > 0.0
+
+
+NO_STALLS = HostStalls()
+
+
+class Staller:
+    """Stops whoever calls it, from `begin` on: which seconds those are is the seed's."""
+
+    def __init__(self, stalls: HostStalls, seed: int, stop: Callable[[float], None] = time.sleep) -> None:
+        """`stop` lets the wall seconds pass that it is given."""
+        self._stalls, self._stop = stalls, stop
+        self._fate = random.Random(f"{seed} host")
+        self._due_us: int | None = None
+        self.count = 0
+
+    def begin(self, time_us: int) -> None:
+        """From this vehicle time (µs) on there are stalls."""
+        self._due_us = time_us
+
+    def turn(self, time_us: int) -> None:
+        """Return at once, or after a stall when a second of vehicle time begins that has one."""
+        if not self._stalls or self._due_us is None or time_us < self._due_us:
+            return
+        self._due_us += 1_000_000
+        if self._fate.random() < self._stalls.share:
+            self.count += 1
+            self._stop(self._stalls.seconds)
+
 
 AIRFRAME = "x500"  # if none is named
 

@@ -4,11 +4,9 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig
-from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.flight.sitl.config import AIRFRAME, AS_EVER, FlightConditions, SimulatorConfig
 from dronecats.flight.sitl.lockstep import Lockstep
-from dronecats.flight.sitl.px4.lockstep import Px4Lockstep
-from dronecats.flight.sitl.px4.simulator import Px4Simulator
+from dronecats.flight.sitl.px4.simulator import Px4Lockstep, Px4Simulator
 from dronecats.flight.sitl.scenario import build
 from episodes.world.world import World
 

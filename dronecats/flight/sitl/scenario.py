@@ -8,8 +8,7 @@ from typing import Unpack
 import numpy as np
 
 from dronecats.flight.sitl.collisions import Traffic
-from dronecats.flight.sitl.config import AIRFRAME
-from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.flight.sitl.config import AIRFRAME, AS_EVER, FlightConditions
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation, V
 from dronecats.flight.sitl.vehicle import Physics
 from episodes.maps.assets.multirotor import outline

@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.flight.processes.child import Part
-from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.host_stalls import Staller
+from dronecats.flight.sitl.config import SimulatorConfig, Staller
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
-from dronecats.flight.sitl.ports import Ports
 from dronecats.flight.sitl.scenario import build, load_world, noise_seed
 from dronecats.flight.sitl.simulation import TICK_US
+from dronecats.flight.sitl.sockets import Ports
 from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script

@@ -7,7 +7,7 @@ from typing import Required, TypedDict, Unpack
 import numpy as np
 
 from dronecats.flight.sitl.collisions import CollisionReport
-from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.flight.sitl.config import AS_EVER, FlightConditions
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3

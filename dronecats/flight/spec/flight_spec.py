@@ -13,7 +13,7 @@ from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
 from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances
 from foundation.protocol import CAP_S
-from hil.cameras.calibration import Calibration
+from hil.cameras.lens import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
 SCRIPTED = "scripted:divide"  # who commands built-in pilots unless somebody is named

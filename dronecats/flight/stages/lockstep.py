@@ -11,11 +11,9 @@ from dronecats.flight.logger.telemetry import subscribe
 from dronecats.flight.logger.world_measure import measured_in
 from dronecats.flight.sitl.camera import WorldCamera
 from dronecats.flight.sitl.lockstep import Lockstep
-from dronecats.flight.sitl.px4.lockstep import Px4Lockstep
-from dronecats.flight.sitl.px4.simulator import Px4Simulator
+from dronecats.flight.sitl.px4.simulator import Px4Lockstep, Px4Simulator
 from dronecats.flight.sitl.scenario import build, origin
-from dronecats.flight.sitl.simulation import SimulatedVehicle
-from dronecats.flight.sitl.vehicle_port import VehiclePort
+from dronecats.flight.sitl.simulation import SimulatedVehicle, VehiclePort
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.stages.disturbed import DisturbedLinks

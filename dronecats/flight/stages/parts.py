@@ -5,9 +5,7 @@ from pathlib import Path
 
 from dronecats.flight.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.flight.processes.supervisor import ChildKind
-from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig
-from dronecats.flight.sitl.flight_conditions import FlightConditions
-from dronecats.flight.sitl.host_stalls import HostStalls
+from dronecats.flight.sitl.config import CameraConfig, FlightConditions, HostStalls, SimulatorConfig, TruthBridgeConfig
 from dronecats.flight.spec.disturbances import FrameFaults, VehicleFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots.config import PilotConfig
@@ -15,7 +13,7 @@ from foundation.run_folder import layout
 from foundation.truth import KEPT
 
 SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process", SimulatorConfig)
-CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera_process", CameraConfig)
+CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera", CameraConfig)
 TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.flight.sitl.truth_bridge", TruthBridgeConfig)
 LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process", LoggerConfig)
 ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.flight.logger.estimate_process", EstimateLoggerConfig)

@@ -16,9 +16,8 @@ from dronecats.flight.stages.disturbed import DisturbedLinks
 from dronecats.flight.stages.parts import simulator_config, truth_kept
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
-from hil.cameras.snapshot import HttpCamera
-from hil.impairment.one_way import PERFECT
-from hil.impairment.wire import ImpairedWire
+from hil.cameras.http import HttpCamera
+from hil.impairment.wire import PERFECT, ImpairedWire
 from hil.link.link import Link
 from hil.link.transport import Transport, UdpTransport, connect
 

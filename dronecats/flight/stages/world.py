@@ -8,13 +8,13 @@ from dronecats.flight.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.flight.processes.bus_listener import Listener
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
-from dronecats.flight.sitl.placement import Placement
+from dronecats.flight.sitl.truth_bridge import Placement
 from dronecats.flight.stages import parts
 from dronecats.flight.stages.realtime import Copy, Patience
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
+from hil.cameras.http import HttpCamera
 from hil.cameras.patient import FRAMES_S, PatientCamera
-from hil.cameras.snapshot import HttpCamera
 from hil.link.link import Link
 from hil.link.transport import connect
 

@@ -23,7 +23,7 @@ from dronecats.study.factors import POLICY, WHO_FLIES, at_levels
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.run_folder import layout
-from foundation.run_folder.study import Level, Study, StudyRun
+from foundation.run_folder.benchmark import Level, Study, StudyRun
 
 MORE_IS_EASIER = ("rate", "frame_rate", "setpoint_rate", "link_baud")  # of these the highest level is the reference
 NONE_COUNTS = "No flight counts yet."

@@ -15,9 +15,9 @@ from dronecats.study.loop.hover import StepAnswer
 from dronecats.study.loop.margins import StepFigures, step_figures
 from episodes.records import catalogue
 from foundation.frames import quat_yaw
+from hil.link.autopilots import PX4
 from hil.link.link import Link
 from hil.link.offboard import VelocitySetpoint
-from hil.link.px4 import PX4
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.drone import Aircraft
 from dronecats.agent.models.model import Model, Reply, Request
-from dronecats.flight.run.instruments import Instruments
+from dronecats.flight.run.setup import Instruments
 from dronecats.study.rate.chain import ChainClock, QuestionTimes
 from dronecats.study.rate.files import ChainLog
 from foundation.camera import Camera, Frame

@@ -20,7 +20,7 @@ from episodes.authoring.check.finding import RuleFinding
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from foundation.errors import UsageError
-from foundation.latest import Latest
+from foundation.threads import Latest
 
 
 @dataclass(frozen=True, slots=True)

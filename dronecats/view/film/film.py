@@ -14,7 +14,7 @@ from dronecats.view.film.plan import FilmPlan
 from dronecats.view.film.words import Picture
 from episodes.authoring.processes import share_out
 from foundation.errors import UsageError
-from foundation.once import once
+from foundation.threads import once
 
 PicturesDone = Callable[[int], object]  # told how many more pictures are there
 

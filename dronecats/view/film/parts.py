@@ -15,8 +15,8 @@ from typing import IO
 from dronecats.view.film.encoders import SUFFIX, Codec
 from dronecats.view.film.plan import FilmPlan
 from foundation.errors import UsageError
-from foundation.json_file import write_json
 from foundation.run_folder.reading import json_object
+from foundation.whole_file import write_json
 
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 

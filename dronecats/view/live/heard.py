@@ -14,8 +14,7 @@ from foundation.frames import Quat, Vec3, quat_from_euler
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
-from hil.link.statustext import StatusTexts
-from hil.link.telemetry import TOLD, VehicleState, update
+from hil.link.telemetry import TOLD, StatusTexts, VehicleState, update
 
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED

@@ -19,8 +19,7 @@ from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
 from foundation.truth import TRUTH_COMPONENT
-from hil.link.statustext import WARNING, StatusTexts
-from hil.link.telemetry import VehicleClock, VehicleState, update
+from hil.link.telemetry import WARNING, StatusTexts, VehicleClock, VehicleState, update
 
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TEXT = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_STATUSTEXT

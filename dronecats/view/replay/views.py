@@ -13,7 +13,7 @@ from episodes.world.fleet import DronePose
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler, rotate
-from foundation.latest import Latest
+from foundation.threads import Latest
 
 WIDTH_PX, HEIGHT_PX = 640, 360
 ABOVE_M = 9.0  # of the drone, from where it is seen from above

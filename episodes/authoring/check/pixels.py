@@ -12,7 +12,7 @@ from episodes.maps.scene import Instance, Mesh
 from episodes.world.visibility import NEAR_M, Hides, turn
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, rotate
-from foundation.once import once
+from foundation.threads import once
 
 Array = NDArray[np.float64]
 

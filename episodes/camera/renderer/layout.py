@@ -19,7 +19,7 @@ from episodes.camera.renderer.triangles import (
 )
 from episodes.maps.scene import Instance, Material, Mesh, Scene
 from foundation.errors import UsageError
-from foundation.once import recurring
+from foundation.threads import recurring
 
 
 @dataclass(frozen=True)

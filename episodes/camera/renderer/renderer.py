@@ -21,7 +21,7 @@ from episodes.camera.renderer.triangles import SceneArrays, place_all
 from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
-from foundation.once import once
+from foundation.threads import once
 
 NOTHING_MOVED: Moved = MappingProxyType({})
 NO_DEPTH, NO_IDS = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)

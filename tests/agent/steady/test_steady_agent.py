@@ -19,8 +19,8 @@ from dronecats.agent.steady.drone import SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog
+from hil.link.course import Track
 from hil.link.offboard import GRACE_US, OffboardStream, PositionSetpoint
-from hil.link.track import Track
 
 CAMERA = CameraModel(width=64, height=36)
 TICK_US = 50_000

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.flight.processes.heartbeat import EVERY_S, GLANCE_S, Heartbeat
+from dronecats.flight.processes.supervisor import EVERY_S, GLANCE_S, Heartbeat
 
 PATIENCE_S = 30.0
 

@@ -8,8 +8,8 @@ import pytest
 
 from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.run.true_start import TrueStart, estimate_faults, start_faults
-from dronecats.flight.sitl.placement import Placement
 from dronecats.flight.sitl.scenario import load_world
+from dronecats.flight.sitl.truth_bridge import Placement
 from foundation.errors import InfrastructureError
 from foundation.frames import quat_from_euler
 from foundation.truth import TruthSample

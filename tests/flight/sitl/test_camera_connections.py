@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl import camera_process
+from dronecats.flight.sitl import camera as camera_process
 from foundation.camera import Frame
 from foundation.errors import UsageError
 

@@ -6,15 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
+from dronecats.flight.sitl.config import AS_EVER, FlightConditions
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.frames import GRAVITY, quat_to_euler, wrap_pi
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Turn, Velocity
 from hil.impairment.channel import Impairment
-from hil.impairment.one_way import PERFECT
-from hil.impairment.stepped import SteppedWire
+from hil.impairment.wire import PERFECT, SteppedWire
 from hil.link.envelope import SIMULATED
 from hil.link.link import Link
 from vehicles import airframe

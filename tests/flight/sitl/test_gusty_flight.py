@@ -15,14 +15,14 @@ from pyulog import ULog
 from scipy.stats import chi2
 
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, VELOCITY_TEST
-from dronecats.flight.sitl.flight_conditions import FlightConditions
+from dronecats.flight.sitl.config import FlightConditions
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.frames import Vec3, quat_multiply
 from foundation.mavlink import dialect
+from hil.link.autopilots import PX4
 from hil.link.link import Link
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
-from hil.link.px4 import PX4
 from vehicles import airframe
 
 ORIGIN = (47.397742, 8.545594, 488.0)

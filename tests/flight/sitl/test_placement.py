@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import TruthBridgeConfig
-from dronecats.flight.sitl.placement import TruthClock, standing
 from dronecats.flight.sitl.scenario import boot_poses, load_world, origin
-from dronecats.flight.sitl.truth_bridge import TruthSource
+from dronecats.flight.sitl.truth_bridge import TruthClock, TruthSource, standing
 from dronecats.flight.stages import parts
 from foundation.errors import UsageError
 from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi

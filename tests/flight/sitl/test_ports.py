@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from dronecats.flight.sitl import ports
+from dronecats.flight.sitl import sockets as ports
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulator_process import Simulator
 from foundation.mavlink import Packer, Parser, dialect

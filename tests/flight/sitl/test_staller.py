@@ -4,8 +4,7 @@ import time
 
 import pytest
 
-from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.host_stalls import HostStalls, Staller
+from dronecats.flight.sitl.config import HostStalls, SimulatorConfig, Staller
 from dronecats.flight.sitl.simulator_process import Simulator
 
 

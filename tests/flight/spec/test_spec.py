@@ -19,7 +19,7 @@ from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec, 
 from dronecats.flight.spec.spec_file import as_json, as_kept, from_json, hidden
 from episodes.records import catalogue
 from foundation.errors import UsageError
-from hil.cameras.calibration import Calibration
+from hil.cameras.lens import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
 NUMBERS = st.floats(0.01, 100.0)

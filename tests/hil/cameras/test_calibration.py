@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from hil.cameras.calibration import Calibration, load, save
 from hil.cameras.chessboard import Board, board_of, corners, fit, is_new
-from hil.cameras.lens import Lens
+from hil.cameras.lens import Calibration, Lens, load, save
 from tests.hil.cameras.board_views import BOARD, LENS, POSES, corners_of, placed, views
 from tests.support.refusal import refusal
 

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.errors import CameraError
-from hil.cameras.mjpeg import Multipart
+from hil.cameras.http import HttpCamera, Multipart
 from hil.cameras.open import open_camera
-from hil.cameras.snapshot import HttpCamera
 from hil.cameras.stream import StreamCamera
 from tests.hil.cameras import picture_code
 from tests.hil.cameras.host_clock import host_us
@@ -127,9 +126,8 @@ def test_a_dropped_stream_comes_back_by_itself(serve):
 
 
 def stream_of(server):
-    from hil.cameras.http import Caller
+    from hil.cameras.http import Caller, MjpegSource
     from hil.cameras.lens import Lens
-    from hil.cameras.mjpeg import MjpegSource
 
     return MjpegSource(Caller(server.url())), "a test", host_us, Lens()
 

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from foundation.mavlink import Packer, Parser, dialect
 from hil.impairment.channel import Impairment
-from hil.impairment.one_way import PERFECT, OneWay
-from hil.impairment.stepped import SteppedWire
+from hil.impairment.wire import PERFECT, OneWay, SteppedWire
 
 TICK_S = 0.01
 

@@ -5,9 +5,9 @@ import pytest
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold
 from hil.link import conversation
+from hil.link.autopilots import PX4, Px4
 from hil.link.link import Link
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
-from hil.link.px4 import PX4, Px4
 from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 COPTER = int(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA)

@@ -3,8 +3,8 @@ import math
 import pytest
 
 from foundation.setpoints import Hold, Sight, Turn, Velocity
+from hil.link.autopilots import PX4
 from hil.link.offboard import CORRECTION_MAX, OffboardStream
-from hil.link.px4 import PX4
 
 STILL = (0.0, 0.0, 0.0)
 

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.mavlink import dialect
-from hil.link.statustext import PIECE, StatusTexts
+from hil.link.telemetry import PIECE, StatusTexts
 
 
 def pieces(text, text_id, severity=2):

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from hil.link.track import Track
+from hil.link.course import Track
 
 
 def told(*, places=(), headings=()):

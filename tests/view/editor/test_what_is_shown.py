@@ -22,7 +22,7 @@ from episodes.camera.renderer import Renderer, camera_pose
 from episodes.maps import assets
 from episodes.maps.scene import Mesh
 from episodes.world.world import World
-from foundation.latest import Latest
+from foundation.threads import Latest
 
 
 @pytest.fixture

@@ -1,7 +1,15 @@
-"""The simulator process when PX4 flies the vehicles: the same part as ours, with PX4's ports in place of our own."""
+"""A real PX4 as the pilot of simulated vehicles: its process, the simulator with PX4's ports, and lockstep.
 
+In lockstep, vehicle and PX4 are always in step. PX4's MAVLink threads are not: after each tick its telemetry has a
+moment of wall time to arrive. So a flight is as fast as the machine allows, but its bytes differ when it is flown
+again.
+"""
+
+import os
+import shlex
 import shutil
 import socket
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -10,22 +18,96 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
 
-from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.host_stalls import Staller
+from dronecats.flight.sitl.config import SimulatorConfig, Staller
+from dronecats.flight.sitl.lockstep import TurnOrder
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
-from dronecats.flight.sitl.ports import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
-from dronecats.flight.sitl.px4.process import INSTANCE, Px4Process
 from dronecats.flight.sitl.px4.vehicle import Px4Vehicle
 from dronecats.flight.sitl.scenario import built_of, load_world, noise_seed
 from dronecats.flight.sitl.simulation import TICK_US, Simulation
+from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from dronecats.flight.sitl.vehicle import BootPose, Physics
 from episodes.world.world import World
 from foundation.airframe import Airframe
+from foundation.compiled import ROOT
 from foundation.errors import InfrastructureError, UsageError
+from foundation.redaction import keyless_environment
 from foundation.run_folder.layout import onboard_log_name
+from hil.impairment.wire import SteppedWire
+from hil.link.transport import Transport, connect
 from hil.simulator.server import PORT, SimulatorServer
 from vehicles import airframe as airframes
 from vehicles import fault_script
+
+MODEL = "none_iris"  # PX4's airframe for a simulator that is somebody else's; rotors in the order of our quadrotors
+CLOSE_S = 5.0
+INSTANCE = "{instance}"  # what stands for the instance's number in a command
+
+
+class Px4Process:
+    """One PX4. Its parameters and logs stay in its folder; what it prints is added to `log`."""
+
+    def __init__(self, command: str, instance: int, folder: Path, log: Path, speed: float) -> None:
+        """Start it. Raises UsageError for a command that cannot be run."""
+        self.folder, self.log = folder, log
+        self._arguments = arguments(command, instance)
+        self._environment = environment(instance, speed)
+        self._process = self._start()
+
+    def poll(self) -> int | None:
+        """Return the exit status of a PX4 that has ended, None while it runs."""
+        return self._process.poll()
+
+    def restart(self) -> None:
+        """Start a PX4 that has ended once more, in the same folder."""
+        self.close()
+        self._process = self._start()
+
+    def close(self) -> None:
+        """End PX4 and whatever the command has started beside it."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _start(self) -> "subprocess.Popen[bytes]":
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with self.log.open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "dronecats.flight.processes.guard", *self._arguments],
+                cwd=self.folder,
+                env=self._environment,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,  # a Ctrl-C in the terminal reaches us alone
+            )
+
+
+def arguments(command: str, instance: int) -> list[str]:
+    """Return a command's words, with the instance filled in and paths that exist made absolute. Raises UsageError."""
+    try:
+        words = [word.replace(INSTANCE, str(instance)) for word in shlex.split(command)]
+    except ValueError as error:
+        raise UsageError(f"--px4 {command!r} cannot be split into words: {error}") from None
+    if not words or shutil.which(words[0]) is None:
+        raise UsageError(f"--px4 {command!r} names no program that can be run; give the path of PX4 or a script")
+    return [os.path.abspath(word) if os.sep in word and os.path.exists(word) else word for word in words]
+
+
+def environment(instance: int, speed: float) -> dict[str, str]:
+    """Return the environment of a PX4: ours without keys, and what its start script asks for."""
+    ours = keyless_environment(os.environ)
+    if "PX4_SYS_AUTOSTART" not in ours:
+        ours.setdefault("PX4_SIM_MODEL", MODEL)
+    ours["PX4_INSTANCE"] = str(instance)
+    if speed > 1.0:  # PX4 stretches its timeouts with it, so that they last as long for a client of real time
+        ours["PX4_SIM_SPEED_FACTOR"] = f"{speed:g}"
+    ours["PYTHONPATH"] = os.pathsep.join(filter(None, (str(ROOT), ours.get("PYTHONPATH"))))
+    return ours
+
 
 INSTANCES = 10  # of which each has an offboard port of its own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
@@ -231,3 +313,64 @@ class Px4Simulator:
             self._say(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
             self._started_at[k] = self.vehicles[k].answers
             process.restart()
+
+
+MOMENT_S = 0.002  # wall seconds; PX4's ATTITUDE comes on every tick, mostly within a third of a millisecond
+
+
+class Px4Lockstep(TurnOrder[Px4Vehicle]):
+    """The turn order of vehicles with PX4 in our autopilot's place."""
+
+    def __init__(self, simulator: Px4Simulator) -> None:
+        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError when one that we started ends."""
+        super().__init__(simulator.simulation)
+        self._simulator = simulator
+        while not simulator.do("in step", {}):
+            simulator.turn()
+
+    def pump(self) -> None:
+        """One tick of vehicle time, or a short wait for a PX4 that has not come yet."""
+        self._simulator.turn()
+        for follower in self.followers:
+            follower()
+
+    def transport(self, vehicle: int) -> "PumpedTransport":
+        """Return PX4's offboard link of one vehicle. Raises UsageError when its port is taken."""
+        return PumpedTransport(self._socket(vehicle), self)
+
+    def wire(self, vehicle: int, seed: int) -> SteppedWire:
+        socket = self._socket(vehicle)
+        wire = SteppedWire(
+            socket.url, lambda: socket.receive(0.0), socket.send, self.pump, lambda: self.time_s, seed, socket.close
+        )
+        self.followers.append(lambda: wire.step(socket.receive(MOMENT_S)))
+        return wire
+
+    def _socket(self, vehicle: int) -> Transport:
+        return connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}")
+
+
+class PumpedTransport(Transport):
+    """A socket that lets vehicle time pass when it runs dry."""
+
+    def __init__(self, socket: Transport, clock: Px4Lockstep) -> None:
+        self.url = socket.url
+        self._socket, self._clock = socket, clock
+
+    def receive(self, timeout_s: float) -> bytes:
+        data = self._socket.receive(0.0)
+        due_s = time.monotonic() + timeout_s  # whoever waits for a PX4 that has gone must get to know it
+        while not data and time.monotonic() < due_s:
+            self._clock.pump()
+            data = self._socket.receive(MOMENT_S)
+        self.peer = self._socket.peer
+        return data
+
+    def follow(self, peer: str) -> None:
+        self._socket.follow(peer)
+
+    def send(self, data: bytes) -> None:
+        self._socket.send(data)
+
+    def close(self) -> None:
+        self._socket.close()

@@ -12,8 +12,7 @@ import tty
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.flight.sitl.board.simulator import BoardSimulator
-from dronecats.flight.sitl.board.vehicle import BoardVehicle
+from dronecats.flight.sitl.board_simulator import BoardSimulator, BoardVehicle
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.vehicle import BootPose
 from foundation.errors import UsageError

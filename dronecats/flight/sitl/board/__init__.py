@@ -1,1 +1,0 @@
-"""An autopilot board that flies the simulated vehicle over a wire."""

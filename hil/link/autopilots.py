@@ -1,0 +1,153 @@
+"""The autopilot at the other end of a link: its version, its family, and PX4's modes and habits.
+
+PX4 in particular: the modes are from px4_custom_mode.h. The rest was measured with PX4 1.15. Only the frames LOCAL_NED
+and BODY_NED count as setpoints. A mask that leaves vz out (0x5E7) or everything (0xDFF) is called invalid and times
+out. A stream slower than 2 Hz is lost, and comes back without a mode command. Rates that a radio cannot carry are
+divided until they fit. STATUSTEXT goes only to a wire on which a ground station was heard.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from foundation.mavlink import dialect
+from foundation.px4 import MODES, PX4_AUTOPILOT
+from foundation.px4 import mode_name as name_of
+from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
+
+KINDS = {0: "", 64: "alpha", 128: "beta", 192: "rc", 255: ""}  # FIRMWARE_VERSION_TYPE; 0 is a developer's build
+NAMES = {0: "a generic autopilot", 3: "ArduPilot", PX4_AUTOPILOT: "PX4", 8: "no autopilot"}
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """What an autopilot says of its own firmware."""
+
+    version: str  # major.minor.patch, with alpha, beta or rc where it is none that was released
+    git: str  # first 8 bytes of the commit's hash, in hexadecimal; empty when not told
+    vendor: int  # USB ids of the board, 0 when not told
+    product: int
+    uid: int  # of the board, 0 when not told
+    capabilities: int  # MAV_PROTOCOL_CAPABILITY bits
+
+    def __str__(self) -> str:
+        return f"PX4 {self.version}" + (f" ({self.git[:8]})" if self.git else "")
+
+
+def firmware(message: dialect.MAVLink_message) -> Firmware:
+    """Return what an AUTOPILOT_VERSION says. PX4 writes the hash with its least significant byte first."""
+    number = message.flight_sw_version
+    major, minor, patch, kind = (number >> shift & 0xFF for shift in (24, 16, 8, 0))
+    suffix = KINDS.get(kind, f"type {kind}")
+    custom = bytes(message.flight_custom_version)
+    return Firmware(
+        version=f"{major}.{minor}.{patch}" + (f"-{suffix}" if suffix else ""),
+        git=custom[::-1].hex() if any(custom) else "",
+        vendor=message.vendor_id,
+        product=message.product_id,
+        uid=message.uid,
+        capabilities=message.capabilities,
+    )
+
+
+def kind_name(autopilot: int) -> str:
+    """Return the name of a HEARTBEAT.autopilot, for a sentence."""
+    return NAMES.get(autopilot, f"an autopilot of MAV_AUTOPILOT {autopilot}")
+
+
+class Family(Protocol):
+    """One family. Modes have PX4's names everywhere: what another family calls otherwise, its file translates."""
+
+    @property
+    def name(self) -> str:
+        """For a sentence."""
+        ...
+
+    @property
+    def autopilot(self) -> int:
+        """HEARTBEAT.autopilot, a MAV_AUTOPILOT."""
+        ...
+
+    @property
+    def homeward(self) -> tuple[str, ...]:
+        """Modes after which nothing more is ordered: they end on the ground."""
+        ...
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Return the mode of a HEARTBEAT or CURRENT_MODE."""
+        ...
+
+    def mode_parameters(self, mode: str) -> tuple[float, float]:
+        """Return parameters 2 and 3 of MAV_CMD_DO_SET_MODE. Raises KeyError for a mode that there is not."""
+        ...
+
+    def goes_on_to(self, mode: str) -> tuple[str, ...]:
+        """Return the modes into which an autopilot goes on by itself from this one."""
+        ...
+
+    def ending(self, then: str) -> str:
+        """Return the mode that ends a flight as asked: land, return or hold."""
+        ...
+
+    def setpoint_message(
+        self, setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
+    ) -> dialect.MAVLink_message:
+        """Return the message that carries an offboard setpoint, in the frame and with the mask that are understood."""
+        ...
+
+
+VELOCITY_YAW_RATE = 0x5C7  # type mask: vx, vy, vz, yaw rate
+POSITION_YAW = 0x9F8  # type mask: x, y, z, yaw
+LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}
+ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
+
+
+class Px4:
+    """The family of PX4, which our own autopilot speaks as."""
+
+    name = "PX4"
+    autopilot = int(PX4_AUTOPILOT)
+    homeward = ("LAND", "RETURN")  # one that has landed goes back to the mode before
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Return the mode of a HEARTBEAT or CURRENT_MODE, `main/sub` in numbers when it is none that we know."""
+        return name_of(custom_mode)
+
+    def mode_parameters(self, mode: str) -> tuple[float, float]:
+        """Return the main and the sub mode. Raises KeyError for a mode that there is not."""
+        return MODES[mode].main, MODES[mode].sub
+
+    def goes_on_to(self, mode: str) -> tuple[str, ...]:
+        """Return the modes into which it goes on by itself from this one."""
+        return LEADS_TO.get(mode, ())
+
+    def ending(self, then: str) -> str:
+        """Return the mode that ends a flight as asked: land, return or hold."""
+        return ENDINGS[then]
+
+    def setpoint_message(
+        self, setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
+    ) -> dialect.MAVLink_message:
+        """Return SET_POSITION_TARGET_LOCAL_NED in the frames and masks that a real PX4 takes."""
+        stamp = time_boot_ms % (1 << 32)
+        match setpoint:
+            case VelocitySetpoint(velocity_body, yaw_rate):
+                return dialect.MAVLink_set_position_target_local_ned_message(
+                    stamp,
+                    system,
+                    component,
+                    dialect.MAV_FRAME_BODY_NED,
+                    VELOCITY_YAW_RATE,
+                    0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
+                )  # fmt: skip
+            case PositionSetpoint(position_ned, yaw):
+                return dialect.MAVLink_set_position_target_local_ned_message(
+                    stamp,
+                    system,
+                    component,
+                    dialect.MAV_FRAME_LOCAL_NED,
+                    POSITION_YAW,
+                    *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
+                )  # fmt: skip
+
+
+PX4 = Px4()
