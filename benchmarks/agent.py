@@ -36,11 +36,10 @@ from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import ModelSpec
 from dronecats.agent.models.open import open_model
 from dronecats.agent.prompt import Prompt
-from dronecats.bench.batch import Batch
-from dronecats.bench.one_run import fly_run
+from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue, suites
 from episodes.world.world import World

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from episodes.camera.renderer import Renderer
-from episodes.camera.renderer.pose import eye_of
+from episodes.camera.renderer.layout import eye_of
 from episodes.maps.scene import Material, Mesh, Scene
 from foundation.camera import CameraModel, CameraPose
 

@@ -144,8 +144,6 @@ def recurring(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T | None]]
     return keeping
 
 
-
-
 class Latest(Generic[T]):
     """One thread that calls `work` with the newest thing it was given, never twice at a time."""
 

@@ -13,8 +13,6 @@ from foundation.obstacles import OPEN, Obstacles
 from foundation.sensors import ACTUATORS, MAX_ROTORS, SENSORS, TRUTH
 from foundation.terrain import FLAT, HeightField
 from vehicles import ground
-from vehicles.battery import COLLAPSE, drain, open_circuit
-from vehicles.battery import PERIOD_US as BATTERY_PERIOD_US
 from vehicles.collision import fresh_near, meet, solids_record
 from vehicles.collision_records import NEAR, SOLIDS, SolidTriangles
 from vehicles.compiled_frames import rotate_inverse
@@ -23,7 +21,8 @@ from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, 
 from vehicles.noise import streams
 from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE, STEP_S, STEP_US
 from vehicles.rigid_body import move
-from vehicles.rotor import FIRST_TURN, IMBALANCE_SPEED, ground_gain, push
+from vehicles.rotor import COLLAPSE, FIRST_TURN, IMBALANCE_SPEED, drain, ground_gain, open_circuit, push
+from vehicles.rotor import PERIOD_US as BATTERY_PERIOD_US
 from vehicles.sensors import SUITE, Suite, fresh_memory, grow, sample, suite_record
 from vehicles.wind import CALM, Wind, gust
 from vehicles.wind import PERIOD_US as WIND_PERIOD_US

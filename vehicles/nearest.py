@@ -1,10 +1,10 @@
-"""The nearest points of triangles and boxes."""
+"""Distances to what is solid: the nearest points of triangles and boxes, and how far a ray goes."""
 
 import math
 
-from foundation.compiled import njit
+from foundation.compiled import Record, njit
 from foundation.frames import Vec3
-from vehicles.collision_records import Grid32
+from vehicles.collision_records import Grid32, SolidTriangles
 
 
 @njit(cache=True)
@@ -69,3 +69,106 @@ def in_box(half: Vec3, point: Vec3) -> tuple[float, Vec3, Vec3]:
         return -ey, (x, way * half[1], z), (0.0, way, 0.0)
     way = math.copysign(1.0, z)
     return -ez, (x, y, way * half[2]), (0.0, 0.0, way)
+
+
+@njit(cache=True)
+def first_solid(solids: Record, triangles: SolidTriangles, time_us: int, eye: Vec3, way: Vec3, most: float) -> float:
+    """Return the distance (m) from `eye` along the unit vector `way` (both NED) to the first solid, inf beyond `most`.
+
+    Walks from cell to cell of the grid (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987).
+    """
+    found = _box(solids, time_us, eye, way) if solids.box != 0 else math.inf
+    enters, leaves = 0.0, min(most, found)
+    for axis in range(3):
+        low = solids.origin[axis] - eye[axis]
+        enters, leaves = _within(enters, leaves, low, low + solids.cells[axis] * solids.cell, way[axis])
+    if not enters < leaves:
+        return found if found <= most else math.inf
+    spot = (_cell(solids, eye, way, enters, 0), _cell(solids, eye, way, enters, 1), _cell(solids, eye, way, enters, 2))
+    at = enters
+    while at < leaves:
+        out, axis = math.inf, 0
+        for i in range(3):
+            if way[i] != 0.0:
+                wall = solids.origin[i] + (spot[i] + (1 if way[i] > 0.0 else 0)) * solids.cell
+                reached = (wall - eye[i]) / way[i]
+                if reached < out:
+                    out, axis = reached, i
+        number = (spot[0] * solids.cells[1] + spot[1]) * solids.cells[2] + spot[2]
+        for n in range(triangles.start[number], triangles.start[number + 1]):
+            found = min(found, _triangle(triangles.corners, triangles.bounds, triangles.numbers[n], eye, way))
+        if found <= out:
+            break
+        at = max(at, out)
+        step = 1 if way[axis] > 0.0 else -1
+        spot = (
+            spot[0] + (step if axis == 0 else 0),
+            spot[1] + (step if axis == 1 else 0),
+            spot[2] + (step if axis == 2 else 0),
+        )
+        if not 0 <= spot[axis] < solids.cells[axis]:
+            break
+    return found if found <= most else math.inf
+
+
+@njit(cache=True)
+def _cell(solids: Record, eye: Vec3, way: Vec3, at: float, axis: int) -> int:
+    """Return the cell along an axis in which the ray is at a distance (m), one that exists."""
+    number: float = (eye[axis] + at * way[axis] - solids.origin[axis]) / solids.cell
+    last: int = solids.cells[axis] - 1
+    return min(max(math.floor(number), 0), last)
+
+
+@njit(cache=True)
+def _within(enters: float, leaves: float, low: float, high: float, way: float) -> tuple[float, float]:
+    """Return the part of a ray's stretch (m) that lies between two walls at `low` and `high` (m) across one axis."""
+    if way == 0.0:
+        return (enters, leaves) if low <= 0.0 <= high else (enters, -math.inf)
+    near, far = low / way, high / way
+    if near > far:
+        near, far = far, near
+    return max(enters, near), min(leaves, far)
+
+
+@njit(cache=True)
+def _triangle(corners: Grid32, bounds: Grid32, t: int, eye: Vec3, way: Vec3) -> float:
+    """Return the distance (m) at which a ray crosses triangle t, from either side; inf when it does not.
+
+    Möller and Trumbore, "Fast, minimum storage ray-triangle intersection", 1997.
+    """
+    sx, sy, sz = bounds[t, 0] - eye[0], bounds[t, 1] - eye[1], bounds[t, 2] - eye[2]
+    ahead = sx * way[0] + sy * way[1] + sz * way[2]
+    if sx * sx + sy * sy + sz * sz - ahead * ahead > bounds[t, 3] * bounds[t, 3]:
+        return math.inf
+    ax, ay, az = float(corners[t, 0]), float(corners[t, 1]), float(corners[t, 2])
+    ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
+    vx, vy, vz = corners[t, 6] - ax, corners[t, 7] - ay, corners[t, 8] - az
+    px, py, pz = way[1] * vz - way[2] * vy, way[2] * vx - way[0] * vz, way[0] * vy - way[1] * vx
+    size = ux * px + uy * py + uz * pz
+    if abs(size) < 1e-12:
+        return math.inf
+    tx, ty, tz = eye[0] - ax, eye[1] - ay, eye[2] - az
+    u = (tx * px + ty * py + tz * pz) / size
+    qx, qy, qz = ty * uz - tz * uy, tz * ux - tx * uz, tx * uy - ty * ux
+    v = (way[0] * qx + way[1] * qy + way[2] * qz) / size
+    distance = (vx * qx + vy * qy + vz * qz) / size
+    inside = u >= 0.0 and v >= 0.0 and u + v <= 1.0 and distance >= 0.0
+    return distance if inside else math.inf
+
+
+@njit(cache=True)
+def _box(solids: Record, time_us: int, eye: Vec3, way: Vec3) -> float:
+    """Return the distance (m) at which a ray enters the moving box; inf when it does not."""
+    since = (time_us - solids.box_time_us) * 1e-6
+    x = eye[0] - solids.box_centre[0] - solids.box_velocity[0] * since
+    y = eye[1] - solids.box_centre[1] - solids.box_velocity[1] * since
+    z = eye[2] - solids.box_centre[2] - solids.box_velocity[2] * since
+    yaw = solids.box_yaw + solids.box_yaw_rate * since
+    c, s = math.cos(yaw), math.sin(yaw)
+    local = (c * x + s * y, -s * x + c * y, z)
+    along = (c * way[0] + s * way[1], -s * way[0] + c * way[1], way[2])
+    enters, leaves = 0.0, math.inf
+    for axis in range(3):
+        half = solids.box_half[axis]
+        enters, leaves = _within(enters, leaves, -half - local[axis], half - local[axis], along[axis])
+    return enters if enters < leaves else math.inf

@@ -16,8 +16,8 @@ from vehicles.collision_records import SolidTriangles
 from vehicles.compiled_frames import ned_to_geodetic, rotate, rotate_inverse
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
+from vehicles.nearest import first_solid
 from vehicles.noise import normal
-from vehicles.ray import first_solid
 from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, RandomStream
 
 BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move

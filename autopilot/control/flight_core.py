@@ -8,7 +8,7 @@ from autopilot.control import cascade, gains
 from autopilot.control.mixer import allocation
 from autopilot.control.records import CONTROL_STATE
 from autopilot.design.loop_shaping import design
-from autopilot.estimator import records as estimator_records
+from autopilot.estimator import records
 from autopilot.estimator.ekf import update as estimate_motion
 from autopilot.estimator.records import HISTORY, STATES
 from autopilot.records import ESTIMATE, KIND_IDLE, SETPOINT
@@ -72,8 +72,8 @@ class FlightCore:
         self.state["attitude_setpoint"] = (1.0, 0.0, 0.0, 0.0)
         self.state["torque_scale"] = 1.0
         self.state["hover_thrust"] = self.params["hover_thrust"]
-        self.filter_params = estimator_records.default_parameters(declination_rad)
-        self.filter_state = estimator_records.initial_state()
+        self.filter_params = records.default_parameters(declination_rad)
+        self.filter_state = records.initial_state()
         self.covariance = np.zeros((STATES, STATES))
         self.history = np.zeros((HISTORY, 7))
         self.setpoint = empty_setpoint()

@@ -7,18 +7,18 @@ test ratios, and the time of the last accepted sample, in the state.
 import math
 
 from autopilot.compiled_frames import geodetic_to_ned, quat_yaw, rotate, wrap_pi
-from autopilot.estimator import covariance as estimator_covariance
+from autopilot.estimator import covariance
 from autopilot.estimator.alignment import level
 from autopilot.estimator.records import HISTORY, MOTION, STATES
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, POSITION_TEST, VELOCITY_TEST
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
-apply = estimator_covariance.apply
-forget = estimator_covariance.forget
-hard_iron_slopes = estimator_covariance.hard_iron_slopes
-innovation_variance = estimator_covariance.innovation_variance
-symmetrize = estimator_covariance.symmetrize
+apply = covariance.apply
+forget = covariance.forget
+hard_iron_slopes = covariance.hard_iron_slopes
+innovation_variance = covariance.innovation_variance
+symmetrize = covariance.symmetrize
 
 SHOCK_DEAF_US = 1_000_000  # a vehicle that scrapes along a wall is aided by late fixes rather than by none
 

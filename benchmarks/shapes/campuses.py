@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets, campus, campus_ground, campus_plan
-from episodes.maps.assets import buildings, campus_monuments, fixtures, people, plants
-from episodes.maps.daylight import sun_at
-from episodes.maps.scene import Instance, Mesh, Scene
+from episodes.maps.assets import buildings, campus_monuments, fixtures, people, street
+from episodes.maps.scene import Instance, Mesh, Scene, sun_at
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler
 
@@ -58,9 +57,9 @@ def makers(rng: np.random.Generator) -> dict[str, Mesh]:
     made["delivery-robot"] = fixtures.delivery_robot("white")
     made["service-cart"] = fixtures.service_cart("white")
     species = str(rng.choice(("oak", "maple", "birch")))
-    made["tree"] = plants.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
-    made["conifer"] = plants.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))
-    made["shrub"] = plants.bush(float(rng.uniform(0.4, 0.6)), int(rng.integers(3, 9)))
+    made["tree"] = street.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
+    made["conifer"] = street.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))
+    made["shrub"] = street.bush(float(rng.uniform(0.4, 0.6)), int(rng.integers(3, 9)))
     return made
 
 
@@ -105,8 +104,8 @@ def build(seed: int) -> Scene:
                     break
     for side in (-1, 1):
         for along in (-90.0, -30.0, 30.0, 90.0):
-            add("wood", plants.wood(64.0, 10.0, 3), side * 104.0, along, math.pi / 2)
-            add("wood", plants.wood(64.0, 10.0, 4), along, side * 104.0, 0.0)
+            add("wood", street.wood(64.0, 10.0, 3), side * 104.0, along, math.pi / 2)
+            add("wood", street.wood(64.0, 10.0, 4), along, side * 104.0, 0.0)
     sun = sun_at(campus.ORIGIN[0], int(rng.integers(110, 170)), float(rng.uniform(9.4, 11.4)))
     return replace(campus.build(1), name=f"campus-of-{seed}", instances=tuple(instances), sun=sun)
 

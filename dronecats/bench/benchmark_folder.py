@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.bench.batch import Batch
-from dronecats.bench.campaign import OpenRun
+from dronecats.bench.campaign import Batch, OpenRun
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, benchmark, part_of
 from dronecats.bench.summary import EpisodeScore, score
 from dronecats.flight.run.first_question import FirstQuestions

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dronecats.bench.assignment import Berths
-from dronecats.bench.engine import Landed, Sortie
-from dronecats.bench.worker_config import WorkerConfig
+from dronecats.bench.engine import Berths, Landed, Sortie
+from dronecats.bench.worker import WorkerConfig
 from dronecats.flight.processes.supervisor import ChildKind, ChildProcess
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.judge.episode import write_verdict

@@ -10,10 +10,10 @@ import sys
 import threading
 import traceback
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.bench.worker_config import WorkerConfig
 from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
@@ -21,6 +21,14 @@ from dronecats.flight.spec.spec_file import from_json
 from foundation.compiled import in_turn
 from foundation.errors import DronecatsError
 from foundation.threads import COMPUTING, expect_more
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerConfig:
+    """A worker that flies what it is told to, several flights at a time where they mostly wait for a model."""
+
+    poll_s: float = 0.2  # wall s at most until it answers whether a flight is over
+
 
 # Short, since a flight asks for the interpreter anew after each picture and each line that it writes, and would wait
 # for this long whenever another one computes.

@@ -19,7 +19,7 @@ from pathlib import Path
 from dronecats import __version__
 from dronecats.agent.models import rows
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
-from foundation import machine as memory
+from foundation import machine
 from foundation.errors import UsageError
 from foundation.extras import BASE_COMMAND, EXTRAS, Extra, is_installed
 from foundation.machine import port_holder
@@ -136,9 +136,9 @@ def _python() -> Diagnosis:
 def _memory() -> Diagnosis:
     from dronecats.cli.main import FLIGHT_GB
 
-    limit = memory.limit_gb()
+    limit = machine.limit_gb()
     try:
-        memory.check("a flight", FLIGHT_GB)
+        machine.check("a flight", FLIGHT_GB)
     except UsageError as error:
         return Diagnosis("memory", MISSING, str(error), "raise the limit of this shell: ulimit -v")
     return Diagnosis("memory", OK, "address space is not limited" if limit is None else f"limited to {limit:.1f} GB")

@@ -43,10 +43,9 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
     from dronecats.bench.audit import flights, floor, groups, pars, row, text
-    from dronecats.bench.batch import Batch
+    from dronecats.bench.campaign import Batch, fly_run
     from dronecats.bench.local import cores
     from dronecats.bench.matrix import suite_of
-    from dronecats.bench.one_run import fly_run
     from dronecats.flight.run.settings import settings
     from dronecats.flight.spec.flight import look_up
     from episodes.records import blind

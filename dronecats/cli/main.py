@@ -9,7 +9,7 @@ from typing import Any
 from dronecats import __version__
 from dronecats.cli.exit_status import exit_status
 from dronecats.cli.output import Output
-from foundation import machine as memory
+from foundation import machine
 from foundation.wording import did_you_mean, nearest
 
 VERBS = {
@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """Do what a verb is for, and return its status. Raises UsageError where there is not the memory for it."""
-    memory.check(f"dronecats {args.verb}", MEMORY_GB.get(args.verb, OTHERS_GB))
+    machine.check(f"dronecats {args.verb}", MEMORY_GB.get(args.verb, OTHERS_GB))
     return int(args.run(args))
 
 

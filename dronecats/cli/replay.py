@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.view.replay.clock import check_speed
     from dronecats.view.replay.page import ReplayPage
     from dronecats.view.replay.recorded import playable_flight
-    from dronecats.view.scene.page_hosts import reach
+    from dronecats.view.scene.page import reach
 
     check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)

@@ -12,8 +12,8 @@ from dronecats.cli.sign_option import add_sign
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
+    from dronecats.study.rate.chain import ChainSummary
     from dronecats.study.rate.files import ReplayedChain
-    from dronecats.study.rate.summary import ChainSummary
 
 QUESTIONS = 30
 LEAST = 5  # questions of which quantiles say anything
@@ -60,9 +60,9 @@ def run(args: argparse.Namespace) -> int:
 
     from dronecats.flight.run.fly import fly
     from dronecats.flight.run.outcome import undisturbed
+    from dronecats.study.rate.chain import summarised
     from dronecats.study.rate.files import check_fresh, write_replay
     from dronecats.study.rate.instruments import RateInstruments
-    from dronecats.study.rate.summary import summarised
 
     if args.out is not None:
         check_fresh(args.out)
@@ -123,8 +123,8 @@ def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: 
 def _report(
     found: "ChainSummary | None", replay: "ReplayedChain | None", told: dict[str, Any], *, as_json: bool
 ) -> None:
+    from dronecats.study.rate.chain import table
     from dronecats.study.rate.files import CHAIN, STUDY, next_commands
-    from dronecats.study.rate.summary import table
 
     written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
     commands = next_commands(replay) if replay else []

@@ -12,11 +12,10 @@ from functools import cache, lru_cache
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets.paint import plain
-from episodes.maps.daylight import sun_at
+from episodes.maps.assets.materials import plain
 from episodes.maps.geometry import MeshPart
 from episodes.maps.places import Lane, Places, Spot
-from episodes.maps.scene import Instance, Material, Mesh, Scene
+from episodes.maps.scene import Instance, Material, Mesh, Scene, sun_at
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
 

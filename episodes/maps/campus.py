@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps import campus_ground, campus_plan
-from episodes.maps.assets import buildings, campus_monuments, fixtures, people, plants
-from episodes.maps.daylight import sun_at
+from episodes.maps.assets import buildings, campus_monuments, fixtures, people, street
 from episodes.maps.places import Landmark, Lane, Places, Spot
-from episodes.maps.scene import Instance, Mesh, Scene
+from episodes.maps.scene import Instance, Mesh, Scene, sun_at
 from foundation.terrain import HeightField
 
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
@@ -45,10 +44,10 @@ def _standing(seed: int) -> Iterator[PlacedMesh]:
         yield kind, mesh, north, east, math.radians(facing)
     rng = np.random.default_rng((seed, 11))
     for species, north, east, height in campus_plan.TREES:
-        mesh = plants.tree(species, height, 1 + int(rng.integers(2)))
+        mesh = street.tree(species, height, 1 + int(rng.integers(2)))
         yield "tree", mesh, north, east, float(rng.uniform(0.0, 2.0 * np.pi))
     for north, east, height in campus_plan.CONIFERS:
-        yield "conifer", plants.conifer(height, 1 + int(rng.integers(2))), north, east, float(rng.uniform(0, 6))
+        yield "conifer", street.conifer(height, 1 + int(rng.integers(2))), north, east, float(rng.uniform(0, 6))
     for row in _shrubs(rng):
         yield row
     for row in _backdrop():
@@ -66,15 +65,15 @@ def _shrubs(rng: np.random.Generator) -> Iterator[PlacedMesh]:
                 n = north + math.cos(yaw) * out - math.sin(yaw) * along
                 e = east + math.sin(yaw) * out + math.cos(yaw) * along
                 if np.hypot(taken[:, 0] - n, taken[:, 1] - e).min() > 3.6:
-                    yield "shrub", plants.bush((0.5, 0.58, 0.42)[k % 3], k % 3 + 1), n, e, float(rng.uniform(0, 6))
+                    yield "shrub", street.bush((0.5, 0.58, 0.42)[k % 3], k % 3 + 1), n, e, float(rng.uniform(0, 6))
 
 
 def _backdrop() -> Iterator[PlacedMesh]:
     """Yield the woods around the campus, so that no view ends in a bare horizon."""
     for side in (-1, 1):
         for k, along in enumerate((-90.0, -30.0, 30.0, 90.0)):
-            yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), side * 104.0, along, np.pi / 2
-            yield "wood", plants.wood(64.0, 10.0, 1 + k % 2), along, side * 104.0, 0.0
+            yield "wood", street.wood(64.0, 10.0, 1 + k % 2), side * 104.0, along, np.pi / 2
+            yield "wood", street.wood(64.0, 10.0, 1 + k % 2), along, side * 104.0, 0.0
 
 
 def build(seed: int = 1) -> Scene:

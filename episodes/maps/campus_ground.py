@@ -12,7 +12,7 @@ import numpy as np
 
 from episodes.maps import geometry as g
 from episodes.maps.assets import campus_textures
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array
 from episodes.maps.scene import Material, Mesh
 from foundation.terrain import HeightField

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps import geometry as g
-from episodes.maps.assets.paint import TRIM, WHITE_WOOD
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets.materials import TRIM, WHITE_WOOD, surface
 from episodes.maps.geometry import Array
 from episodes.maps.residential_plan import (
     CORNER,

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from episodes.maps.assets import houses, plants, street, vehicles
+from episodes.maps.assets import houses, street, vehicles
+from episodes.maps.assets import street as plants
 from episodes.maps.residential_plan import (
     CORNER,
     DEPTH,

@@ -3,6 +3,7 @@
 An asset's origin is the centre of its footprint on the ground, so its vertices have z ≤ 0 (down is positive).
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -84,3 +85,16 @@ class Scene:
     spawn_yaw: float = 0.0
     notes: tuple[str, ...] = field(default=())
     base: "Scene | None" = None  # the map to whose instances this one's others were added; None: it is a map itself
+
+
+def sun_at(latitude_deg: float, day: int, solar_hour: float) -> Sun:
+    """Return the sun over a latitude on a day of the year (1 … 365) at a true solar hour (12 = highest).
+
+    Declination by Cooper's formula, the rest is spherical trigonometry.
+    """
+    declination = math.radians(23.45) * math.sin(2.0 * math.pi * (284 + day) / 365.0)
+    latitude, hour = math.radians(latitude_deg), math.radians(15.0 * (solar_hour - 12.0))
+    north = math.cos(latitude) * math.sin(declination) - math.sin(latitude) * math.cos(declination) * math.cos(hour)
+    east = -math.cos(declination) * math.sin(hour)
+    up = math.sin(latitude) * math.sin(declination) + math.cos(latitude) * math.cos(declination) * math.cos(hour)
+    return Sun((north, east, -up))

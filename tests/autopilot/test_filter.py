@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from autopilot.compiled_frames import quat_advance, rotate, rotate_inverse
 from autopilot.estimator import covariance as estimator_covariance
-from autopilot.estimator import ekf as estimator
+from autopilot.estimator import ekf
 from autopilot.estimator.fusion import pressure_altitude
 from autopilot.estimator.records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
 from autopilot.records import ESTIMATE, HEADING_TEST, HEIGHT_TEST
@@ -156,7 +156,7 @@ def world(
                 sensors.gps_velocity_ned[i] = n[i] + noise * params.gps_velocity_noise * np.random.normal()
             sensors.gps_eph_m, sensors.gps_epv_m, sensors.gps_speed_accuracy = 0.1, 1.0, 0.1
             sensors.gps_fix_type = 3
-        estimator.update(params, state, covariance, history, sensors, estimate, landed)
+        ekf.update(params, state, covariance, history, sensors, estimate, landed)
         if late and baro:
             baro_sum += state.test_ratio[HEIGHT_TEST] * params.gate_baro**2
             baro_count += 1
@@ -258,7 +258,7 @@ def test_vertical_channel_equals_a_textbook_filter():
             sensors["baro_time_us"] = sensors["time_us"]
             sensors["pressure_hpa"] = 1013.25 * (1.0 - (ORIGIN[2] + rng.normal()) / 44330.769) ** (1.0 / 0.190263)
             reference.update(ORIGIN[2] - pressure_altitude(sensors["pressure_hpa"]))
-        estimator.update(*filter_.args)
+        ekf.update(*filter_.args)
         assert filter_.state["position"][2] == pytest.approx(reference.x[0, 0], abs=1e-9)
         assert filter_.state["velocity"][2] == pytest.approx(reference.x[1, 0], abs=1e-9)
     inner = filter_.covariance[np.ix_([8, 5], [8, 5])]
@@ -305,7 +305,7 @@ def test_hard_iron_is_told_from_heading_by_turning():
             sensors["mag_time_us"] = sensors["time_us"]
             sensors["mag_frd"] = rotate_inverse(tuple(truth["q"]), FIELD) + np.array([*iron, 0.0])
         filter_.state["velocity_fused_us"] = sensors["time_us"]
-        estimator.update(*filter_.args)
+        ekf.update(*filter_.args)
         if k == 1000:
             assert abs(error_of(filter_, truth)[2]) > 0.015
     assert abs(error_of(filter_, truth)[2]) < 0.004

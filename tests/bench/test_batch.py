@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dronecats.bench.audit import pars, table, text
-from dronecats.bench.batch import Batch
+from dronecats.bench.campaign import Batch
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.run_folder import layout

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dronecats.bench.assignment import Berths
+from dronecats.bench.engine import Berths
 
 C, R = "campus", "residential"
 

@@ -6,8 +6,7 @@ import pytest
 
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.model import ModelSpec
-from dronecats.bench.batch import Batch
-from dronecats.bench.campaign import Came, Campaign, OpenRun
+from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.run.settings import settings

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.models.model import ModelSpec
-from dronecats.bench.batch import RETRIED, Batch
 from dronecats.bench.benchmark_folder import Bench
-from dronecats.bench.campaign import Campaign, OpenRun
+from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
 from dronecats.bench.matrix import BenchEntry, entries, part_of, suite_of
 from dronecats.bench.summary import table
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated

@@ -10,8 +10,7 @@ import ray
 from ray.cluster_utils import Cluster
 
 from dronecats.agent.models.ledger import Ledger, Spent
-from dronecats.bench.batch import Batch
-from dronecats.bench.campaign import Came, Campaign, OpenRun
+from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.cluster import ClusterEngine
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry

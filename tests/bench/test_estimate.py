@@ -7,8 +7,7 @@ import pytest
 
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.model import ModelSpec
-from dronecats.bench.batch import Batch
-from dronecats.bench.campaign import OpenRun
+from dronecats.bench.campaign import Batch, OpenRun
 from dronecats.bench.estimate import CostEstimate, foreseen_usd
 from dronecats.bench.matrix import BenchEntry
 from dronecats.bench.progress import Progress

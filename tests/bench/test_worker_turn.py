@@ -9,8 +9,7 @@ import pytest
 
 from dronecats.agent.models.model import ModelSpec
 from dronecats.bench import local
-from dronecats.bench.batch import Batch
-from dronecats.bench.campaign import Came, Campaign, OpenRun
+from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.engine import Sortie
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps.scene import Instance
 from episodes.records import catalogue

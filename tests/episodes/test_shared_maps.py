@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from episodes.camera.renderer import layout, renderer
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.obstacles import obstacles, sorted_into_cells, with_more

@@ -12,10 +12,10 @@ from episodes.authoring.check.many import check_all
 from episodes.authoring.check.pixels import patch
 from episodes.authoring.check.referring import WORDS
 from episodes.authoring.check.rules import check
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
-from episodes.maps.assets.paint import NEUTRAL
+from episodes.maps.assets.materials import NEUTRAL
 from episodes.records import catalogue, suites
 from episodes.records.record import MOVING
 from episodes.world.world import World

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from episodes.authoring.check import pixels
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.target import motion

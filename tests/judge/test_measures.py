@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.judge.measures import Measures, measures
+from dronecats.judge.measured import Measures, measures
 from dronecats.judge.verdict import Measured, judge
 
 declared = st.builds(

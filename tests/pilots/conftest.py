@@ -70,7 +70,7 @@ def fly_kinematic():
 @pytest.fixture(scope="session")
 def eye():
     """Return a function (world) → function (position, yaw, t) → JPEG, with one renderer per world."""
-    from episodes.camera.renderer.pose import camera_pose
+    from episodes.camera.renderer.layout import camera_pose
     from episodes.camera.renderer.renderer import Renderer
 
     def open_eye(world):

@@ -22,7 +22,7 @@ from dronecats.pilots import (
 from dronecats.pilots.briefing import PastAction
 from dronecats.pilots.inscription import SURE, Inscription
 from episodes.authoring.pictures import probe
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.records import catalogue

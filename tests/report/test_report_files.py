@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from dronecats.report import blocks as lineups
+from dronecats.report import blocks
 from dronecats.report.figures import all as figures
 from dronecats.report.figures import bars, rates, style
 from dronecats.report.report_folder import write
@@ -93,7 +93,7 @@ def test_boxes_are_the_tables_quantiles():
 
 def test_blocks_stay_apart():
     lines, heads = style.lines(told()["approaching"])
-    assert [title for title, _ in heads] == [lineups.MODELS, lineups.BUILT_IN]
+    assert [title for title, _ in heads] == [blocks.MODELS, blocks.BUILT_IN]
     assert lines[0].y < heads[1][1] < lines[1].y
 
 

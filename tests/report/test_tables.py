@@ -11,8 +11,7 @@ from dronecats.judge.metrics.deliberation import StepOutlook
 from dronecats.judge.metrics.failure_mode import MODES
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.statistics.shares import known_share, wilson
-from dronecats.report import blocks as lineups
-from dronecats.report import names
+from dronecats.report import blocks, names
 from dronecats.report.page.told_tables import page_table
 from dronecats.report.report_table import TableCell
 from dronecats.report.results.collection import without_stalled
@@ -66,8 +65,8 @@ def test_models_and_built_in_pilots_never_share_a_block_and_what_those_are_is_sa
     ):
         for block in table.blocks[:2]:
             names = {cell.value for row in block.rows for cell in row.cells[:2] if isinstance(cell.value, str)}
-            assert block.title in (lineups.MODELS, lineups.BUILT_IN)
-            assert names <= ({GOOD, BAD} if block.title == lineups.MODELS else {"oracle", "blind:fan"})
+            assert block.title in (blocks.MODELS, blocks.BUILT_IN)
+            assert names <= ({GOOD, BAD} if block.title == blocks.MODELS else {"oracle", "blind:fan"})
     said = made(setup.setup, who).notes
     assert said[0].startswith("oracle ")
     assert said[1].startswith("blind:fan ")
@@ -84,7 +83,7 @@ def test_the_best_is_marked_among_models_alone():
 
 def test_what_can_be_had_without_looking_is_of_the_same_episodes_all_of_them():
     table = made(outcomes.main, small())
-    below = line(table, lineups.FLOOR)
+    below = line(table, blocks.FLOOR)
     sr = below["approaching_success_percent"]
     assert (sr.value, sr.count, sr.of) == (25.0, 1, 4)
     assert below["tracking_success_percent"].value is None, "no blind pilot has flown it"

@@ -13,9 +13,8 @@ import psutil
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.study.load.busy import busy
 from dronecats.study.load.comparison import compared
-from dronecats.study.load.flights import LoadedFlight
+from dronecats.study.load.flights import LoadedFlight, busy
 from dronecats.study.load.page import table
 from tests.support.command_line import DRONECATS
 
@@ -88,7 +87,7 @@ def test_busy_processes_compute_and_are_gone_afterwards():
 def test_busy_processes_end_with_whoever_was_killed():
     script = textwrap.dedent("""
         import os, time
-        from dronecats.study.load.busy import busy
+        from dronecats.study.load.flights import busy
         with busy(1) as started:
             print(started[0].pid, flush=True)
             time.sleep(600)

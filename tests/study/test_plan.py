@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.bench.batch import Batch
 from dronecats.bench.benchmark_folder import Bench
-from dronecats.bench.campaign import Campaign
+from dronecats.bench.campaign import Batch, Campaign
 from dronecats.bench.matrix import suite_of
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated

@@ -11,7 +11,7 @@ import pytest
 from dronecats.agent.models.model import ModelSpec
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.judge.host_stalls import STALL_S, delayed
+from dronecats.judge.incidents import STALL_S, delayed
 from dronecats.pilots.server import PilotServer
 from foundation.run_folder.reading import json_object, rows
 from foundation.run_folder.rows import Decision

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from dronecats.cli.main import FLIGHT_GB
-from foundation import machine as memory
+from foundation import machine
 from foundation.errors import UsageError
 
 LIMITED = """
@@ -33,7 +33,7 @@ def test_what_flies_says_what_it_needs_and_what_there_is(words, tmp_path, monkey
     done = limited(*words)
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1
-    assert "2.0 GB" in done.stderr or memory.on_this_machine(FLIGHT_GB) > FLIGHT_GB
+    assert "2.0 GB" in done.stderr or machine.on_this_machine(FLIGHT_GB) > FLIGHT_GB
     assert "1.0 GB" in done.stderr
     assert done.stdout.strip() == ""  # nothing was loaded
     assert list(tmp_path.iterdir()) == []
@@ -52,13 +52,13 @@ def test_the_doctor_says_so_too():
 
 def test_what_is_not_limited_is_not_refused(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda which: (resource.RLIM_INFINITY,) * 2)
-    memory.check("a flight", 1e6)
+    machine.check("a flight", 1e6)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (10**9, resource.RLIM_INFINITY))
-    memory.check("what needs nothing", 0.0)
+    machine.check("what needs nothing", 0.0)
     with pytest.raises(UsageError, match=r"5\.\d GB.*1\.0 GB.*ulimit -v"):
-        memory.check("a flight", 5.0)
+        machine.check("a flight", 5.0)
 
 
 def test_more_cores_reserve_more(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 64)
-    assert memory.on_this_machine(2.0) > 5.0
+    assert machine.on_this_machine(2.0) > 5.0

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from vehicles.airframe import load
-from vehicles.battery import NOMINAL_CELL_V
 from vehicles.multirotor import Multirotor
+from vehicles.rotor import NOMINAL_CELL_V
 
 ORIGIN = (47.3977, 8.5456, 488.0)
 HIGH = (0.0, 0.0, -100.0)  # far from the ground's effects

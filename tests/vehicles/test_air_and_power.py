@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 
 from tests.vehicles.fleet import HIGH, vehicle
-from vehicles import battery, noise
+from vehicles import noise, rotor
 from vehicles.records import AIR
 from vehicles.wind import Wind, gust, scales
 
@@ -84,14 +84,14 @@ def test_the_pack_drains_by_the_charge_that_flows() -> None:
 
 def test_voltage_falls_with_charge_and_sags_with_current() -> None:
     charge = np.linspace(0.0, 1.0, 101)
-    volts = np.array([battery.open_circuit(c) for c in charge])
+    volts = np.array([rotor.open_circuit(c) for c in charge])
     assert np.all(np.diff(volts) > 0.0)
     assert volts[-1] == 4.2
-    assert battery.open_circuit(battery.COLLAPSE) == 0.0
+    assert rotor.open_circuit(rotor.COLLAPSE) == 0.0
     craft = vehicle()
     craft.advance(100)
     state = craft.state
-    rest = 4 * battery.open_circuit(state["charge_ah"] / 5.0)
+    rest = 4 * rotor.open_circuit(state["charge_ah"] / 5.0)
     assert rest - state["voltage"] == pytest.approx(state["current"] * 0.02, rel=1e-3)
 
 
@@ -105,4 +105,4 @@ def test_a_low_pack_turns_the_rotors_slower_and_an_empty_one_stops_them() -> Non
         return float(craft.state["rotor_speed"][0])
 
     assert speed(1.0) > speed(0.5) > speed(0.1) > 400.0
-    assert speed(battery.COLLAPSE) < 1.0
+    assert speed(rotor.COLLAPSE) < 1.0

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.bridges import gymnasium_spaces as spaces
-from dronecats.bench.bridges.gymnasium_spaces import Acted, Seen
+from dronecats.bench.bridges import spaces
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
+from dronecats.bench.bridges.spaces import Acted, Seen
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
 from dronecats.flight.spec.latency_trace import latency_fields
 from episodes.records import catalogue, suites

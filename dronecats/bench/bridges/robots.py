@@ -24,9 +24,8 @@ from inspect_robots.task import Task
 from inspect_robots.types import Action, Observation, StepResult
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.bridges.actions import KINDS, reply
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
-from dronecats.bench.bridges.pictures import PICTURE_SHAPE, picture
+from dronecats.bench.bridges.spaces import KINDS, PICTURE_SHAPE, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
 from dronecats.flight.spec.latency_trace import latency_fields
 from dronecats.judge.episode import judge_folder

@@ -24,7 +24,7 @@ from dronecats.flight.sitl.scenario import load_world, origin
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.camera.optics.file import optics_of
 from episodes.camera.optics.options import Optics
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.world.fleet import DronePose
 from episodes.world.world import World

@@ -82,7 +82,7 @@ def compile_plant() -> None:
 
 def compile_camera() -> None:
     """Compile the renderer. One map and a small picture stand for all: maps differ in values, not in types."""
-    from episodes.camera.renderer.pose import camera_pose
+    from episodes.camera.renderer.layout import camera_pose
     from episodes.camera.renderer.renderer import Renderer
     from episodes.records import catalogue
     from episodes.world.world import World

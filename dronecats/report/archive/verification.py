@@ -12,9 +12,8 @@ import msgspec
 
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.contradictions import Rereading
-from dronecats.judge.episode import Judged, judge_run
+from dronecats.judge.episode import Judged, compare, judge_run
 from dronecats.judge.statistics.shares import known_share
-from dronecats.judge.stored import compare
 from dronecats.report.archive.manifest import FileDigest, Manifest
 from dronecats.report.archive.submission import incomplete
 from dronecats.report.archive.unpacking import unpack

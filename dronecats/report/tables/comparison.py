@@ -3,8 +3,7 @@
 import itertools
 from collections.abc import Sequence
 
-from dronecats.judge.statistics.corrections import holm
-from dronecats.judge.statistics.paired import ALPHA, POWER, Paired, paired
+from dronecats.judge.statistics.paired import ALPHA, POWER, Paired, holm, paired
 from dronecats.report.blocks import BUILT_IN, COMMANDING, MODELS, ONE_DRONE, Lineup
 from dronecats.report.entries import NONE, PERCENT, count
 from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from dronecats.judge.statistics.spread import Spread, spread
+from dronecats.judge.statistics.shares import Spread, spread
 from dronecats.report.blocks import BUILT_IN, MODELS, ONE_DRONE, Lineup, titled
 from dronecats.report.entries import NAME, NONE
 from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow

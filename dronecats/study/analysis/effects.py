@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, special
 
-from dronecats.judge.statistics.corrections import holm
 from dronecats.judge.statistics.mixed_logit import Array, MixedLogit, Trials, covariance, fit, share
+from dronecats.judge.statistics.paired import holm
 from dronecats.judge.statistics.shares import CONFIDENCE, KnownShare
 from dronecats.study.analysis.levels import LevelStep, level_steps, successes
 from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, StudiedLevel, by_episode

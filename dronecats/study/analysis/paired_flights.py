@@ -5,8 +5,8 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dronecats.judge.statistics.corrections import holm
 from dronecats.judge.statistics.differences import MeanDifference, mean_difference, share_difference
+from dronecats.judge.statistics.paired import holm
 from dronecats.study.analysis.levels import MEASURES, LevelStep, level_steps, number
 from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, by_episode, comparable, others
 

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from dronecats.judge.statistics.corrections import holm
+from dronecats.judge.statistics.paired import holm
 from dronecats.judge.statistics.shares import KnownShare
 from dronecats.study.analysis.levels import LevelStep, successes
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference, difference, pairs_of

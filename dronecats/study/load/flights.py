@@ -1,21 +1,51 @@
 """The same episodes flown in lockstep and in real time, beside more and more processes that compute."""
 
 import hashlib
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from dronecats.bench.batch import Batch
-from dronecats.bench.one_run import fly_run
+from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.run.settings import settings
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.study.load.busy import busy
 from foundation.errors import InfrastructureError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import stored_result
 from foundation.run_folder.results import SCORED
+
+# it ends by itself soon after whoever started it, however that one ended
+BUSY = """
+import os, sys
+parent = int(sys.argv[1])
+while os.getppid() == parent:
+    for _ in range(1_000_000):
+        pass
+"""
+
+
+@contextmanager
+def busy(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Have so many processes compute for the block, each as much as the host gives it.
+
+    Each is a session of its own: where Linux shares the processor out by sessions (sched(7), autogroup), all of them
+    together would otherwise weigh no more than one.
+    """
+    command = [sys.executable, "-c", BUSY, str(os.getpid())]
+    started = [subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True) for _ in range(count)]
+    try:
+        yield started
+    finally:
+        for process in started:
+            process.kill()
+        for process in started:
+            process.wait()
+
 
 Clock = Literal["lockstep", "real time"]
 CLOCKS: tuple[Clock, ...] = ("lockstep", "real time")

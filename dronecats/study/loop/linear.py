@@ -18,10 +18,9 @@ from autopilot.design.loop_shaping import FREQUENCIES, Complex, Gains, Response,
 from dronecats.study.loop.cascade_loops import TURNS, CascadeLoop
 from foundation.airframe import Airframe
 from foundation.frames import Vec3
-from vehicles.battery import EFFICIENCY, NOMINAL_CELL_V
 from vehicles.records import STEP_S
 from vehicles.rigid_body import air_drag
-from vehicles.rotor import push
+from vehicles.rotor import EFFICIENCY, NOMINAL_CELL_V, push
 
 DENSE = np.geomspace(0.1, 1000.0, 1_000)  # rad/s; below half of the 1 kHz at which all is sampled
 SMALL = 1e-3  # rad/s, m/s: by which a hover is disturbed to see what the air does about it

@@ -1,4 +1,4 @@
-"""The study of the loops as a page of Markdown, with its figures beside it and the command that makes them."""
+"""What a study of the loops found: rows for JSON and CSV, and a page of Markdown with its figures beside it."""
 
 import json
 from collections.abc import Sequence

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from episodes.authoring.check import rules
 from episodes.authoring.check.finding import RuleFinding
 from episodes.camera.renderer import Renderer
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.maps.scene import Instance, Scene
 from episodes.records.record import EpisodeRecord, TargetRecord, parse
 from episodes.world.fleet import Fleet, hovering

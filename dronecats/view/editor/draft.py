@@ -7,8 +7,8 @@ the next one, so that undoing is going back to an older draft.
 import math
 from dataclasses import dataclass, replace
 
-from dronecats.view.editor import drape, suggest
-from dronecats.view.editor.drape import Knots
+from dronecats.view.editor import suggest
+from dronecats.view.editor.suggest import Knots
 from episodes.authoring.check.limits import GRID_SIDE_M, OF_OTHER_MAPS, RULES
 from episodes.maps import assets
 from episodes.maps.scene import Instance, Mesh, Scene
@@ -79,7 +79,7 @@ class Drafting:
     def opened(self, record: EpisodeRecord) -> Draft:
         """Return the draft of a record that exists, as it is."""
         path = record.target.path
-        knots = drape.corners([(n, e) for n, e, _ in path.waypoints_ned]) if path else ()
+        knots = suggest.corners([(n, e) for n, e, _ in path.waypoints_ned]) if path else ()
         return Draft(record, knots, record.instruction != suggest.instruction(record))
 
     def on_ground(self, north: float, east: float, above: float = 0.0) -> Vec3:
@@ -348,7 +348,7 @@ class Drafting:
         path = draft.record.target.path
         if path is None:
             raise ValueError("the target stands still")
-        waypoints = drape.draped(knots, self.on_ground)
+        waypoints = suggest.draped(knots, self.on_ground)
         if len(waypoints) > MAX_WAYPOINTS:
             raise UsageError(f"the path needs {len(waypoints)} waypoints to follow the ground; {MAX_WAYPOINTS} fit.")
         target = replace(draft.record.target, path=replace(path, waypoints_ned=waypoints))

@@ -1,18 +1,66 @@
 """The panels beside the map: what can be chosen and typed, what the camera sees, and the checks."""
 
 from collections.abc import Callable, Sequence
+from html import escape
 from typing import Any, Protocol
 
 import numpy as np
 import viser
 
-from dronecats.view.editor import report
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
 from episodes.authoring.check.finding import RuleFinding
 from episodes.authoring.check.limits import ALTITUDE_M
 from episodes.maps import assets
 from episodes.records.record import CELLS, MAX_SEED
+
+GREEN, RED, GREY = "#2b8a3e", "#c92a2a", "#868e96"
+
+
+def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
+    """Return the list of checks, red ones first; a stale one, of the draft before the last change, is dimmed."""
+    failed = [f for f in findings if not f.passed]
+    title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
+    color = GREY if not findings else RED if failed else GREEN
+    rows = "".join(_row(f) for f in (*failed, *(f for f in findings if f.passed)))
+    return (
+        f'<div id="checks" data-failed="{len(failed)}" data-fresh="{str(fresh).lower()}" '
+        f'style="font-size:12px;line-height:1.35;padding:2px 10px 8px;opacity:{1.0 if fresh else 0.55}">'
+        f'<div style="font-size:14px;font-weight:600;color:{color};margin:4px 0 6px">{title}</div>{rows}</div>'
+    )
+
+
+def _row(found: RuleFinding) -> str:
+    color, mark = (GREEN, "✓") if found.passed else (RED, "✗")
+    wanted = f'<div style="opacity:0.65">wanted {escape(found.wanted)}</div>' if not found.passed else ""
+    measured = f"<b>{escape(found.measured)}</b>{wanted}"
+    return (
+        f'<div title="wanted: {escape(found.wanted)}" '
+        'style="display:flex;gap:7px;padding:2px 0;border-top:1px solid rgba(128,128,128,0.18)">'
+        f'<span style="color:{color};font-weight:700">{mark}</span>'
+        f'<span style="flex:1">{escape(_capital(_short(found.rule)))}</span>'
+        f'<span style="text-align:right;max-width:50%;color:{color}">{measured}</span></div>'
+    )
+
+
+def _short(rule: str) -> str:
+    """Return a rule without its article: in a list nobody misses it."""
+    return rule.removeprefix("the ")
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def facts_html(rows: Sequence[tuple[str, str]]) -> str:
+    """Return pairs of a name and a value as one line each."""
+    lines = "".join(
+        f'<div style="display:flex;justify-content:space-between"><span style="opacity:0.65">{escape(name)}</span>'
+        f"<b>{escape(value)}</b></div>"
+        for name, value in rows
+    )
+    return f'<div style="font-size:12px;line-height:1.6;padding:2px 10px 6px">{lines}</div>'
+
 
 CLICKS = {
     "Look around": "",
@@ -64,7 +112,7 @@ class Panels:
             blank = np.full((PREVIEW.height, PREVIEW.width, 3), 40, np.uint8)
             self._picture = self._gui.add_image(blank, format="jpeg", jpeg_quality=88)
             self._facts = self._gui.add_html("")
-            self._checks = self._gui.add_html(report.checks_html((), False))
+            self._checks = self._gui.add_html(checks_html((), False))
         view.dock_left()
         view.set_width(400)
         self._clicks: Any = self._gui.add_dropdown("A click on the map", tuple(CLICKS), initial_value="Look around")
@@ -132,7 +180,7 @@ class Panels:
             ("distance", f"{record.start_distance_m:.2f} m"),
             ("bearing", f"{record.bearing_deg:.1f}°"),
         ]
-        self._facts.content = report.facts_html(rows)
+        self._facts.content = facts_html(rows)
 
     def show_picture(self, picture: Any) -> None:
         """Show what the camera sees."""
@@ -140,7 +188,7 @@ class Panels:
 
     def show_checks(self, findings: Sequence[RuleFinding], fresh: bool) -> None:
         """Show the findings."""
-        self._checks.content = report.checks_html(findings, fresh)
+        self._checks.content = checks_html(findings, fresh)
 
     def tell(self, text: str, replaceable: bool = False) -> None:
         """Show a sentence under the button that writes."""

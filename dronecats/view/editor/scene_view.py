@@ -11,9 +11,9 @@ import viser
 
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
-from dronecats.view.scene import daylight, display
+from dronecats.view.scene import display
 from episodes.authoring.check.limits import OF_OTHER_MAPS, RULES
-from episodes.maps.assets.paint import PAINTS
+from episodes.maps.assets.materials import PAINTS
 from episodes.world.target import motion
 from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M
@@ -51,7 +51,7 @@ class SceneView:
         self._frustums: dict[int, Any] = {}
         self._held = ""
         self._lines: dict[str, tuple[object, Any]] = {}
-        daylight.light(server, drafting.scene.sun)
+        display.light(server, drafting.scene.sun)
         server.scene.add_glb("/map", display.map_glb(drafting.scene), cast_shadow=False, receive_shadow=False)
         self.look_at_start()
 

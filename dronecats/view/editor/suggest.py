@@ -1,15 +1,66 @@
-"""What an editor proposes where nothing has been chosen yet: a path, an inscription, an instruction."""
+"""What an editor proposes: paths over the ground, an inscription, an instruction."""
 
 import itertools
 import math
+from collections.abc import Callable, Sequence
 
-from dronecats.view.editor import drape
-from dronecats.view.editor.drape import Knot, Knots
 from episodes import maps
 from episodes.authoring.check.nouns import nouns
 from episodes.maps.scene import Scene
 from episodes.records.record import HIDDEN, MOVING, EpisodeRecord
 from foundation.errors import UsageError
+from foundation.frames import Vec3
+
+OFF_M = 0.005  # how far a path may leave the ground between two of its waypoints
+STEP_M = 0.25  # between the places at which the ground is looked at
+
+Knot = tuple[float, float]  # m north, m east
+Knots = tuple[Knot, ...]  # a path as it was clicked
+
+
+def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
+    """Return waypoints (m, NED) through knots, with more where the ground between two leaves the straight line."""
+    points = [on_ground(*knots[0])]
+    for a, b in itertools.pairwise(knots):
+        count = max(1, math.ceil(math.dist(a, b) / STEP_M))
+        shares = [k / count for k in range(count + 1)]
+        fine = [on_ground(a[0] + (b[0] - a[0]) * u, a[1] + (b[1] - a[1]) * u) for u in shares]
+
+        def off(i: int, j: int, k: int, fine: Sequence[Vec3] = fine) -> float:
+            return abs(fine[k][2] - (fine[i][2] + (fine[j][2] - fine[i][2]) * (k - i) / (j - i)))
+
+        points.extend(fine[k] for k in _needed(len(fine), off, OFF_M)[1:])
+    return tuple(points)
+
+
+def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
+    """Return the points of a line seen from above that are needed to keep within `off_m` of all of them.
+
+    Two millimetres, since places are rounded to one, keep the shape. Source: Douglas and Peucker, 1973.
+    """
+
+    def off(a: int, b: int, k: int) -> float:
+        (n0, e0), (n1, e1), (n, e) = points[a], points[b], points[k]
+        span = math.dist(points[a], points[b])
+        if span < 1e-9:
+            return math.dist(points[a], points[k])
+        return abs((n1 - n0) * (e - e0) - (e1 - e0) * (n - n0)) / span
+
+    return tuple(points[k] for k in _needed(len(points), off, off_m))
+
+
+def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> list[int]:
+    """Return which of `count` points must stay for none to lie `off(a, b, k)` by more than `most` between a and b."""
+    kept = {0, count - 1}
+    waiting = [(0, count - 1)]
+    while waiting:
+        a, b = waiting.pop()
+        worst = max(range(a + 1, b), key=lambda k: off(a, b, k), default=a)
+        if worst > a and off(a, b, worst) > most:
+            kept.add(worst)
+            waiting += [(a, worst), (worst, b)]
+    return sorted(kept)
+
 
 LANE_OFF_M = 0.25  # a proposed path may cut a lane's corners by so much, and has few points to drag for it
 
@@ -22,7 +73,7 @@ def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: f
         lanes = []
     if lanes:
         nearest = min(lanes, key=lambda one: math.dist(one.waypoints_ned[0][:2], here))
-        return drape.corners([(n, e) for n, e, _ in nearest.waypoints_ned], LANE_OFF_M)
+        return corners([(n, e) for n, e, _ in nearest.waypoints_ned], LANE_OFF_M)
     field = scene.terrain
     low = (field.origin_north, field.origin_east)
     high = tuple(low[k] + field.cell_m * (field.down.shape[k] - 1) for k in (0, 1))

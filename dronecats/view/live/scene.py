@@ -12,7 +12,7 @@ from dronecats.view.live.added_things import AddedThings
 from dronecats.view.live.judged import JudgedMarks
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.view.live.trail import Trail
-from dronecats.view.scene import daylight, display
+from dronecats.view.scene import display
 from episodes.maps.scene import Moved, Scene, Sun
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_yaw
@@ -64,7 +64,7 @@ class FlightScene:
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
             server.scene.add_frame(WORLD, show_axes=False)
-            daylight.light(server, base.sun if base else NOON)
+            display.light(server, base.sun if base else NOON)
             self._ground(base)
         server.scene.add_frame(self._root, show_axes=False)
         shades = [colors[k % len(colors)] for k in range(drones)]

@@ -1,24 +1,53 @@
 """The map and the things on it as the browser gets them, and what a click in the browser meets.
 
-The browser's world has glTF's axes (x east, y up, z south), so everything passes through `episodes.maps.gltf.axes`.
+The browser has glTF’s axes (x east, y up, z south): everything passes through `episodes.maps.gltf.container`.
 """
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import viser
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from episodes.maps import geometry as g
-from episodes.maps.gltf.axes import from_gltf, to_gltf
-from episodes.maps.gltf.shapes import compact
+from episodes.maps.gltf.container import from_gltf, to_gltf
+from episodes.maps.gltf.meshes import compact
 from episodes.maps.gltf.writer import to_bytes
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
 from episodes.world.visibility import turn
 from foundation.frames import Quat, Vec3
 from foundation.terrain import FLAT, HeightField
+
+SKY_TOP, SKY_BOTTOM = (150, 188, 226), (233, 240, 245)
+FAR_M = 200.0  # from the origin to where the sun is put
+
+
+def light(server: viser.ViserServer, sun: Sun) -> None:
+    """Have the browser's up be up, a sky behind everything, and light as a map's sun gives it.
+
+    Without shadows: those that count are in the cameras' pictures.
+    """
+    scene = server.scene
+    scene.set_up_direction("+y")
+    scene.set_background_image(_sky())
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map(None)
+    scene.add_light_ambient("/light/ambient", intensity=0.9)
+    scene.add_light_hemisphere("/light/sky", sky_color=(205, 222, 255), ground_color=(120, 115, 105), intensity=1.3)
+    n, e, d = (FAR_M * v for v in sun.toward_ned)
+    place = place_of((n, e, d))
+    scene.add_light_directional("/light/sun", color=(255, 244, 224), intensity=2.2, position=place)
+
+
+def _sky() -> Any:
+    share = np.linspace(0.0, 1.0, 64)[:, None, None]
+    rows = np.array(SKY_TOP) * (1.0 - share) + np.array(SKY_BOTTOM) * share
+    return np.repeat(rows.astype(np.uint8), 4, axis=1)
+
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records.record import EpisodeRecord
 from episodes.world.world import World

@@ -1,7 +1,7 @@
 """An asset alone on a wide level ground, for pictures of it."""
 
 from episodes.maps import geometry as g
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets.materials import surface
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from foundation.terrain import FLAT
 

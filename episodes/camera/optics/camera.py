@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.optics import rain, weather
-from episodes.camera.optics.lens import BentLens
-from episodes.camera.optics.light import Codes, Light
+from episodes.camera.optics import weather
+from episodes.camera.optics.lens import BentLens, Codes, Light
 from episodes.camera.optics.options import LensModel, Optics, Rain, Sensor
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.camera.renderer.sky import WHITE, daylight
 from episodes.maps.scene import Moved, Scene, Sun
@@ -72,7 +71,7 @@ class OpticalRenderer:
             light += other
         light /= np.float32(poses)
         if optics.rain is not None:
-            light = self._rained(light, seen[poses // 2][1], motion, optics.rain, shutter or rain.SHUTTER_S, rng)
+            light = self._rained(light, seen[poses // 2][1], motion, optics.rain, shutter or weather.SHUTTER_S, rng)
         light = self._lens.through(light)
         if optics.sensor is not None:
             light = noisy(light, optics.sensor, rng)
@@ -109,7 +108,7 @@ class OpticalRenderer:
         rng: np.random.Generator,
     ) -> Light:
         """Return `light` with the streaks of drops that are nearer than `depth` (m)."""
-        mask = rain.streaks(
+        mask = weather.streaks(
             depth,
             self._pose(motion),
             motion.velocity_ned,
@@ -119,7 +118,7 @@ class OpticalRenderer:
             self._lens.wide,
             rng,
         )
-        return rain.add_streaks(light, mask, self._air)
+        return weather.add_streaks(light, mask, self._air)
 
 
 def lit(sun: Sun, optics: Optics) -> Sun:

@@ -5,7 +5,7 @@ triangle that each sample sees, `shadow` what the sun sees, `shading` and `sky` 
 and encodes, and `renderer` runs them in that order.
 """
 
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer, View
 
 __all__ = ["Renderer", "View", "camera_pose"]

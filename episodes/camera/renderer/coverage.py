@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.renderer.pose import NEAR_M, Eye
-from episodes.camera.renderer.triangles import Triangles
+from episodes.camera.renderer.layout import NEAR_M, Eye, Triangles
 from foundation.compiled import njit
 
 BAND = 16  # rows of samples that one thread fills at a time

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
-from episodes.camera.renderer.layout import Laid, laid_out, lay_out
-from episodes.camera.renderer.pose import depth_per_metre, eye_of
+from episodes.camera.renderer.layout import Laid, SceneArrays, depth_per_metre, eye_of, laid_out, lay_out, place_all
 from episodes.camera.renderer.resolve import resolve_rows
 from episodes.camera.renderer.shading import shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, sun_map, things_between
 from episodes.camera.renderer.sky import daylight, display_table
-from episodes.camera.renderer.triangles import SceneArrays, place_all
 from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import Drawn
-from episodes.camera.renderer.pose import Eye
+from episodes.camera.renderer.layout import Eye, Surfaces, Triangles
 from episodes.camera.renderer.shadow import SunMap, sun_slopes, sunlight
 from episodes.camera.renderer.sky import HAZE_LENGTH_M, WHITE, Daylight, sky_color
 from episodes.camera.renderer.textures import Atlas, footprint, texture_color
-from episodes.camera.renderer.triangles import Surfaces, Triangles
 from foundation.compiled import njit
 from foundation.frames import Vec3
 

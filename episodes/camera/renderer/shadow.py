@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.renderer.triangles import MovablePart, SceneArrays, Triangles
+from episodes.camera.renderer.layout import MovablePart, SceneArrays, Triangles
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3

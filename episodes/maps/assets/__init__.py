@@ -4,22 +4,21 @@ import difflib
 from collections.abc import Callable
 from functools import lru_cache, partial
 
-from episodes.maps.assets import bus, exhibits, fixtures, people, two_wheelers, vehicles
-from episodes.maps.assets import paint as _paint
+from episodes.maps.assets import bus, exhibits, fixtures, materials, people, vehicles
 from episodes.maps.scene import Mesh
 from foundation.errors import UsageError
 
-PAINTS = tuple(_paint.PAINTS)
+PAINTS = tuple(materials.PAINTS)
 
 # asset → its maker: (paint, inscription) → mesh
 _INSCRIBED: dict[str, Callable[[str, str], Mesh]] = {kind: partial(vehicles.car, kind) for kind in vehicles.SHAPES} | {
     "bus": bus.bus,
-    "motorcycle": two_wheelers.motorcycle,
+    "motorcycle": people.motorcycle,
     "sign": exhibits.sign,
 }
 # asset → its maker: paint → mesh
 _PLAIN: dict[str, Callable[[str], Mesh]] = {
-    "cyclist": two_wheelers.cyclist,
+    "cyclist": people.cyclist,
     "delivery_robot": fixtures.delivery_robot,
     "pedestrian": people.pedestrian,
     "person": people.person,

@@ -10,9 +10,8 @@ import numpy as np
 
 from episodes.maps import geometry as g
 from episodes.maps.assets import campus_textures as textures
-from episodes.maps.assets import paint as colors
-from episodes.maps.assets.paint import linear
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets import materials
+from episodes.maps.assets.materials import linear, surface
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
@@ -139,7 +138,7 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
 
 def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a concrete wall: bands of glass between spandrels, cut by upright fins."""
-    panel, fin = textures.material("panels", linear(TINTS[plan.tint])), colors.plain("fin", (210, 208, 200))
+    panel, fin = textures.material("panels", linear(TINTS[plan.tint])), materials.plain("fin", (210, 208, 200))
     edges, half = _bays(plan, width), width / 2
     parts = []
     for storey in range(plan.storeys):
@@ -192,7 +191,7 @@ def _stone_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
 
 def _glass_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a glass wall: floor slabs show as bands, fins stand before it."""
-    band, fin = colors.plain("slab-band", (214, 214, 208), 0.1), colors.plain("glass-fin", (92, 98, 104), 0.4)
+    band, fin = materials.plain("slab-band", (214, 214, 208), 0.1), materials.plain("glass-fin", (92, 98, 104), 0.4)
     half = width / 2
     parts = [g.box((-0.1, -half - 0.1, -FOOT_M), (0.3, half + 0.1, FLOOR_M), surface("concrete"), 1.5)]
     for storey in range(1, plan.storeys + 1):
@@ -231,10 +230,10 @@ def _entrance(plan: HallPlan) -> list[MeshPart]:
     ]
     if plan.style != "columns":
         parts.append(
-            g.box((0.0, -3.3, high - 0.95), (1.9, 3.3, high - 0.75), colors.plain("canopy", (76, 80, 84), 0.2))
+            g.box((0.0, -3.3, high - 0.95), (1.9, 3.3, high - 0.75), materials.plain("canopy", (76, 80, 84), 0.2))
         )
         for y in (-3.1, 3.1):
-            parts.append(g.rod((1.7, y, floor), (1.7, y, high - 0.95), (0.06, 0.06), colors.STEEL, 8))
+            parts.append(g.rod((1.7, y, floor), (1.7, y, high - 0.95), (0.06, 0.06), materials.STEEL, 8))
     name = textures.lettered(plan.name)
     assert name.texture is not None
     wide = 0.9 * name.texture.shape[1] / name.texture.shape[0] / 2
@@ -271,7 +270,7 @@ def _portico(plan: HallPlan) -> list[MeshPart]:
 def _roof(plan: HallPlan) -> list[MeshPart]:
     """Return what shows above the eaves."""
     d, w, top = plan.depth / 2, plan.width / 2, plan.top
-    plant, deck = colors.plain("roof-plant", (132, 136, 138), 0.2), colors.plain("roof-deck", (120, 118, 114))
+    plant, deck = materials.plain("roof-plant", (132, 136, 138), 0.2), materials.plain("roof-deck", (120, 118, 114))
     if plan.style in ("brick", "columns"):
         tiles = surface("shingles", linear((96, 100, 106) if plan.style == "brick" else (104, 128, 118)))
         base, rise = top + (0.3 if plan.style == "brick" else 0.8), 0.42 * d

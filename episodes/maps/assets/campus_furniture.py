@@ -10,14 +10,13 @@ import numpy as np
 
 from episodes.maps import geometry as g
 from episodes.maps.assets import campus_textures as textures
-from episodes.maps.assets import paint as colors
-from episodes.maps.assets.paint import linear
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets import materials
+from episodes.maps.assets.materials import linear, surface
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Mesh
 
-IRON = colors.plain("campus-iron", (48, 52, 54), 0.3)
-CAST = colors.plain("cast-concrete", (172, 168, 160))
+IRON = materials.plain("campus-iron", (48, 52, 54), 0.3)
+CAST = materials.plain("cast-concrete", (172, 168, 160))
 SLATS = surface("boards", (1.15, 1.08, 1.0), 0.05)
 SINK = 0.06  # m below the ground, so that no foot hangs over a gentle slope
 
@@ -42,8 +41,8 @@ def bench() -> Mesh:
 @cache
 def lamp(height: float = 4.6) -> Mesh:
     """Return a lamp post with a lantern on either side and a plain banner forward."""
-    glass = colors.plain("lantern", (240, 236, 216), 0.4, 0.25)
-    cloth = colors.plain("banner", (62, 70, 92))
+    glass = materials.plain("lantern", (240, 236, 216), 0.4, 0.25)
+    cloth = materials.plain("banner", (62, 70, 92))
     parts = [
         g.lathe([(0.0, -SINK), (0.24, -SINK), (0.24, 0.12), (0.15, 0.2), (0.12, 0.75), (0.075, 0.85)], IRON, 12),
         g.rod((0, 0, 0.8), (0, 0, height), (0.075, 0.055), IRON, 10),
@@ -58,7 +57,7 @@ def lamp(height: float = 4.6) -> Mesh:
         parts.append(g.rod((0, 0, z), (0.84, 0, z), (0.02, 0.02), IRON, 6))
     parts.append(g.box((0.1, -0.012, height - 2.1), (0.8, 0.012, height - 0.62), cloth))
     parts.append(
-        g.box((0.1, -0.014, height - 1.78), (0.8, 0.014, height - 1.6), colors.plain("banner-band", (206, 200, 184)))
+        g.box((0.1, -0.014, height - 1.78), (0.8, 0.014, height - 1.6), materials.plain("banner-band", (206, 200, 184)))
     )
     return g.assemble(parts)
 
@@ -66,7 +65,7 @@ def lamp(height: float = 4.6) -> Mesh:
 @cache
 def bin() -> Mesh:
     """Return a litter bin of two compartments under one roof, its mouths forward."""
-    shell, dark = colors.plain("bin-shell", (92, 98, 94), 0.15), colors.SHADOW
+    shell, dark = materials.plain("bin-shell", (92, 98, 94), 0.15), materials.SHADOW
     parts = [
         g.box((-0.30, -0.58, 0.08), (0.30, 0.58, 1.02), shell),
         g.box((-0.26, -0.54, -SINK), (0.26, 0.54, 0.08), IRON),
@@ -83,14 +82,14 @@ def bin() -> Mesh:
 
 def _bicycle(at: tuple[float, float], lean: float) -> list[MeshPart]:
     """Return a bicycle whose front wheel points forward, seen as thin rods."""
-    tyre, frame = colors.RUBBER, colors.plain("bicycle", (64, 68, 74), 0.4)
+    tyre, frame = materials.RUBBER, materials.plain("bicycle", (64, 68, 74), 0.4)
     turn = np.linspace(0, 2 * np.pi, 13)
     parts = []
     for x in (-0.52, 0.52):
         rim = [(x + 0.33 * np.cos(a), 0.0, 0.35 + 0.33 * np.sin(a)) for a in turn]
         parts += [g.rod(p, q, (0.022, 0.022), tyre, 3) for p, q in itertools.pairwise(rim)]
         parts += [
-            g.rod((x, 0, 0.35), (x + 0.33 * np.cos(a), 0, 0.35 + 0.33 * np.sin(a)), (0.006, 0.006), colors.STEEL, 3)
+            g.rod((x, 0, 0.35), (x + 0.33 * np.cos(a), 0, 0.35 + 0.33 * np.sin(a)), (0.006, 0.006), materials.STEEL, 3)
             for a in turn[:-1:2]
         ]
     tubes = [
@@ -98,15 +97,15 @@ def _bicycle(at: tuple[float, float], lean: float) -> list[MeshPart]:
         ((-0.10, 0.33), (0.34, 0.76)), ((-0.22, 0.80), (0.34, 0.82)), ((0.52, 0.35), (0.32, 0.98)),
     ]  # fmt: skip
     parts += [g.rod((a, 0, b), (c, 0, d), (0.022, 0.022), frame, 5) for (a, b), (c, d) in tubes]
-    parts.append(g.rod((0.30, -0.26, 1.0), (0.30, 0.26, 1.0), (0.018, 0.018), colors.TRIM, 6))
-    parts.append(g.ball((-0.27, 0, 0.95), (0.14, 0.07, 0.04), colors.TRIM, 1))
+    parts.append(g.rod((0.30, -0.26, 1.0), (0.30, 0.26, 1.0), (0.018, 0.018), materials.TRIM, 6))
+    parts.append(g.ball((-0.27, 0, 0.95), (0.14, 0.07, 0.04), materials.TRIM, 1))
     return [g.placed(p, (*at, 0.0), lean) for p in parts]
 
 
 @cache
 def bike_rack() -> Mesh:
     """Return a covered rack: five hoops, three bicycles, a low back wall and a slanted roof."""
-    back = colors.plain("rack-screen", (150, 156, 156), 0.3)
+    back = materials.plain("rack-screen", (150, 156, 156), 0.3)
     parts = [g.box((-1.0, y - 0.05, -SINK), (-0.9, y + 0.05, 2.05), IRON) for y in (-2.0, 0.0, 2.0)]
     parts += [g.box((0.75, y - 0.05, -SINK), (0.85, y + 0.05, 2.28), IRON) for y in (-2.0, 2.0)]
     parts.append(g.profile([(-1.2, 2.02), (1.15, 2.30), (1.15, 2.38), (-1.2, 2.10)], -2.25, 2.25, back))
@@ -114,7 +113,7 @@ def bike_rack() -> Mesh:
     for y in (-1.5, -0.75, 0.0, 0.75, 1.5):
         hoop = [(0.55 * np.cos(a), y, 0.35 + 0.45 * np.sin(a)) for a in np.linspace(0, np.pi, 9)]
         hoop = [(0.55, y, -SINK), *hoop, (-0.55, y, -SINK)]
-        parts += [g.rod(p, q, (0.025, 0.025), colors.STEEL, 6) for p, q in itertools.pairwise(hoop)]
+        parts += [g.rod(p, q, (0.025, 0.025), materials.STEEL, 6) for p, q in itertools.pairwise(hoop)]
     for y, lean in ((-1.35, 0.04), (-0.58, -0.05), (0.92, 0.03)):
         parts += _bicycle((0.0, y), lean)
     return g.assemble(parts)
@@ -124,7 +123,7 @@ def bike_rack() -> Mesh:
 def bollard() -> Mesh:
     """Return a cast bollard with two bands."""
     outline = [(0.0, -SINK), (0.13, -SINK), (0.13, 0.06), (0.10, 0.1), (0.10, 0.86), (0.125, 0.88), (0.125, 0.95)]
-    steel = colors.plain("bollard-band", (196, 198, 198), 0.4)
+    steel = materials.plain("bollard-band", (196, 198, 198), 0.4)
     return g.assemble(
         [
             g.lathe([*outline, (0.09, 1.02), (0.0, 1.05)], IRON, 12),
@@ -137,7 +136,7 @@ def bollard() -> Mesh:
 def planter() -> Mesh:
     """Return a wide cast tub with a clipped shrub."""
     leaf = surface("foliage", linear((104, 136, 76)))
-    soil = colors.plain("soil", (70, 54, 42))
+    soil = materials.plain("soil", (70, 54, 42))
     outline = [(0.0, -SINK), (0.66, -SINK), (0.72, 0.1), (0.92, 0.66), (0.98, 0.68), (0.98, 0.78), (0.88, 0.78)]
     parts = [
         g.lathe([*outline, (0.88, 0.7)], CAST, 18),
@@ -159,7 +158,7 @@ def notice_board() -> Mesh:
     parts.append(g.box((-0.06, -1.12, 0.72), (0.06, 1.12, 2.05), wood, 1.2))
     roof = [(-0.42, 2.16), (0.0, 2.40), (0.42, 2.16), (0.42, 2.21), (0.0, 2.46), (-0.42, 2.21)]
     for ring in ((roof[0], roof[1], roof[4], roof[5]), (roof[1], roof[2], roof[3], roof[4])):
-        parts.append(g.profile(ring, -1.4, 1.4, colors.plain("board-roof", (84, 88, 90))))
+        parts.append(g.profile(ring, -1.4, 1.4, materials.plain("board-roof", (84, 88, 90))))
     for seed, turn in ((1, 0.0), (2, np.pi)):
         sheet = g.quad(
             [(0.07, -1.02, 0.84), (0.07, 1.02, 0.84), (0.07, 1.02, 1.94), (0.07, -1.02, 1.94)], textures.board(seed)
@@ -183,7 +182,7 @@ def _ring(radius: float, sides: int) -> Array:
 @cache
 def picnic_table() -> Mesh:
     """Return a table with two benches under a parasol."""
-    cloth = colors.plain("parasol", (222, 214, 194))
+    cloth = materials.plain("parasol", (222, 214, 194))
     parts = [g.box((-0.42, -0.95, 0.70), (0.42, 0.95, 0.76), SLATS, 1.2)]
     for x in (-0.82, 0.82):
         parts.append(g.box((x - 0.15, -0.95, 0.42), (x + 0.15, 0.95, 0.47), SLATS, 1.2))

@@ -7,15 +7,15 @@ import numpy as np
 
 from episodes.maps import geometry as g
 from episodes.maps.assets import campus_textures as textures
-from episodes.maps.assets import paint as colors
+from episodes.maps.assets import materials
 from episodes.maps.assets.campus_furniture import CAST, IRON, SINK, SLATS
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
-WATER = colors.plain("water", (84, 124, 138), 0.85)
-SPRAY = colors.plain("spray", (206, 220, 226), 0.3, 0.06)
-BRONZE = colors.plain("bronze", (86, 92, 78), 0.35)
+WATER = materials.plain("water", (84, 124, 138), 0.85)
+SPRAY = materials.plain("spray", (206, 220, 226), 0.3, 0.06)
+BRONZE = materials.plain("bronze", (86, 92, 78), 0.35)
 
 
 def _stone(tint: float = 1.0) -> Material:
@@ -125,8 +125,8 @@ def _hip(half: tuple[float, float], eave: float, top: float, material: Material)
 @cache
 def kiosk() -> Mesh:
     """Return a booth that sells coffee: counter and awning forward, a hipped roof, a board with its name."""
-    wall, roof = colors.plain("kiosk-wall", (108, 116, 112), 0.1), colors.plain("kiosk-roof", (70, 74, 78), 0.2)
-    trim, glass = colors.WHITE_WOOD, colors.WINDOW
+    wall, roof = materials.plain("kiosk-wall", (108, 116, 112), 0.1), materials.plain("kiosk-roof", (70, 74, 78), 0.2)
+    trim, glass = materials.WHITE_WOOD, materials.WINDOW
     parts = [
         g.box((-1.25, -1.55, -SINK), (1.25, 1.55, 0.14), CAST),
         g.box((-1.15, -1.45, 0.14), (1.15, 1.45, 2.55), wall),
@@ -140,7 +140,7 @@ def kiosk() -> Mesh:
     parts += [g.box((1.13, s - 0.05, 0.14), (1.2, s + 0.05, 2.55), trim) for s in (-1.42, -1.2, 1.2, 1.42)]
     for k in range(10):  # the striped awning
         y0, y1 = -1.5 + 0.3 * k, -1.2 + 0.3 * k
-        cloth = trim if k % 2 else colors.plain("awning", (92, 84, 78))
+        cloth = trim if k % 2 else materials.plain("awning", (92, 84, 78))
         parts.append(g.profile([(1.15, 2.42), (1.15, 2.36), (2.05, 1.98), (2.05, 2.04)], y0, y1, cloth))
         parts.append(g.box((2.03, y0, 1.84), (2.06, y1, 2.04), cloth))
     for side in (-1, 1):  # a window on either side
@@ -161,7 +161,7 @@ def kiosk() -> Mesh:
 @cache
 def vending_machine() -> Mesh:
     """Return a tall machine with shelves behind glass."""
-    shell = colors.plain("vending-shell", (72, 78, 88), 0.3)
+    shell = materials.plain("vending-shell", (72, 78, 88), 0.3)
     front = textures.material("shelves", specular=0.3)
     return g.assemble(
         [
@@ -183,7 +183,7 @@ def _arch(half: float, spring: float, steps: int = 10) -> Array:
 def clock_tower() -> Mesh:
     """Return a brick tower of 24 m with a dial on each side and an open belfry."""
 
-    brick, stone, roof = surface("brick"), _stone(), colors.plain("tower-roof", (82, 102, 94), 0.15)
+    brick, stone, roof = surface("brick"), _stone(), materials.plain("tower-roof", (82, 102, 94), 0.15)
     parts = [
         g.box((-2.4, -2.4, -0.4), (2.4, 2.4, 0.9), stone, 2.4),
         g.box((-2.0, -2.0, 0.9), (2.0, 2.0, 14.2), brick, 0.6),
@@ -205,7 +205,7 @@ def clock_tower() -> Mesh:
         dial = g.quad([(2.04, -1.5, 14.8), (2.04, 1.5, 14.8), (2.04, 1.5, 17.8), (2.04, -1.5, 17.8)], face)
         parts.append(g.placed(dial, yaw=turn))
         for low in (3.4, 7.0, 10.6):
-            slit = g.box((1.98, -0.32, low), (2.03, 0.32, low + 1.7), colors.WINDOW)
+            slit = g.box((1.98, -0.32, low), (2.03, 0.32, low + 1.7), materials.WINDOW)
             parts += [g.placed(slit, yaw=turn)]
             parts.append(g.placed(g.box((1.98, -0.45, low - 0.16), (2.12, 0.45, low), stone), yaw=turn))
             parts.append(g.placed(g.box((1.98, -0.45, low + 1.7), (2.12, 0.45, low + 1.95), stone), yaw=turn))

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.assets.textures import noise
+from episodes.maps.assets.materials import noise
 from episodes.maps.scene import Material
 from foundation.frames import Vec3
 

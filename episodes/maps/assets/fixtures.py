@@ -7,9 +7,8 @@ from functools import cache
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import campus_furniture, campus_monuments
-from episodes.maps.assets import paint as colors
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets import campus_furniture, campus_monuments, materials
+from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Mesh
 
@@ -35,15 +34,17 @@ def _wheel(x: float, y: float, radius: float, width: float) -> list[MeshPart]:
     """Return a wheel that touches the ground, its hub outwards."""
     out = np.sign(y) * width / 2
     return [
-        g.rod((x, y - out, radius), (x, y + out, radius), (radius, radius), colors.RUBBER, 20),
-        g.rod((x, y + out * 0.9, radius), (x, y + out * 1.12, radius), (radius * 0.62, radius * 0.5), colors.RIM, 12),
+        g.rod((x, y - out, radius), (x, y + out, radius), (radius, radius), materials.RUBBER, 20),
+        g.rod(
+            (x, y + out * 0.9, radius), (x, y + out * 1.12, radius), (radius * 0.62, radius * 0.5), materials.RIM, 12
+        ),
     ]
 
 
 @cache
 def delivery_robot(paint: str) -> Mesh:
     """Return a delivery pod of 2.4 m on four wheels, hatches on its sides, in a paint. Raises UsageError."""
-    shell = colors.paint(paint)
+    shell = materials.paint(paint)
     side = [(-1.15, 0.42), (-1.20, 0.75), (-1.16, 1.35), (-1.02, 1.58), (-0.75, 1.66), (0.55, 1.66), (0.85, 1.56)]
     side += [(1.08, 1.22), (1.19, 0.80), (1.20, 0.55), (1.12, 0.42)]
     rings = []
@@ -54,7 +55,7 @@ def delivery_robot(paint: str) -> Mesh:
     for row, flip in ((rings[0], -1), (rings[-1], 1)):
         loop = np.array(row[:-1])
         caps.append(g.soup(loop[np.array([(0, k, k + 1)[::flip] for k in range(1, len(loop) - 1)])], shell, 0.0))
-    parts = [skin, *caps, g.box((-0.95, -0.46, 0.26), (0.95, 0.46, 0.46), colors.TRIM)]
+    parts = [skin, *caps, g.box((-0.95, -0.46, 0.26), (0.95, 0.46, 0.46), materials.TRIM)]
     for x in (-0.72, 0.72):
         for y in (-0.46, 0.46):
             parts += _wheel(x, y, 0.27, 0.20)
@@ -64,18 +65,18 @@ def delivery_robot(paint: str) -> Mesh:
             seams = [((x0, 0.62), (x1, 0.635)), ((x0, 1.40), (x1, 1.415)), ((x0, 0.62), (x0 + 0.015, 1.415))]
             seams.append(((x1 - 0.015, 0.62), (x1, 1.415)))
             for (a, b), (c, d) in seams:
-                parts.append(g.box((a, min(y, y - 0.02 * s), b), (c, max(y, y - 0.02 * s), d), colors.TRIM))
-        parts.append(g.box((-0.15, min(y, y + 0.02 * s), 0.98), (-0.09, max(y, y + 0.02 * s), 1.12), colors.TRIM))
-        parts.append(g.box((-1.0, min(y, y - 0.02 * s), 0.48), (1.0, max(y, y - 0.02 * s), 0.56), colors.TRIM))
+                parts.append(g.box((a, min(y, y - 0.02 * s), b), (c, max(y, y - 0.02 * s), d), materials.TRIM))
+        parts.append(g.box((-0.15, min(y, y + 0.02 * s), 0.98), (-0.09, max(y, y + 0.02 * s), 1.12), materials.TRIM))
+        parts.append(g.box((-1.0, min(y, y - 0.02 * s), 0.48), (1.0, max(y, y - 0.02 * s), 0.56), materials.TRIM))
     glass = [(0.935, 1.53), (1.095, 1.25), (1.175, 1.01)]
-    parts.append(g.grid([[(x, y, z) for x, z in glass] for y in (0.42, -0.42)], colors.GLASS))
-    parts += [g.box((1.15, y - 0.13, 0.66), (1.21, y + 0.13, 0.74), colors.HEADLAMP) for y in (-0.30, 0.30)]
-    parts += [g.box((-1.215, y - 0.06, 0.72), (-1.17, y + 0.06, 0.95), colors.TAIL_LAMP) for y in (-0.38, 0.38)]
+    parts.append(g.grid([[(x, y, z) for x, z in glass] for y in (0.42, -0.42)], materials.GLASS))
+    parts += [g.box((1.15, y - 0.13, 0.66), (1.21, y + 0.13, 0.74), materials.HEADLAMP) for y in (-0.30, 0.30)]
+    parts += [g.box((-1.215, y - 0.06, 0.72), (-1.17, y + 0.06, 0.95), materials.TAIL_LAMP) for y in (-0.38, 0.38)]
     parts += [
-        g.rod((0.35, 0, 1.64), (0.35, 0, 1.76), (0.07, 0.07), colors.TRIM, 12),
-        g.rod((0.35, 0, 1.74), (0.35, 0, 1.86), (0.11, 0.10), colors.GLASS, 12),
-        g.rod((-0.85, 0.35, 1.6), (-0.85, 0.35, 2.35), (0.012, 0.008), colors.TRIM, 5),
-        g.profile([(-0.85, 2.34), (-0.85, 2.18), (-1.10, 2.26)], 0.345, 0.355, colors.INDICATOR),
+        g.rod((0.35, 0, 1.64), (0.35, 0, 1.76), (0.07, 0.07), materials.TRIM, 12),
+        g.rod((0.35, 0, 1.74), (0.35, 0, 1.86), (0.11, 0.10), materials.GLASS, 12),
+        g.rod((-0.85, 0.35, 1.6), (-0.85, 0.35, 2.35), (0.012, 0.008), materials.TRIM, 5),
+        g.profile([(-0.85, 2.34), (-0.85, 2.18), (-1.10, 2.26)], 0.345, 0.355, materials.INDICATOR),
     ]
     return g.assemble(parts)
 
@@ -86,9 +87,9 @@ def service_cart(paint: str) -> Mesh:
 
     Raises UsageError for an unknown paint.
     """
-    shell, seat = colors.paint(paint), colors.plain("cart-seat", (58, 54, 50), 0.1)
+    shell, seat = materials.paint(paint), materials.plain("cart-seat", (58, 54, 50), 0.1)
     parts = [
-        g.box((-1.45, -0.56, 0.34), (1.25, 0.56, 0.46), colors.TRIM),
+        g.box((-1.45, -0.56, 0.34), (1.25, 0.56, 0.46), materials.TRIM),
         # the cowl, its windscreen, the canopy on four posts
         g.profile([(0.82, 0.46), (1.46, 0.46), (1.50, 0.62), (1.38, 0.86), (0.86, 1.02)], -0.60, 0.60, shell),
         g.profile([(0.10, 0.46), (0.46, 0.46), (0.46, 0.80), (0.10, 0.80)], -0.58, 0.58, shell),
@@ -97,37 +98,41 @@ def service_cart(paint: str) -> Mesh:
         g.profile([(-0.20, 1.90), (1.02, 1.90), (1.06, 1.94), (0.94, 2.00), (-0.14, 2.00)], -0.66, 0.66, shell),
     ]
     for y in (-0.56, 0.56):
-        parts.append(g.rod((0.90, y, 0.98), (0.70, y, 1.92), (0.03, 0.03), colors.TRIM, 6))
-        parts.append(g.rod((-0.12, y, 0.46), (-0.12, y, 1.92), (0.03, 0.03), colors.TRIM, 6))
+        parts.append(g.rod((0.90, y, 0.98), (0.70, y, 1.92), (0.03, 0.03), materials.TRIM, 6))
+        parts.append(g.rod((-0.12, y, 0.46), (-0.12, y, 1.92), (0.03, 0.03), materials.TRIM, 6))
     parts.append(
-        g.quad([(0.885, -0.53, 1.0), (0.885, 0.53, 1.0), (0.80, 0.53, 1.42), (0.80, -0.53, 1.42)], colors.GLASS)
+        g.quad([(0.885, -0.53, 1.0), (0.885, 0.53, 1.0), (0.80, 0.53, 1.42), (0.80, -0.53, 1.42)], materials.GLASS)
     )
     parts.append(
-        g.quad([(0.87, 0.53, 1.0), (0.87, -0.53, 1.0), (0.785, -0.53, 1.42), (0.785, 0.53, 1.42)], colors.GLASS)
+        g.quad([(0.87, 0.53, 1.0), (0.87, -0.53, 1.0), (0.785, -0.53, 1.42), (0.785, 0.53, 1.42)], materials.GLASS)
     )
     hub = np.array((0.62, 0.26, 1.10))
     ring = [
         hub + 0.17 * np.array((0.55 * np.sin(a), np.cos(a), 0.83 * np.sin(a))) for a in np.linspace(0, 2 * np.pi, 11)
     ]
-    parts += [g.rod(p, q, (0.016, 0.016), colors.TRIM, 5) for p, q in itertools.pairwise(ring)]
-    parts.append(g.rod((0.86, 0.26, 0.92), hub, (0.03, 0.025), colors.TRIM, 6))
+    parts += [g.rod(p, q, (0.016, 0.016), materials.TRIM, 5) for p, q in itertools.pairwise(ring)]
+    parts.append(g.rod((0.86, 0.26, 0.92), hub, (0.03, 0.025), materials.TRIM, 6))
     # the bed: floor, three boards, and what lies in it
     parts.append(g.box((-1.50, -0.62, 0.60), (-0.18, 0.62, 0.66), shell))
     parts += [g.box((-1.50, y - 0.025, 0.66), (-0.18, y + 0.025, 0.98), shell) for y in (-0.595, 0.595)]
     parts += [g.box((x - 0.025, -0.62, 0.66), (x + 0.025, 0.62, 0.98), shell) for x in (-1.475, -0.20)]
-    parts.append(g.box((-0.95, -0.35, 0.46), (-0.45, 0.35, 0.60), colors.TRIM))
-    parts.append(g.box((-1.30, -0.48, 0.66), (-0.72, -0.05, 1.22), colors.plain("crate", (150, 124, 88))))
-    parts.append(g.rod((-0.50, 0.22, 0.66), (-0.50, 0.22, 1.30), (0.20, 0.22), colors.plain("tub", (86, 92, 96)), 14))
+    parts.append(g.box((-0.95, -0.35, 0.46), (-0.45, 0.35, 0.60), materials.TRIM))
+    parts.append(g.box((-1.30, -0.48, 0.66), (-0.72, -0.05, 1.22), materials.plain("crate", (150, 124, 88))))
+    parts.append(
+        g.rod((-0.50, 0.22, 0.66), (-0.50, 0.22, 1.30), (0.20, 0.22), materials.plain("tub", (86, 92, 96)), 14)
+    )
     broom = surface("boards")
     parts.append(g.rod((-1.20, 0.42, 0.72), (-0.32, 0.50, 1.66), (0.018, 0.018), broom, 6))
-    parts.append(g.box((-0.42, 0.34, 1.60), (-0.30, 0.60, 1.74), colors.plain("bristles", (176, 150, 92))))
+    parts.append(g.box((-0.42, 0.34, 1.60), (-0.30, 0.60, 1.74), materials.plain("bristles", (176, 150, 92))))
     for x in (-0.88, 1.02):
         for y in (-0.54, 0.54):
             parts += _wheel(x, y, 0.28, 0.20)
             parts.append(
-                g.box((x - 0.34, min(y * 0.78, y * 1.2), 0.56), (x + 0.34, max(y * 0.78, y * 1.2), 0.61), colors.TRIM)
+                g.box(
+                    (x - 0.34, min(y * 0.78, y * 1.2), 0.56), (x + 0.34, max(y * 0.78, y * 1.2), 0.61), materials.TRIM
+                )
             )
-    parts += [g.ball((1.47, y, 0.72), (0.05, 0.09, 0.07), colors.HEADLAMP, 1) for y in (-0.42, 0.42)]
-    parts += [g.box((-1.52, y - 0.08, 0.70), (-1.49, y + 0.08, 0.80), colors.TAIL_LAMP) for y in (-0.48, 0.48)]
-    parts.append(g.rod((0.4, 0, 2.0), (0.4, 0, 2.12), (0.07, 0.06), colors.INDICATOR, 10))
+    parts += [g.ball((1.47, y, 0.72), (0.05, 0.09, 0.07), materials.HEADLAMP, 1) for y in (-0.42, 0.42)]
+    parts += [g.box((-1.52, y - 0.08, 0.70), (-1.49, y + 0.08, 0.80), materials.TAIL_LAMP) for y in (-0.48, 0.48)]
+    parts.append(g.rod((0.4, 0, 2.0), (0.4, 0, 2.12), (0.07, 0.06), materials.INDICATOR, 10))
     return g.assemble(parts)

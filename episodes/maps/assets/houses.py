@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import paint as colors
-from episodes.maps.assets.textures import surface
+from episodes.maps.assets import materials
+from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
@@ -69,7 +69,7 @@ class HousePlan:
 def _wall(plan: HousePlan) -> Material:
     if plan.brick:
         return surface("brick")
-    return surface("siding", colors.linear(WALLS[plan.wall]))
+    return surface("siding", materials.linear(WALLS[plan.wall]))
 
 
 def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, along_y: bool,
@@ -93,7 +93,7 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
             g.box(
                 (near, y0 - overhang + 0.02, eave - drop - 0.10),
                 (far, y1 + overhang - 0.02, eave - drop + 0.12),
-                colors.WHITE_WOOD,
+                materials.WHITE_WOOD,
             )
         )
     return parts
@@ -115,7 +115,7 @@ def hip(
         a, b = (x0 + half, (y0 + y1) / 2, top), (x1 - half, (y0 + y1) / 2, top)
         ridge = [a, b, b, a]
     return [
-        g.box((x0, y0, z - thick - 0.06), (x1, y1, z), colors.WHITE_WOOD),
+        g.box((x0, y0, z - thick - 0.06), (x1, y1, z), materials.WHITE_WOOD),
         g.hull([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], ridge, roof, 1.6),
     ]
 
@@ -137,7 +137,7 @@ def window(
     centre: tuple[float, float], sill: float, width: float, height: float, face: str, shutter: Material | None = None
 ) -> list[MeshPart]:
     """Return a framed sash window on the plane `face` ('+x', '-x', '+y', '-y') through `centre` (x, y)."""
-    frame, glass = colors.WHITE_WOOD, colors.WINDOW
+    frame, glass = materials.WHITE_WOOD, materials.WINDOW
     half, top, bar = width / 2, sill + height, 0.075
     parts = [
         g.box((-0.02, -half - bar, sill - bar), (0.06, -half, top + bar), frame),
@@ -161,10 +161,10 @@ def window(
 def _door(x: float, y: float, floor: float, material: Material) -> list[MeshPart]:
     """Return a front door with its frame, knob and step."""
     return [
-        g.box((x - 0.05, y - 0.58, floor), (x + 0.05, y + 0.58, floor + 2.22), colors.WHITE_WOOD),
+        g.box((x - 0.05, y - 0.58, floor), (x + 0.05, y + 0.58, floor + 2.22), materials.WHITE_WOOD),
         g.box((x, y - 0.47, floor), (x + 0.07, y + 0.47, floor + 2.10), material),
-        g.box((x + 0.05, y - 0.30, floor + 1.15), (x + 0.085, y + 0.30, floor + 1.90), colors.WINDOW),
-        g.ball((x + 0.11, y - 0.38, floor + 1.0), (0.04, 0.04, 0.04), colors.CHROME, 1),
+        g.box((x + 0.05, y - 0.30, floor + 1.15), (x + 0.085, y + 0.30, floor + 1.90), materials.WINDOW),
+        g.ball((x + 0.11, y - 0.38, floor + 1.0), (0.04, 0.04, 0.04), materials.CHROME, 1),
     ]
 
 
@@ -175,7 +175,7 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
     parts = [
         g.box((front, y - half, FOOTING_M), (front + reach, y + half, FOUNDATION_M), stone, 1.5),
         g.box((front + reach, y - 0.8, FOOTING_M), (front + reach + 0.32, y + 0.8, FOUNDATION_M / 2), stone, 1.5),
-        g.box((front, y - half - 0.1, high), (front + reach + 0.1, y + half + 0.1, high + 0.16), colors.WHITE_WOOD),
+        g.box((front, y - half - 0.1, high), (front + reach + 0.1, y + half + 0.1, high + 0.16), materials.WHITE_WOOD),
     ]
     ring = [
         (front, high + 0.16),
@@ -190,7 +190,7 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
             g.box(
                 (front + reach - 0.2, py - 0.08, FOUNDATION_M),
                 (front + reach - 0.04, py + 0.08, high),
-                colors.WHITE_WOOD,
+                materials.WHITE_WOOD,
             )
         )
         a, b = sorted((y + side * 0.85, py))
@@ -199,13 +199,13 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
                 g.box(
                     (front + reach - 0.15, a, FOUNDATION_M + 0.85),
                     (front + reach - 0.09, b, FOUNDATION_M + 0.93),
-                    colors.WHITE_WOOD,
+                    materials.WHITE_WOOD,
                 )
             )
             baluster = g.box(
                 (front + reach - 0.135, -0.02, FOUNDATION_M),
                 (front + reach - 0.105, 0.02, FOUNDATION_M + 0.85),
-                colors.WHITE_WOOD,
+                materials.WHITE_WOOD,
             )
             for end in (-1.0, 1.0):
                 baluster = g.without(baluster, (0.0, 0.0, end))
@@ -224,24 +224,24 @@ def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> lis
     else:
         parts += gable((x0, y0), (x1, y1), eave, 0.5, False, wall, tile, roof)
     half, middle = plan.garage_width / 2 - 0.6, (y0 + y1) / 2
-    door = surface("garage_door", colors.linear(GARAGE_DOORS[plan.garage_door]), 0.05)
+    door = surface("garage_door", materials.linear(GARAGE_DOORS[plan.garage_door]), 0.05)
     x = x1 + 0.03
     parts.append(
-        g.box((x1 - 0.02, middle - half - 0.12, 0.0), (x1 + 0.02, middle + half + 0.12, 2.32), colors.WHITE_WOOD)
+        g.box((x1 - 0.02, middle - half - 0.12, 0.0), (x1 + 0.02, middle + half + 0.12, 2.32), materials.WHITE_WOOD)
     )
     parts.append(
         g.quad(
             [(x, middle - half, 0.02), (x, middle + half, 0.02), (x, middle + half, 2.2), (x, middle - half, 2.2)], door
         )
     )
-    parts.append(g.box((x1, middle - 0.09, 2.36), (x1 + 0.14, middle + 0.09, 2.52), colors.STEEL))
+    parts.append(g.box((x1, middle - 0.09, 2.36), (x1 + 0.14, middle + 0.09, 2.52), materials.STEEL))
     return parts
 
 
 def _windows(plan: HousePlan, door: float) -> list[MeshPart]:
     """Return the windows of every free wall."""
     front, half, parts = plan.depth / 2, plan.width / 2, []
-    shutter = None if plan.shutters == "none" else colors.plain(f"shutter-{plan.shutters}", SHUTTERS[plan.shutters])
+    shutter = None if plan.shutters == "none" else materials.plain(f"shutter-{plan.shutters}", SHUTTERS[plan.shutters])
     for storey in range(plan.storeys):
         sill = FOUNDATION_M + storey * STOREY_M + 0.85
         for y in np.linspace(-half + 1.6, half - 1.6, 3 if plan.width < 11.5 else 4):
@@ -259,7 +259,7 @@ def _windows(plan: HousePlan, door: float) -> list[MeshPart]:
 def house(plan: HousePlan) -> Mesh:
     """Return the house of a plan; its origin is the middle of the main block."""
     wall, tile = _wall(plan), 0.6 if plan.brick else 1.6
-    roof = surface("shingles", colors.linear(ROOFS[plan.roof]))
+    roof = surface("shingles", materials.linear(ROOFS[plan.roof]))
     front, half = plan.depth / 2, plan.width / 2
     eave = FOUNDATION_M + plan.storeys * STOREY_M
     door = door_y(plan)
@@ -268,7 +268,7 @@ def house(plan: HousePlan) -> Mesh:
     parts: list[MeshPart] = [
         g.box((-front - 0.03, -half - 0.03, FOOTING_M), (front + 0.03, half + 0.03, FOUNDATION_M), stone, 1.5),
         g.box((-front, -half, middle), (front, half, eave), wall, tile),
-        *_door(front, door, FOUNDATION_M, colors.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),
+        *_door(front, door, FOUNDATION_M, materials.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),
         *_windows(plan, door),
     ]
     if plan.hipped:
@@ -282,7 +282,9 @@ def house(plan: HousePlan) -> Mesh:
     if not plan.brick:
         for x in (-front, front):
             for y in (-half, half):
-                parts.append(g.box((x - 0.08, y - 0.08, FOUNDATION_M), (x + 0.08, y + 0.08, eave), colors.WHITE_WOOD))
+                parts.append(
+                    g.box((x - 0.08, y - 0.08, FOUNDATION_M), (x + 0.08, y + 0.08, eave), materials.WHITE_WOOD)
+                )
     if plan.gable_front and not plan.hipped:
         parts += window((front, 0.0), eave + 0.5, 0.9, 0.9, "+x")
     if plan.garage:
@@ -296,7 +298,7 @@ def house(plan: HousePlan) -> Mesh:
         x, y = (-0.9, -plan.garage * half * 0.6) if not plan.gable_front else (-front * 0.4, 0.9)
         parts.append(g.box((x - 0.4, y - 0.5, eave - 0.5), (x + 0.4, y + 0.5, ridge + 0.75), surface("brick"), 0.6))
         parts.append(g.box((x - 0.48, y - 0.58, ridge + 0.70), (x + 0.48, y + 0.58, ridge + 0.82), stone))
-        parts.append(g.rod((x, y, ridge + 0.8), (x, y, ridge + 1.15), (0.15, 0.13), colors.STEEL))
+        parts.append(g.rod((x, y, ridge + 0.8), (x, y, ridge + 1.15), (0.15, 0.13), materials.STEEL))
     return g.assemble(parts)
 
 

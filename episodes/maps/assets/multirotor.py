@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import paint as colors
+from episodes.maps.assets import materials
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material, Mesh
 from foundation.airframe import Airframe
@@ -19,11 +19,11 @@ from foundation.camera import CameraModel
 from foundation.frames import Vec3
 
 # what the default airframe is like: pale shell and front blades, so that it shows before hedges and which way it looks
-SHELL = colors.plain("drone-shell", (214, 217, 220), 0.35)
-CARBON = colors.plain("drone-carbon", (40, 41, 44), 0.25)
-MOTOR = colors.plain("drone-motor", (120, 124, 130), 0.6)
-FRONT_BLADE = colors.plain("drone-front-blade", (236, 236, 232), 0.1)
-REAR_BLADE = colors.plain("drone-rear-blade", (58, 60, 64), 0.1)
+SHELL = materials.plain("drone-shell", (214, 217, 220), 0.35)
+CARBON = materials.plain("drone-carbon", (40, 41, 44), 0.25)
+MOTOR = materials.plain("drone-motor", (120, 124, 130), 0.6)
+FRONT_BLADE = materials.plain("drone-front-blade", (236, 236, 232), 0.1)
+REAR_BLADE = materials.plain("drone-rear-blade", (58, 60, 64), 0.1)
 # a blade from hub to tip, both as shares of the rotor's radius: along it, across it
 BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
 STOPPED_RAD = 0.6, 1.1  # a short exposure shows propellers as if they stood: the first one's angle, and on to the next
@@ -130,5 +130,5 @@ def _camera(shape: Outline, thin: float) -> list[MeshPart]:
         *(g.rod(a, b, (0.6 * thin, 0.6 * thin), CARBON, 6) for line in bumpers for a, b in pairwise(line)),
         g.rod((0.0, 0.0, -0.1 * shape.arm_m), place - cube * (1.5, 0.0, 0.0), (thin, 0.8 * thin), CARBON, 6),
         g.box(place - cube * (2.0, 1.0, 1.0), place + cube * (-0.4, 1.0, 1.0), CARBON),
-        g.rod(place - cube * (0.4, 0.0, 0.0), place, (0.7 * size, 0.75 * size), colors.GLASS, 10),
+        g.rod(place - cube * (0.4, 0.0, 0.0), place, (0.7 * size, 0.75 * size), materials.GLASS, 10),
     ]

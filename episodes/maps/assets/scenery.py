@@ -3,22 +3,22 @@
 from collections.abc import Callable
 from functools import partial
 
-from episodes.maps.assets import houses, plants, street
+from episodes.maps.assets import houses, street
 from episodes.maps.assets.houses import HousePlan
 from episodes.maps.scene import Mesh
 
 MAKERS: dict[str, Callable[[], Mesh]] = {
     "barrier": street.barrier,
-    "birch": partial(plants.tree, "birch", 7.2, 2),
+    "birch": partial(street.tree, "birch", 7.2, 2),
     "board-fence": partial(street.board_fence, 6.0),
     "bungalow": partial(houses.house, HousePlan(dormers=2, shutters="ink", wall="mist")),
-    "bush": plants.bush,
-    "fir": plants.conifer,
-    "hedge": plants.hedge,
+    "bush": street.bush,
+    "fir": street.conifer,
+    "hedge": street.hedge,
     "hydrant": street.hydrant,
     "mailbox": street.mailbox,
-    "maple": partial(plants.tree, "maple", 7.2, 1),
-    "oak": plants.tree,
+    "maple": partial(street.tree, "maple", 7.2, 1),
+    "oak": street.tree,
     "picket-fence": street.picket_fence,
     "refuse-bin": street.bin,
     "street-lamp": street.lamp,

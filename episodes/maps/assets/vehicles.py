@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import lettering
-from episodes.maps.assets import paint as colors
+from episodes.maps.assets import lettering, materials
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
@@ -100,7 +99,7 @@ def body(shape: CarShape, material: Material) -> list[MeshPart]:
     points = np.stack([np.stack([x, wide * a, bottom + tall * b], axis=1) for a, b in [*ring, ring[0]]], axis=1)
     skin = [g.grid(points[::-1, 1:-1], material, crease_deg=42.0)]
     # the underside, which is also the roof of the wheel housings, is never painted
-    skin += [g.grid(points[::-1, pair], colors.SHADOW) for pair in (slice(0, 2), slice(-2, None))]
+    skin += [g.grid(points[::-1, pair], materials.SHADOW) for pair in (slice(0, 2), slice(-2, None))]
     ends = []
     for row, turn in ((points[0], -1), (points[-1], 1)):
         loop = row[:-1]
@@ -149,7 +148,7 @@ def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
         y0, y1 = _cabin_side(shape, x0, low) - 0.13, _cabin_side(shape, x1, high) - 0.13
         x0, x1 = x0 + sign * proud, x1 + sign * proud
         pane = [(x0, -y0, low), (x0, y0, low), (x1, y1, high), (x1, -y1, high)]
-        parts.append(g.quad(_facing(pane, (sign, 0.0, 0.3)), colors.GLASS))
+        parts.append(g.quad(_facing(pane, (sign, 0.0, 0.3)), materials.GLASS))
     # side windows
     rear, front = shape.side_glass
     cuts = sorted([rear, *[p for p in shape.pillars if rear < p < front], front])
@@ -161,14 +160,14 @@ def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
         rim = [(a + 0.035, low), (b - 0.035, low), (top_b, high), (top_a, high)]
         for side in (1.0, -1.0):
             pane = [(x, side * (_cabin_side(shape, x, z) + proud), z) for x, z in rim]
-            parts.append(g.quad(_facing(pane, (0.0, side, 0.2)), colors.GLASS))
+            parts.append(g.quad(_facing(pane, (0.0, side, 0.2)), materials.GLASS))
     if shape.rails:
         for side in (-1.0, 1.0):
             x0, x1 = shape.cabin_high[0] + 0.25, shape.cabin_high[1] - 0.25
             y, z = side * (_cabin_side(shape, x0, shape.roof) - 0.12), shape.roof + 0.03
-            parts.append(g.box((x0, y - 0.018, z), (x1, y + 0.018, z + 0.028), colors.TRIM))
+            parts.append(g.box((x0, y - 0.018, z), (x1, y + 0.018, z + 0.028), materials.TRIM))
             for x in (x0 + 0.06, (x0 + x1) / 2, x1 - 0.06):
-                parts.append(g.box((x - 0.04, y - 0.015, z - 0.06), (x + 0.04, y + 0.015, z + 0.01), colors.TRIM))
+                parts.append(g.box((x - 0.04, y - 0.015, z - 0.06), (x + 0.04, y + 0.015, z + 0.01), materials.TRIM))
     return parts
 
 
@@ -183,14 +182,14 @@ def _rear_doors(shape: CarShape) -> list[MeshPart]:
             wide = _cabin_side(shape, x, z) - 0.18
             pane += [(x, side * 0.07, z), (x, side * wide, z)]
         pane = [pane[0], pane[1], pane[3], pane[2]]
-        parts.append(g.quad(_facing(pane, (-1.0, 0.0, 0.2)), colors.GLASS))
+        parts.append(g.quad(_facing(pane, (-1.0, 0.0, 0.2)), materials.GLASS))
         rail = [(x, side * (_cabin_side(shape, x, z) + 0.01), z) for x, z in
                 ((-2.2, low + 0.10), (0.4, low + 0.10), (0.4, low + 0.14), (-2.2, low + 0.14))]  # fmt: skip
-        parts.append(g.quad(_facing(rail, (0.0, side, 0.2)), colors.SHADOW))
+        parts.append(g.quad(_facing(rail, (0.0, side, 0.2)), materials.SHADOW))
     seam = []
     for y, z in ((0.012, shape.belt), (-0.012, shape.belt), (-0.012, shape.roof - 0.1), (0.012, shape.roof - 0.1)):
         seam.append((_edge(shape, 0, z) - proud, y, z))
-    parts.append(g.quad(_facing(seam, (-1.0, 0.0, 0.2)), colors.SHADOW))
+    parts.append(g.quad(_facing(seam, (-1.0, 0.0, 0.2)), materials.SHADOW))
     return parts
 
 
@@ -212,15 +211,19 @@ def wheel(radius: float, width: float) -> list[MeshPart]:
         (0.70 * radius, half),
     ]
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
-    parts = [g.lathe(outline, colors.RUBBER, 20), g.lathe(dish[:2], colors.RIM, 14), g.lathe(dish[1:], colors.TRIM, 14)]
+    parts = [
+        g.lathe(outline, materials.RUBBER, 20),
+        g.lathe(dish[:2], materials.RIM, 14),
+        g.lathe(dish[1:], materials.TRIM, 14),
+    ]
     inner, outer, root = 0.04, 0.67 * radius, 0.45 * half
     spoke = g.hull(
         [(inner, -0.045, root), (outer, -0.032, root), (outer, 0.032, root), (inner, 0.045, root)],
         [(inner, -0.038, 2 * root), (outer, -0.026, 0.8 * half), (outer, 0.026, 0.8 * half), (inner, 0.038, 2 * root)],
-        colors.RIM,
+        materials.RIM,
     )
     parts += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
-    parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], colors.RIM, 8))
+    parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], materials.RIM, 8))
     return [about_y(p) for p in parts]
 
 
@@ -239,7 +242,7 @@ def _wheels(shape: CarShape) -> list[MeshPart]:
         left = [g.placed(p, (x, y, shape.wheel_radius)) for p in one]
         parts += left + [g.mirrored(p) for p in left]
     reach, inner = shape.length / 2 - 0.35, shape.width / 2 - 0.30
-    parts.append(g.box((-reach, -inner, shape.clearance - 0.02), (reach, inner, shape.belt - 0.35), colors.SHADOW))
+    parts.append(g.box((-reach, -inner, shape.clearance - 0.02), (reach, inner, shape.belt - 0.35), materials.SHADOW))
     return parts
 
 
@@ -247,19 +250,19 @@ def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) ->
     """Return grille, bumpers and lamps; `end` is the half width at nose and tail."""
     half, mid = shape.length / 2, shape.clearance + 0.42 * (nose - shape.clearance)
     parts = [
-        g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), colors.TRIM),
-        g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), colors.TRIM),
-        g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), colors.TRIM),
+        g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), materials.TRIM),
+        g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), materials.TRIM),
+        g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), materials.TRIM),
     ]
     for z in np.linspace(mid + 0.06, nose - 0.11, 3):
-        parts.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), colors.CHROME))
+        parts.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), materials.CHROME))
     tall = min(0.36, tail - 0.12 - (shape.clearance + 0.38))
     inner = 0.62 if tall < 0.36 else 0.76
     pair = [
-        g.box((half - 0.10, 0.50 * end, nose - 0.15), (half + 0.022, 0.985 * end, nose - 0.03), colors.HEADLAMP),
-        g.box((half - 0.05, 0.70 * end, low + 0.02), (half + 0.028, 0.86 * end, low + 0.08), colors.HEADLAMP),
-        g.box((-half - 0.022, inner * end, tail - tall), (-half + 0.12, 0.99 * end, tail - 0.05), colors.TAIL_LAMP),
-        g.box((-half - 0.026, inner * end, tail - tall), (-half, 0.99 * end, tail - tall + 0.05), colors.INDICATOR),
+        g.box((half - 0.10, 0.50 * end, nose - 0.15), (half + 0.022, 0.985 * end, nose - 0.03), materials.HEADLAMP),
+        g.box((half - 0.05, 0.70 * end, low + 0.02), (half + 0.028, 0.86 * end, low + 0.08), materials.HEADLAMP),
+        g.box((-half - 0.022, inner * end, tail - tall), (-half + 0.12, 0.99 * end, tail - 0.05), materials.TAIL_LAMP),
+        g.box((-half - 0.026, inner * end, tail - tall), (-half, 0.99 * end, tail - tall + 0.05), materials.INDICATOR),
     ]
     return parts + pair + [g.mirrored(p) for p in pair]
 
@@ -275,22 +278,24 @@ def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
             shape.wheel_radius + math.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle) if abs(x - c) < arch
         ]
         parts.append(
-            g.box((x - 0.006, side - 0.03, max([sill, *over])), (x + 0.006, side + 0.003, belt - 0.1), colors.SHADOW)
+            g.box((x - 0.006, side - 0.03, max([sill, *over])), (x + 0.006, side + 0.003, belt - 0.1), materials.SHADOW)
         )
-    parts.append(g.box((doors[0], side - 0.03, belt - 0.105), (doors[-1], side + 0.002, belt - 0.098), colors.SHADOW))
+    parts.append(
+        g.box((doors[0], side - 0.03, belt - 0.105), (doors[-1], side + 0.002, belt - 0.098), materials.SHADOW)
+    )
     for x in doors[:-1]:
         parts.append(g.box((x + 0.10, side - 0.02, belt - 0.20), (x + 0.28, side + 0.022, belt - 0.165), material))
     x, z = shape.side_glass[1] - 0.08, shape.belt
     base = _cabin_side(shape, x, z + 0.1)
     parts.append(g.box((x - 0.06, base + 0.05, z + 0.03), (x + 0.06, base + 0.24, z + 0.18), material))
-    parts.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), colors.GLASS))
-    parts.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), colors.TRIM))
+    parts.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), materials.GLASS))
+    parts.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), materials.TRIM))
     if shape.cladding:
         parts.append(
             g.box(
                 (arch - axle, side - 0.03, shape.clearance),
                 (axle - arch, side + 0.012, shape.clearance + 0.14),
-                colors.TRIM,
+                materials.TRIM,
             )
         )
         turn = np.linspace(0.02, np.pi - 0.02, 13)
@@ -301,7 +306,7 @@ def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
                 )
                 for r in (arch * 1.12, arch * 0.985)
             ]
-            parts.append(g.grid(arcs, colors.TRIM, 0.0))
+            parts.append(g.grid(arcs, materials.TRIM, 0.0))
     return parts
 
 
@@ -311,7 +316,7 @@ def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> lis
     z = float(np.interp(x0, *np.array(shape.deck).T)) + 0.036
     wall = g.box((x0 - 0.06, side - 0.16, z - 0.15), (x1 + 0.1, side - 0.05, z + 0.09), material)
     return [
-        g.box((x0, -side + 0.16, z - 0.02), (x1, side - 0.16, z), colors.TRIM),
+        g.box((x0, -side + 0.16, z - 0.02), (x1, side - 0.16, z), materials.TRIM),
         g.box((x0 - 0.10, -side + 0.06, z - 0.15), (x0, side - 0.06, z + 0.09), material),
         wall,
         g.mirrored(wall),
@@ -337,7 +342,7 @@ def car(kind: str, paint: str, plate: str) -> Mesh:
 
     Raises UsageError for an unknown paint.
     """
-    shape, material = SHAPES[kind], colors.paint(paint)
+    shape, material = SHAPES[kind], materials.paint(paint)
     nose, tail, low = shape.deck[-1][1], shape.deck[0][1], shape.clearance + 0.08
     end = float(plan_at(shape, np.array([shape.length / 2]))[0])
     flank = _flank(shape, material)

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from episodes.maps.gltf import extras, ground, looks, nodes, shapes
+from episodes.maps.gltf import extras, ground, meshes
+from episodes.maps.gltf import materials as looks
+from episodes.maps.gltf import meshes as shapes
 from episodes.maps.gltf.document import Document
-from episodes.maps.gltf.images import Images
+from episodes.maps.gltf.materials import Images
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from episodes.world.visibility import turn
 from foundation.errors import UsageError
@@ -32,7 +34,7 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
     sentence for a file that is damaged, hostile, compressed, not self-contained, or has no ground under the spawn.
     """
     document = Document(path)
-    placed = nodes.placed(document)
+    placed = meshes.placed(document)
     total = sum(shapes.triangle_count(document, one.mesh) for one in placed)
     if total > shapes.MAX_TRIANGLES:
         document.fail("the scene", f"has {total} triangles; {shapes.MAX_TRIANGLES} are allowed: simplify it")
@@ -52,7 +54,7 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
 
 
 def _instances(
-    document: Document, placed: list[nodes.Placed], reader: shapes.Shapes
+    document: Document, placed: list[meshes.Placed], reader: shapes.Shapes
 ) -> tuple[list[Instance], tuple[str, ...]]:
     """Return what stands in the file, numbered, and remarks on what of it could not be taken along."""
     facts = [extras.node_facts(one.extras) for one in placed]
@@ -63,11 +65,11 @@ def _instances(
     found, flat = [], 0
     for k, (one, fact) in enumerate(zip(placed, facts, strict=True), 1):
         mesh = reader.mesh(one.mesh)
-        place, yaw, linear = nodes.pose(one.matrix, fact.yaw)
+        place, yaw, linear = meshes.pose(one.matrix, fact.yaw)
         if mesh is not None and linear is not None:
             key = (one.mesh, linear.tobytes())
             if key not in bent:
-                bent[key] = nodes.deformed(mesh, linear)
+                bent[key] = meshes.deformed(mesh, linear)
                 flat += bent[key] is None
             mesh = bent[key]
         if mesh is None:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.gltf import container, extras, images, looks
-from episodes.maps.gltf.axes import quaternion_of, to_gltf
-from episodes.maps.gltf.shapes import compact
+from episodes.maps.gltf import container, extras, materials
+from episodes.maps.gltf.container import quaternion_of, to_gltf
+from episodes.maps.gltf.meshes import compact
 from episodes.maps.scene import Instance, Material, Mesh, Scene
 
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125
@@ -118,7 +118,7 @@ class _Writer:
 
     def _material(self, material: Material) -> int:
         if id(material) not in self._row_of:
-            fields = looks.standard(material)
+            fields = materials.standard(material)
             if material.texture is not None:
                 texture = {"index": self._image(material.texture)}
                 fields["pbrMetallicRoughness"]["baseColorTexture"] = texture
@@ -126,13 +126,13 @@ class _Writer:
                     fields["emissiveTexture"] = texture
             exact = [float(v) for v in (*material.color, material.emission, material.specular)]
             self._row_of[id(material)] = len(self._materials)
-            self._materials.append({"name": material.name, **fields, "extras": {looks.EXTRA: exact}})
+            self._materials.append({"name": material.name, **fields, "extras": {materials.EXTRA: exact}})
         return self._row_of[id(material)]
 
     def _image(self, picture: NDArray[np.uint8]) -> int:
         if id(picture) not in self._row_of:
             self._row_of[id(picture)] = len(self._images)
-            self._images.append({"mimeType": "image/png", "bufferView": self._view(images.encode(picture))})
+            self._images.append({"mimeType": "image/png", "bufferView": self._view(materials.encode(picture))})
         return self._row_of[id(picture)]
 
     def _view(self, data: bytes, target: int | None = None) -> int:

@@ -8,7 +8,7 @@ import pytest
 from episodes import maps
 from episodes.maps import assets
 from episodes.maps import geometry as g
-from episodes.maps.assets import paint
+from episodes.maps.assets import materials
 from episodes.maps.assets.vehicles import SHAPES
 from episodes.maps.scene import Mesh, Scene
 from episodes.world.visibility import Solids, surface_samples
@@ -69,7 +69,7 @@ def test_unknown_names_are_refused_with_near_ones() -> None:
 
 
 def test_primitives_enclose_their_volume() -> None:
-    look = paint.RIM
+    look = materials.RIM
     cases = [
         (g.box((0, 0, 0), (2, 3, 4), look), 24.0, 1e-9),
         (g.rod((0, 0, 0), (0, 2, 0), (0.5, 0.5), look, 64), math.pi * 0.25 * 2, 0.01),
@@ -83,14 +83,14 @@ def test_primitives_enclose_their_volume() -> None:
 
 
 def test_smooth_and_sharp_edges() -> None:
-    ball = g.ball((0, 0, 0), (1, 1, 1), paint.RIM, 2)
+    ball = g.ball((0, 0, 0), (1, 1, 1), materials.RIM, 2)
     assert np.abs(ball.normals - ball.corners).max() < 0.12
-    cube = g.soup(g.box((0, 0, 0), (1, 1, 1), paint.RIM).corners, paint.RIM)
+    cube = g.soup(g.box((0, 0, 0), (1, 1, 1), materials.RIM).corners, materials.RIM)
     assert np.allclose(np.abs(cube.normals).max(axis=2), 1.0)
 
 
 def test_samples_lie_on_the_surface_and_spread_by_area() -> None:
-    mesh = g.assemble([g.box((0, 0, 0), (1, 1, 9), paint.RIM)])
+    mesh = g.assemble([g.box((0, 0, 0), (1, 1, 9), materials.RIM)])
     points, normals = surface_samples(mesh, 500)
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
     top = (points[:, 2] < -8.999).mean()
@@ -143,7 +143,7 @@ def test_no_parked_vehicle_wears_a_target_colour(scene: Scene) -> None:
     for car in cars:
         worn = [m.name.removeprefix("paint-") for m in car.mesh.materials if m.name.startswith("paint-")]
         assert worn
-        assert set(worn) <= set(paint.NEUTRAL)
+        assert set(worn) <= set(materials.NEUTRAL)
 
 
 def test_same_seed_same_map(scene: Scene) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from dronecats.flight.sitl import sockets as ports
+from dronecats.flight.sitl import sockets
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulator_process import Simulator
 from foundation.mavlink import Packer, Parser, dialect
@@ -17,17 +17,17 @@ from tests.support.ports import free_port
 def station(monkeypatch):
     """A ground station's socket, where ground stations listen."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
-        listening.bind((ports.LOOPBACK, 0))
+        listening.bind((sockets.LOOPBACK, 0))
         listening.setblocking(False)
-        monkeypatch.setattr(ports, "GCS_PORT", listening.getsockname()[1])
-        monkeypatch.setattr(ports, "GCS_LOCAL", free_port())
+        monkeypatch.setattr(sockets, "GCS_PORT", listening.getsockname()[1])
+        monkeypatch.setattr(sockets, "GCS_LOCAL", free_port())
         yield listening
 
 
 @pytest.mark.parametrize(("instance", "count"), [(None, 2), (0, 1)], ids=["a flight of two", "sitl"])
 def test_every_vehicle_comes_to_the_one_port_under_its_own_number(station, monkeypatch, instance, count):
     for name in ("AGENT_LOCAL", "AGENT_PORT", "TRUTH_LOCAL", "TRUTH_PORT"):
-        monkeypatch.setattr(ports, name, free_port())
+        monkeypatch.setattr(sockets, name, free_port())
     simulator = Simulator(SimulatorConfig(episode="blocks-commanding-01", count=count, speed=50.0, instance=instance))
     try:
         heard, peers = listen(simulator, station, 6.0)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from dronecats.bench.batch import Batch
+from dronecats.bench.campaign import Batch
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.folder import create, write_run

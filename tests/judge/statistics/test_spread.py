@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dronecats.judge.statistics.spread import binomial_deviation, deviation_interval, spread
+from dronecats.judge.statistics.shares import binomial_deviation, deviation_interval, spread
 
 
 def of_totals(totals, episodes):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dronecats.judge.statistics.corrections import holm
 from dronecats.judge.statistics.mixed_logit import Trials, fit
+from dronecats.judge.statistics.paired import holm
 from dronecats.study.analysis.effects import heat_maps, main_effects
 from dronecats.study.analysis.studied import StudiedFactor
 from tests.study.analysis.in_memory import a_study, number_factor

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import pytest
 
-from dronecats.judge.statistics.corrections import holm
+from dronecats.judge.statistics.paired import holm
 from dronecats.study.analysis.effects import heat_maps, main_effects
 from dronecats.study.analysis.flown_study import flown_study
 from dronecats.study.analysis.halves import halves

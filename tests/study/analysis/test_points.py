@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from dronecats.judge.statistics.corrections import holm
+from dronecats.judge.statistics.paired import holm
 from dronecats.study.analysis.effects import heat_maps, main_effects
 from dronecats.study.analysis.paired_flights import SUCCESS, between_entrants
 from dronecats.study.analysis.points import POINTS_MAX, UNDISTURBED, at_points, over_points, title

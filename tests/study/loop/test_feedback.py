@@ -11,9 +11,8 @@ from autopilot.control.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY
 from dronecats.flight.sitl.fused import Fused
 from dronecats.study.loop.feedback import CHANNELS, COLUMNS, LINE, RATE, fly_late, late
-from dronecats.study.loop.injection import injected_margin
 from dronecats.study.loop.linear import delay_margin
-from dronecats.study.loop.oscillation import oscillation
+from dronecats.study.loop.margins import injected_margin, oscillation
 from foundation.errors import UsageError
 from vehicles.airframe import load
 from vehicles.multirotor import Multirotor

@@ -12,9 +12,8 @@ from dronecats.cli import bench_spec, study_spec
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.latency_trace import read_trace
-from dronecats.study.rate.chain import QuestionTimes
+from dronecats.study.rate.chain import QuestionTimes, summarised, table
 from dronecats.study.rate.files import COLUMNS, ChainLog, next_commands, write_replay
-from dronecats.study.rate.summary import summarised, table
 from foundation.errors import InfrastructureError
 from tests.docs.pages import ROOT
 

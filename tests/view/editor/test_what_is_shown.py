@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.view.editor import report
+from dronecats.view.editor import panels
 from dronecats.view.editor.assessment import PREVIEW, Previews, findings
 from dronecats.view.editor.draft import Drafting
 from dronecats.view.scene import display
@@ -189,14 +189,14 @@ def test_a_click_meets_what_is_there(drafting):
 
 @given(st.text(min_size=1, max_size=60), st.text(max_size=60), st.booleans(), st.booleans())
 def test_nobodys_words_become_markup(rule, measured, passed, fresh):
-    html = report.checks_html([RuleFinding(rule, passed, measured, f"</div><script>{measured}")], fresh)
+    html = panels.checks_html([RuleFinding(rule, passed, measured, f"</div><script>{measured}")], fresh)
     assert "<script" not in html
     assert set(re.findall(r"</?([a-z]+)", html)) <= {"div", "span", "b"}
 
 
 def test_red_ones_come_first():
     one, two = RuleFinding("the first", True, "1", "1"), RuleFinding("the second", False, "2", "3")
-    html = report.checks_html([one, two], True)
+    html = panels.checks_html([one, two], True)
     assert html.index("Second") < html.index("First")
     assert re.search(r"\b1 of 2\b", html)
     assert 'data-failed="1"' in html

@@ -13,7 +13,7 @@ from episodes.authoring.check import many, pixels, sight, start
 from episodes.authoring.check.finding import RuleFinding
 from episodes.authoring.check.rules import check
 from episodes.authoring.check.solid import Box, StandingObstacles, overlaps
-from episodes.camera.renderer.pose import camera_pose
+from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, Path3D

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion, noisy
-from episodes.camera.optics.lens import BentLens, pinhole_rays, wide_camera
-from episodes.camera.optics.light import Codes
+from episodes.camera.optics.lens import BentLens, Codes, pinhole_rays, wide_camera
 from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
-from episodes.camera.optics.rain import drops_per_m3, fall_speed, streaks
-from episodes.camera.optics.weather import toward_sun
+from episodes.camera.optics.weather import drops_per_m3, fall_speed, streaks, toward_sun
 from episodes.camera.renderer import Renderer, camera_pose
 from episodes.camera.renderer.sky import WHITE
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun

@@ -9,7 +9,7 @@ import pytest
 
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
-from episodes.maps.assets import exhibits, lettering, paint, scenery
+from episodes.maps.assets import exhibits, lettering, materials, scenery
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from episodes.world.visibility import _embree, surface_samples
 from foundation.camera import CameraModel, CameraPose
@@ -76,7 +76,7 @@ def test_an_asset_wears_its_paint() -> None:
             mesh = assets.build(name, color)
             tri = triangles(mesh)
             area = np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1) / 2
-            worn = [k for k, m in enumerate(mesh.materials) if m.color == paint.linear(paint.PAINTS[color])]
+            worn = [k for k, m in enumerate(mesh.materials) if m.color == materials.linear(materials.PAINTS[color])]
             share = area[np.isin(mesh.material, worn)].sum() / area.sum()
             assert share > 0.15, name
 
@@ -125,8 +125,8 @@ def test_a_sign_contrasts_with_its_letters_in_every_paint() -> None:
     """Contrast ratio of relative luminances, as WCAG defines it; 3 is its least for large text."""
     for color in assets.PAINTS:
         board, ink = (
-            sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), paint.linear(srgb), strict=True))
-            for srgb in (paint.PAINTS[color], exhibits.contrasting(color))
+            sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), materials.linear(srgb), strict=True))
+            for srgb in (materials.PAINTS[color], exhibits.contrasting(color))
         )
         assert (max(board, ink) + 0.05) / (min(board, ink) + 0.05) >= 3.0, color
 

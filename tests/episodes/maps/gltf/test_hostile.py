@@ -270,7 +270,7 @@ def test_pictures_beside_the_file_are_never_opened(tmp_path):
 
 
 def test_many_pictures_are_reduced_together(tmp_path, monkeypatch):
-    monkeypatch.setattr(gltf.images, "MAX_TEXELS", 3 * 256 * 256)
+    monkeypatch.setattr(gltf.materials, "MAX_TEXELS", 3 * 256 * 256)
     file = Glb()
     data = cv2.imencode(".png", np.full((512, 512, 3), 77, np.uint8))[1].tobytes()
     for k in range(3):

@@ -1,19 +1,47 @@
-"""What `DroneCATS-v0` shows and takes: of one drone a picture and an action, of a fleet one for each drone.
+"""What `DroneCATS-v0` shows and takes: of one drone a picture and an action, of a fleet one for each drone."""
 
-Under one context a fleet is asked in one question, so its actions are one joint action, told in one reply.
-"""
-
+import json
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, Text, Tuple
 from numpy.typing import NDArray
 
-from dronecats.bench.bridges.actions import KINDS, reply
-from dronecats.bench.bridges.pictures import PICTURE_SHAPE, picture
-from foundation.protocol import POINT_SPAN
+from foundation.camera import CameraModel
+from foundation.picture import WIDTH_MAX
+from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
+
+_CAMERA = CameraModel()
+PICTURE_SHAPE = (_CAMERA.height * WIDTH_MAX // _CAMERA.width, WIDTH_MAX, 3)  # as models get it: height, width, RGB
+
+
+def picture(jpeg: bytes) -> NDArray[np.uint8]:
+    """Return a JPEG as (height, width, 3) RGB."""
+    decoded = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+KINDS = (GO, ROTATE, THINK, FINISHED)  # an action's number is its place here
+
+
+def reply(kind: int, point: Sequence[float], depth_m: float, angle_deg: float) -> str:
+    """Return the JSON reply of an action. `point`: (x, y), 0 … 1000 from the picture's upper left corner.
+
+    What the kind does not need is left out. Raises ValueError for a kind that is none.
+    """
+    if kind not in range(len(KINDS)):
+        raise ValueError(f"the kind of an action is 0 … {len(KINDS) - 1}, got {kind}")
+    name = KINDS[kind]
+    told: dict[str, object] = {"action": name}
+    if name == GO:
+        told |= {"point": [float(point[0]), float(point[1])], "depth_m": float(depth_m)}
+    elif name == ROTATE:
+        told |= {"angle_deg": float(angle_deg)}
+    return json.dumps(told)
+
 
 DEPTH_MAX_M = 300.0
 ANGLE_MAX_DEG = 90.0
