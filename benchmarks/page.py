@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.machine import Machine
 from dronecats.agent.prompt import Prompt
 from dronecats.cli.exit_status import exit_status
-from dronecats.report.page import write_page
+from dronecats.report.page.index import write_page
 from dronecats.report.results.collection import collect
 from foundation import extras
 from foundation.picture import encode

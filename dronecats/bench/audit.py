@@ -5,10 +5,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from episodes.records import suites
 from episodes.records.blind import BlindFlight, Table
 from episodes.records.record import CELLS
 from foundation.run_folder.results import SCORED, Result
+from foundation.wording import counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,32 +163,29 @@ def cell_order(group: str) -> tuple[int, str]:
     return (cells[-1] if cells else len(CELLS), group)
 
 
-def text(rows: Iterable[ScoreRow], under: Mapping[str, Floor | None]) -> str:
-    """Return the report as text, under each of its lines the best blind pilots on the same episodes."""
-    lines = [f"{'':38} {'solved':>8} {'at first':>8} {'in three':>8} {'precision':>9} {'false':>6} {'steps':>6}"]
+def as_table(rows: Iterable[ScoreRow], under: Mapping[str, Floor | None]) -> ReportTable:
+    """Return the rows as a table, under each of them the best blind pilots on the same episodes."""
+    lines = []
     for each in rows:
         lines.append(_line(each.name, each))
         below = under.get(each.name)
-        for pilot, its in dict.fromkeys((below.solved, below.within_three)) if below else ():
-            lines.append(_line(f"  {pilot}", its))
-    lines.append(
-        "solved, at first, in three: of the flights; false: declarations a flight; steps: median of the solved"
-    )
+        best = dict.fromkeys((below.solved, below.within_three)) if below else ()
+        lines += [_line(f"  {pilot}", row_of_pilot) for pilot, row_of_pilot in best]
+    has_notes = any(line[-1] for line in lines)
+    columns = [
+        words("episodes"), *map(numbers, ("solved", "at first", "in three")), numbers("precision", decimals=2),
+        numbers("false", decimals=1), numbers("steps"), *([words("")] if has_notes else []),
+    ]  # fmt: skip
+    notes = ["solved, at first, in three: of the flights; false: declarations a flight; steps: median of the solved"]
     if not any(under.values()):
-        lines.append("no blind pilot has flown all of these episodes: --pilot blind:ring does")
-    return "\n".join(lines)
+        notes.append("no blind pilot has flown all of these episodes: --pilot blind:ring does")
+    return table_of(columns, (line if has_notes else line[:-1] for line in lines), *notes)
 
 
-def _line(name: str, each: ScoreRow) -> str:
-    def of_all(count: int | None) -> str:
-        return "–" if count is None else f"{count}/{each.flown}"
-
-    precision = "–" if each.precision is None else f"{each.precision:.2f}"
-    false = "–" if each.false_declarations is None else f"{each.false_declarations:.1f}"
-    steps = "–" if each.steps is None else f"{each.steps:g}"
-    notes = f"   {each.errors} error{'s' * (each.errors > 1)}, not scored" if each.errors else ""
-    notes += f"   {each.censored} censored" if each.censored else ""
-    return (
-        f"{name:38} {of_all(each.solved):>8} {of_all(each.at_first):>8} {of_all(each.within_three):>8}"
-        f" {precision:>9} {false:>6} {steps:>6}{notes}"
-    )
+def _line(name: str, each: ScoreRow) -> tuple[CellValue, ...]:
+    measures = (each.solved, each.at_first, each.within_three)
+    counts = (None if count is None else f"{count}/{each.flown}" for count in measures)
+    steps = None if each.steps is None else f"{each.steps:g}"
+    notes = [f"{counted(each.errors, 'error')}, not scored"] if each.errors else []
+    notes += [f"{each.censored} censored"] if each.censored else []
+    return name, *counts, each.precision, each.false_declarations, steps, "; ".join(notes)

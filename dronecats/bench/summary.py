@@ -13,6 +13,8 @@ from dronecats.bench.audit import cell_of, cell_order
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
 from dronecats.judge.statistics.shares import known_share
+from dronecats.report.cells import NONE
+from dronecats.report.table import ReportTable, TableBlock, TableCell, TableRow, numbers, words
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import rows
@@ -132,35 +134,44 @@ def _row(setting: str, group: str, scores: Sequence[EpisodeScore], drop_stalled:
     )
 
 
-def text(lines: Sequence[BenchRow]) -> str:
-    """Return the lines as text, a block per setting."""
-    said: list[str] = []
-    unread = any(line.unreadable for line in lines)
-    heads = f" {'unreadable':>11} {'refused':>8} {'cut off':>8}" if unread else ""
-    for setting in dict.fromkeys(line.setting for line in lines):
-        said += [setting, f"{'':30} {'solved':>8} {'SR':>6} {'95 %':>13} {'control rate, Hz':>18}{heads}"]
-        said += [_line(line, bool(heads)) for line in lines if line.setting == setting]
-    if heads:
-        said.append("unreadable: replies without an action; of these, refused (by model or provider), and cut off")
-    said.append("control rate: decisions per second of vehicle time, the quantiles 0.1, 0.5 and 0.9 over all steps")
-    return "\n".join(said)
-
-
-def _line(row: BenchRow, replies: bool) -> str:
-    share = "–" if row.share is None else f"{row.share:.1%}"
-    low, high = row.interval
-    within = "–" if row.share is None else f"{low:.1%}–{high:.1%}"
-    rate = "–" if row.rate_hz is None else " ".join(f"{each:.2f}" for each in row.rate_hz)
-    notes = [
-        f"{count} {what}"
-        for count, what in (
-            (row.errors, "broken, not scored"),
-            (row.retries, "flown once more"),
-            (row.stalled, f"delayed by the host{', left out' if row.dropped else ''}"),
-            (row.broken_pins, "replies later than the pinned rate"),
-        )
-        if count
+def as_table(rows: Sequence[BenchRow]) -> ReportTable:
+    """Return the rows as a table, a block per setting."""
+    has_unread = any(row.unreadable for row in rows)
+    has_notes = any(map(_notes, rows))
+    columns = [
+        words("cell"),
+        numbers("solved"),
+        numbers("SR", unit="%", decimals=1),
+        *(numbers(f"{100 * q:g} %", group="control rate, Hz", decimals=2) for q in QUANTILES),
+        *(numbers(title) for title in ("unreadable", "refused", "cut off") if has_unread),
+        *([words("")] if has_notes else []),
     ]
-    told = f"  {row.group:28} {f'{row.solved}/{row.flights}':>8} {share:>6} {within:>13} {rate:>18}"
-    told += f" {row.unreadable:>11} {row.refused:>8} {row.cut_off:>8}" if replies else ""
-    return told + ("   " + "; ".join(notes) if notes else "")
+
+    def line(row: BenchRow) -> TableRow:
+        low, high = (100.0 * end for end in row.interval)
+        share = NONE if row.share is None else TableCell(value=100.0 * row.share, low=low, high=high)
+        rates = row.rate_hz or (None,) * len(QUANTILES)
+        unread = (row.unreadable, row.refused, row.cut_off) if has_unread else ()
+        values = (*rates, *unread, *([_notes(row)] if has_notes else []))
+        solved = TableCell(value=f"{row.solved}/{row.flights}")
+        return TableRow(cells=(TableCell(value=row.group), solved, share, *(TableCell(value=v) for v in values)))
+
+    settings = dict.fromkeys(row.setting for row in rows)
+    notes = ["SR: with its 95 % interval; control rate: decisions per second of vehicle time, quantiles over all steps"]
+    if has_unread:
+        notes.append("unreadable: replies without an action; of these, refused (by model or provider), and cut off")
+    return ReportTable(
+        columns=tuple(columns),
+        blocks=tuple(TableBlock(title=s, rows=tuple(line(r) for r in rows if r.setting == s)) for s in settings),
+        notes=tuple(notes),
+    )
+
+
+def _notes(row: BenchRow) -> str:
+    counts = (
+        (row.errors, "broken, not scored"),
+        (row.retries, "flown once more"),
+        (row.stalled, f"delayed by the host{', left out' if row.dropped else ''}"),
+        (row.broken_pins, "replies later than the pinned rate"),
+    )
+    return "; ".join(f"{count} {what}" for count, what in counts if count)

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.output import show
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
 
@@ -45,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _print(told: "Audit") -> None:
     from dronecats.judge.metrics.audit import RULES
+    from dronecats.report.table import numbers, table_of, words
 
     successes = counted(told.successes, "success", "successes")
     print(f"{counted(told.episodes, 'episode')}, {told.scored} scored, {successes}")
@@ -53,10 +55,11 @@ def _print(told: "Audit") -> None:
         f" {told.late_declarations} after the cap, in {counted(told.late_episodes, 'episode')}"
     )
     print(f"{counted(told.silent_failures, 'failure')} without a declaration, {told.silent_entered} within the radius")
-    print("\nrule                                                                 told  success  lost  gained")
-    rows = [(said, told.flips[name]) for name, (said, _) in RULES.items()]
-    for said, flips in [*rows, ("strict parsing of what was mended", told.strict)]:
-        print(f"{said:66} {flips.told:6} {flips.successes:8} {flips.lost:5} {flips.gained:7}")
+    rules = [(said, told.flips[name]) for name, (said, _) in RULES.items()]
+    rules.append(("strict parsing of what was mended", told.strict))
+    columns = (words("rule"), numbers("told"), numbers("success"), numbers("lost"), numbers("gained"))
+    print()
+    show(table_of(columns, ((said, r.told, r.successes, r.lost, r.gained) for said, r in rules)))
     gain = "" if told.think.gain_m_per_step is None else f", {told.think.gain_m_per_step:+.2f} m/step after them"
     print(f"\nthink: {told.think.thinks} steps, {told.think.matched} matched by their closing rate{gain}")
     print(f"  a stall broken within three steps: {_share(told.think.stalls)}")

@@ -6,7 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from dronecats.cli.output import show
+
+if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
 
 VIEWS_WANTED = 20  # different views of the board, of a camera that is looked at live
 
@@ -62,7 +67,10 @@ def _check(args: argparse.Namespace) -> int:
     if args.save and not _written(args.save, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR)):
         raise UsageError(f"--save {str(args.save)!r} cannot be written")
     found = {"first_frame_s": first_s, **asdict(delivery)}
-    print(json.dumps(found) if args.json else _table(found))
+    if args.json:
+        print(json.dumps(found))
+    else:
+        show(_table(found))
     return 0
 
 
@@ -75,8 +83,10 @@ def _written(path: Path, picture: Any) -> bool:
         return False
 
 
-def _table(found: dict[str, Any]) -> str:
+def _table(found: dict[str, Any]) -> "ReportTable":
     """Return the findings for a person, each with what it means."""
+    from dronecats.report.table import table_of, words
+
     model = found["model"]
 
     def ms(value: float | None) -> str:
@@ -90,9 +100,9 @@ def _table(found: dict[str, Any]) -> str:
         if found["age_ms"] is None
         else f"{ms(found['age_ms'])}, at worst {ms(found['oldest_ms'])}, from arrival here to a picture in hand"
     )
-    return "\n".join(
-        f"  {name:12} {value}"
-        for name, value in (
+    return table_of(
+        (words(""), words("")),
+        (
             ("picture", f"{model['width']}×{model['height']} px, {model['hfov_deg']:.1f}° wide ({known})"),
             ("first frame", f"after {found['first_frame_s']:.2f} s"),
             ("rate", f"{rate}{asked}, {found['frames']} frames in {found['seconds']:.1f} s"),
@@ -103,8 +113,8 @@ def _table(found: dict[str, Any]) -> str:
             ("repeated", f"{found['repeated']}, the same picture as before"),
             ("not seen", f"{found['unseen']}, this computer was busy"),
             ("reopened", f"{found['reopened']} times"),
-            ("", "The camera's own delay (exposure, coding, network) is in none of these: docs/cameras.md shows it."),
-        )
+        ),
+        "The camera's own delay (exposure, coding, network) is in none of these: docs/cameras.md shows it.",
     )  # fmt: skip
 
 

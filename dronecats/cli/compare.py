@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from dronecats.cli.output import show
+
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         "sources": ["truth" if logs.true else "estimate" for logs in (a, b)],
     }
     if args.plot:
-        from dronecats.report.path_plot import draw
+        from dronecats.report.path_comparison import draw
 
         axes = "north,east" if args.keep_north else "ahead,right"
         draw(comparisons, (str(args.a), str(args.b)), args.within, args.plot, axes)
@@ -56,18 +58,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(result: dict[str, Any]) -> None:
+    from dronecats.report.table import TableColumn, table_of
     from foundation.run_folder.rows import drone_label
 
+    heads = {"from_s": ("from", "s", 0), "to_s": ("to", "s", 1), "max_m": ("max", "m", 2), "mean_m": ("mean", "m", 2),
+             "rms_m": ("rms", "m", 2)}  # fmt: skip
+    columns = [TableColumn(name=n, title=t, unit=u, decimals=d) for n, (t, u, d) in heads.items()]
     a, b = result["sources"]
     replies = f"{result['same_replies']} of {result['steps']} replies are the same"
     print(f"{replies}, aligned by {result['aligned_by']}; poses: {a} and {b}")
     for drone in result["drones"]:
         print(f"{drone_label(drone['drone'])}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m of path")
-        for span in drone["minutes"]:
-            print(
-                f"  {span['from_s']:5.0f} to {span['to_s']:5.1f} s   max {span['max_m']:6.2f} m"
-                f"   mean {span['mean_m']:6.2f} m   rms {span['rms_m']:6.2f} m"
-            )
+        spans = ([span[name] for name in heads] for span in drone["minutes"])
+        show(table_of(columns, spans))
         print(
             f"  at the end {drone['final_m']:.2f} m apart; beside the other's path by {drone['beside_m']:.2f} m at most"
         )

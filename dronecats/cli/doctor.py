@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -19,6 +19,8 @@ from pathlib import Path
 from dronecats import __version__
 from dronecats.agent.models import rows
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
+from dronecats.cli.output import show
+from dronecats.report.table import ReportTable, table_of, words
 from foundation import machine
 from foundation.errors import UsageError
 from foundation.extras import BASE_COMMAND, EXTRAS, Extra, is_installed
@@ -80,26 +82,21 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"can_simulate": able, "findings": [asdict(f) for f in findings]}))
         return 0 if able else 1
-    for kind, heading in _HEADINGS.items():
-        print(f"{heading}:")
-        _print([finding for finding in findings if finding.kind == kind])
-    print("Flying in simulation is possible here." if able else "Flying in simulation is NOT possible here yet: see ✗.")
+    show(*(_table(heading, [each for each in findings if each.kind == kind]) for kind, heading in _HEADINGS.items()))
+    print(f"\nFlying in simulation is {'possible here.' if able else 'NOT possible here yet: see ✗.'}")
     return 0 if able else 1
 
 
-def _print(findings: list[Diagnosis]) -> None:
-    """Print one section. The command that installs an extra stands beside it, any other remedy on the next line."""
-    name_width = max(len(finding.name) for finding in findings)
-    detail_width = max(len(finding.detail) for finding in findings)
+def _table(heading: str, findings: list[Diagnosis]) -> ReportTable:
+    """Return one section. The command that installs an extra stands beside it, any other remedy on the next line."""
+    columns = [words("")] * (4 if findings[0].kind == EXTRA else 3)
+    lines = []
     for finding in findings:
-        line = f"{_MARKS[finding.state]} {finding.name:{name_width}}  "
-        if finding.remedy and finding.kind == EXTRA:
-            print(f"{line}{finding.detail:{detail_width}}  {finding.remedy}")
-            continue
-        print(f"{line}{finding.detail}")
-        if finding.remedy:
-            print(f"  {'':{name_width}}  → {finding.remedy}")
-    print()
+        beside = finding.kind == EXTRA
+        below = f"\n→ {finding.remedy}" if finding.remedy and not beside else ""
+        line = (_MARKS[finding.state], finding.name, f"{finding.detail}{below}")
+        lines.append((*line, finding.remedy) if beside else line)
+    return replace(table_of(columns, lines), title=f"{heading}:")
 
 
 def examine() -> list[Diagnosis]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
-from dronecats.cli.output import Drawing
+from dronecats.cli.output import Drawing, show
 from foundation.wording import printable
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
-    from dronecats.bench.audit import flights, floor, groups, pars, row, text
+    from dronecats.bench.audit import as_table, flights, floor, groups, pars, row
     from dronecats.bench.campaign import Batch, fly_run
     from dronecats.bench.local import cores
     from dronecats.bench.matrix import suite_of
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         ]
         print(json.dumps({**report, "unsolved": unsolved}))
     else:
-        print(text(rows, under))
+        show(as_table(rows, under))
         print(f"run folder: {batch.run}")
     if rows[-1].errors:
         return 3

@@ -7,9 +7,10 @@ import sys
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from dronecats.cli.output import Drawing
+from dronecats.cli.output import Drawing, show
 
 if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
     from episodes.authoring.check.finding import RuleFinding
     from episodes.authoring.check.many import Report
 
@@ -59,9 +60,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"checked": len(reports), "rejected": rejected, "suite": uneven}, ensure_ascii=False))
     else:
-        _table(reports, args.rules)
-        for found in about_suite if args.rules else ():
-            _print(found)
+        show(*_tables(reports, about_suite, args.rules))
+        print(f"{len(reports)} checked, {len(rejected)} rejected")
         for sentence in uneven:
             print(f"REJECTED  the suite: {sentence}.")
     return 1 if rejected or uneven else 0
@@ -73,15 +73,18 @@ def _about_suite(reports: "list[Report]") -> "list[RuleFinding]":
     return list(spread.rules([report.layout for report in reports if report.layout is not None]))
 
 
-def _table(reports: "list[Report]", rules: bool) -> None:
-    """Print one line per record, and its rules where they are asked for."""
-    for report in reports:
-        print(f"{report.name:32} {'REJECTED  ' + report.reason if report.reason else 'ok'}")
-        for found in report.findings if rules else ():
-            _print(found)
-    rejected = sum(report.reason is not None for report in reports)
-    print(f"{len(reports)} checked, {rejected} rejected")
+def _tables(reports: "list[Report]", about_suite: "list[RuleFinding]", rules: bool) -> "list[ReportTable]":
+    """Return one row per record; where they are asked for, the rules of each record and of the suite instead."""
+    from dronecats.report.table import ReportTable, TableBlock, rows_of, table_of, words
 
-
-def _print(found: "RuleFinding") -> None:
-    print(f"    {'ok ' if found.passed else 'RED'} {found.rule}: {found.measured} (wanted {found.wanted})")
+    verdicts = [(each.name, f"REJECTED  {each.reason}" if each.reason else "ok") for each in reports]
+    if not rules:
+        return [table_of((words(""), words("")), verdicts)]
+    found = [(f"{name}: {verdict}", each.findings) for (name, verdict), each in zip(verdicts, reports, strict=True)]
+    found += [("the suite", about_suite)] if about_suite else []
+    blocks = (
+        TableBlock(title=title, rows=rows_of(("ok" if f.passed else "RED", f.rule, f.measured, f.wanted) for f in of))
+        for title, of in found
+    )
+    columns = (words(""), words("rule"), words("measured"), words("wanted"))
+    return [ReportTable(columns=columns, blocks=tuple(blocks))]

@@ -3,6 +3,8 @@
 import argparse
 import json
 
+from dronecats.cli.output import show
+
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the action."""
@@ -14,6 +16,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Print the episodes."""
+    from dronecats.report.table import numbers, table_of, words
     from episodes.records import catalogue, par, suites
 
     pars = par.load()
@@ -33,7 +36,6 @@ def run(args: argparse.Namespace) -> int:
         ]
         print(json.dumps({"episodes": rows}))
         return 0
-    for r in records:
-        drones = f"{len(r.starts)} drone{'s' * (len(r.starts) > 1)}"
-        print(f"{r.id:32} {r.map:12} {r.cell:17} {drones:9} par {pars.get(r.id, '-'):>3}  {r.instruction}")
+    columns = (words("id"), words("map"), words("cell"), numbers("drones"), numbers("par"), words("instruction"))
+    show(table_of(columns, ((r.id, r.map, r.cell, len(r.starts), pars.get(r.id), r.instruction) for r in records)))
     return 0

@@ -5,6 +5,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.output import show
+
 if TYPE_CHECKING:
     from episodes.records.record import EpisodeRecord
 
@@ -20,6 +22,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Print the episode and, if asked for, write its first frame."""
+    from dronecats.report.table import table_of, words
     from episodes.records import catalogue, par, suites
 
     record = catalogue.load(args.episode)
@@ -40,8 +43,7 @@ def run(args: argparse.Namespace) -> int:
         }
         print(json.dumps(summary, ensure_ascii=False))
         return 0
-    for name, value in _lines(record, member, steps):
-        print(f"{name:12} {value}")
+    show(table_of((words(""), words("")), _lines(record, member, steps)))
     return 0
 
 

@@ -7,9 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.output import Drawing
+from dronecats.cli.output import Drawing, show
 
 if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
     from hil.link.flight_logs import FlightLog
 
 
@@ -45,7 +46,12 @@ def _on_board(args: argparse.Namespace) -> int:
     with log_store(args.connect) as store:
         logs = store.entries()
         if args.what == "list":
-            print(json.dumps({"logs": [asdict(log) for log in logs]}) if args.json else _table(logs))
+            if args.json:
+                print(json.dumps({"logs": [asdict(log) for log in logs]}))
+            elif logs:
+                show(_table(logs))
+            else:
+                print("no logs on board")
             return 0
         chosen = [log for log in logs if log.size_bytes and args.log in (None, log.number)]
         if not chosen:
@@ -92,9 +98,11 @@ def _trace(args: argparse.Namespace) -> int:
     return 0
 
 
-def _table(logs: "list[FlightLog]") -> str:
-    lines = [f"{log.number:6}  {log.date:24}  {log.size_bytes:12,} bytes" for log in logs]
-    return "\n".join(lines) or "no logs on board"
+def _table(logs: "list[FlightLog]") -> "ReportTable":
+    from dronecats.report.table import numbers, table_of, words
+
+    lines = ((log.number, log.date, f"{log.size_bytes:,}") for log in logs)
+    return table_of((numbers("log"), words("date"), numbers("bytes")), lines)
 
 
 def _progress(share: float) -> None:

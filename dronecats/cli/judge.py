@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.output import show
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
     from dronecats.judge.metrics.judging import JudgedEpisode
     from dronecats.judge.metrics.metric import MetricValue
+    from dronecats.report.results.flown_run import FlownRun
+    from dronecats.report.table import CellValue, ReportTable
 
 DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
 
@@ -49,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
         doubtful = sum(_doubtful(each) for each in episodes.values())
         print(json.dumps({"episodes": episodes}))
     else:
-        for name, each in told:
-            doubtful += each.judged.doubtful
-            _print(name, each)
+        judged = [(run, [next(told)[1] for _ in run.episodes]) for run in runs]
+        doubtful = sum(each.judged.doubtful for _, of_run in judged for each in of_run)
+        show(_table(judged))
         if len(folders) > 1:
             print(f"{counted(len(folders), 'episode')}, {doubtful} in doubt")
     return DIFFERS if doubtful else 0
@@ -74,29 +77,42 @@ def _doubtful(told: dict[str, Any]) -> bool:
     return bool(told["contradictions"]) or told["stored_agrees"] is False
 
 
-def _print(episode: str, each: "JudgedEpisode") -> None:
-    from dronecats.judge.commanding import sentence as sent
-    from dronecats.judge.distances import sentence
+def _table(judged: "Sequence[tuple[FlownRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
+    """Return a row per episode, a block per run; beneath them a line for each remark about an episode."""
+    from dronecats.report.table import ReportTable, TableBlock, numbers, rows_of, words
+
+    columns = (words("episode"), words("outcome"), numbers("NE", unit="m", decimals=2), numbers("steps"),
+               numbers("declarations"), words("mode"), words("verdict.json"))  # fmt: skip
+    blocks, notes = [], []
+    for run, episodes in judged:
+        names = [folder.resolve().name for folder in run.episodes]
+        title = run.folder.name if len(judged) > 1 else ""
+        blocks.append(TableBlock(title=title, rows=rows_of(map(_line, names, episodes))))
+        before = f"{title}/" if title else ""
+        notes += [
+            f"{before}{name}: {said}" for name, each in zip(names, episodes, strict=True) for said in _remarks(each)
+        ]
+    return ReportTable(columns=columns, blocks=tuple(blocks), notes=tuple(notes))
+
+
+def _line(name: str, each: "JudgedEpisode") -> "tuple[CellValue, ...]":
+    verdict = each.judged.verdict
+    mode = "cut off there" if verdict.outcome == "success" and verdict.censored else each.mode or ""
+    return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(each.judged)
+
+
+def _remarks(each: "JudgedEpisode") -> list[str]:
+    """Return what is to be said of an episode beside its row."""
+    from dronecats.judge.commanding import sentence as of_commanding
+    from dronecats.judge.distances import sentence as of_distances
 
     verdict = each.judged.verdict
-    ne_m = "     –" if verdict.ne_m is None else f"{verdict.ne_m:6.2f}"
-    cut_off = ", cut off there" if verdict.outcome == "success" and verdict.censored else ""
-    mode = f" ({each.mode})" if each.mode not in (None, "success") else ""
-    print(
-        f"{episode:32} {verdict.outcome:13} NE {ne_m} m  {verdict.steps:3} steps"
-        f"  {counted(verdict.declarations, 'declaration'):>16}{cut_off}{mode}  {_agreement(each.judged)}"
-    )
-    if verdict.outcome == "censored":
-        print(f"{'':32} cut off at its first success: whether it would have been one at this radius is not known")
-    if verdict.distances:
-        print(f"{'':32} {sentence(verdict.distances, verdict.delta_m)}")
-    if verdict.commanding:
-        print(f"{'':32} {sent(verdict.commanding)}")
-    for name, value in each.values.items():
-        print(f"{'':32} {name} {_value(value)}")
-    for said in (verdict.error, verdict.note, *each.judged.contradictions):
-        if said:
-            print(f"{'':32} {said}")
+    said = ["cut off at its first success: whether it would have been one at this radius is not known"
+            if verdict.outcome == "censored" else None]  # fmt: skip
+    said.append(of_distances(verdict.distances, verdict.delta_m) if verdict.distances else None)
+    said.append(of_commanding(verdict.commanding) if verdict.commanding else None)
+    said += [f"{name} {_value(value)}" for name, value in each.values.items()]
+    return [sentence for sentence in (*said, verdict.error, verdict.note, *each.judged.contradictions) if sentence]
 
 
 def _value(value: "MetricValue | Sequence[MetricValue]") -> str:

@@ -3,8 +3,14 @@
 import argparse
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from dronecats.cli.output import show
+
+if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -47,6 +53,7 @@ def spawn(text: str) -> tuple[float, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Do what was asked for."""
+    from dronecats.report.table import table_of, words
     from episodes import maps
     from episodes.maps import gltf, user
 
@@ -56,15 +63,18 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print(json.dumps({"maps": rows}))
         else:
-            print("\n".join(f"{row['name']:24} {row['origin']}" for row in rows))
+            show(table_of((words("map"), words("origin")), ((row["name"], row["origin"]) for row in rows)))
         return 0
     if args.action == "import":
         scene = user.add(args.file, args.name, args.spawn, maps.shipped(), args.replace)
-        print(_text(_facts(scene)))
+        show(_table(_facts(scene)))
         return 0
     scene = maps.build(args.name, args.seed)
     if args.action == "show":
-        print(json.dumps(_facts(scene)) if args.json else _text(_facts(scene)))
+        if args.json:
+            print(json.dumps(_facts(scene)))
+        else:
+            show(_table(_facts(scene)))
         return 0
     try:
         gltf.save(scene, args.out)
@@ -103,18 +113,19 @@ def _facts(scene: Any) -> dict[str, Any]:
     }
 
 
-def _text(facts: dict[str, Any]) -> str:
+def _table(facts: dict[str, Any]) -> "ReportTable":
     """Return the same for a person."""
+    from dronecats.report.table import table_of, words
+
     (n0, n1), (e0, e1), (h0, h1) = facts["north_m"], facts["east_m"], facts["height_m"]
     kinds = ", ".join(f"{count} {kind}" for kind, count in facts["kinds"].items())
     lines = [
-        facts["name"],
-        f"  extent    north {n0:g} … {n1:g} m, east {e0:g} … {e1:g} m, height {h0:g} … {h1:g} m",
-        f"  triangles {facts['triangles']}, textures of {facts['texels'] / 1e6:.1f} million texels",
-        f"  things    {facts['instances']}: {kinds[:600]}",
-        f"  ground    every {facts['ground_cell_m']:g} m",
-        f"  spawn     {', '.join(f'{v:g}' for v in facts['spawn_ned'])} m north, east, down",
-        f"  origin    {facts['latitude_deg']:.6f}°, {facts['longitude_deg']:.6f}°, {facts['altitude_m']:g} m",
-        *(f"  note      {note}" for note in facts["notes"]),
+        ("extent", f"north {n0:g} … {n1:g} m, east {e0:g} … {e1:g} m, height {h0:g} … {h1:g} m"),
+        ("triangles", f"{facts['triangles']}, textures of {facts['texels'] / 1e6:.1f} million texels"),
+        ("things", f"{facts['instances']}: {kinds[:600]}"),
+        ("ground", f"every {facts['ground_cell_m']:g} m"),
+        ("spawn", f"{', '.join(f'{v:g}' for v in facts['spawn_ned'])} m north, east, down"),
+        ("origin", f"{facts['latitude_deg']:.6f}°, {facts['longitude_deg']:.6f}°, {facts['altitude_m']:g} m"),
+        *(("note", note) for note in facts["notes"]),
     ]
-    return "\n".join(lines)
+    return replace(table_of((words(""), words("")), lines), title=facts["name"])

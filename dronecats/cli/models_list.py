@@ -5,6 +5,8 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.output import show
+
 if TYPE_CHECKING:
     from dronecats.agent.models.rows import ModelRow
 
@@ -22,6 +24,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 def run(args: argparse.Namespace) -> int:
     """Print the rows, or the models that a server lists."""
     from dronecats.agent.models.rows import rows
+    from dronecats.report.table import numbers, table_of, words
 
     if args.endpoint:
         names = listed(args.endpoint)
@@ -31,11 +34,9 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"models": known}))
         return 0
-    head = ("name", "model", "points", "schema", "$ in", "$ out", "key", "from")
-    lines = [head, *(_line(row) for row in known)]
-    wide = [max(len(line[i]) for line in lines) for i in range(len(head) - 1)]
-    for line in lines:
-        print("  ".join([*(f"{text:{width}}" for text, width in zip(line, wide, strict=False)), line[-1]]))
+    columns = (words("name"), words("model"), words("points"), words("schema"), numbers("$ in"), numbers("$ out"),
+               words("key"), words("from"))  # fmt: skip
+    show(table_of(columns, map(_line, known)))
     return 0
 
 

@@ -10,11 +10,27 @@ import contextlib
 import errno
 import io
 import os
+import shutil
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from foundation.wording import printable
+
+if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
+
+
+def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
+    """Print tables with a free line between two: as wide as the terminal, or as wide as they are into a file or pipe.
+
+    So a search in a pipe finds a row, its words included, on one line.
+    """
+    from dronecats.report.writers import as_terminal
+
+    file = file or sys.stdout
+    columns = max(40, shutil.get_terminal_size().columns) if file.isatty() else None
+    print("\n\n".join(as_terminal(table, columns) for table in tables), file=file, flush=True)
 
 
 class Lossy(io.FileIO):

@@ -3,16 +3,21 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.output import show
 from dronecats.cli.sign_option import add_sign, key_of
 
 if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
     from hil.preflight.check import Check
+    from hil.preflight.row import Change, Row
 
 YES = "yes"
+MARKS = {True: "pass", False: "FAIL", None: "?"}
 GIVES_KEY = (
     "--give-key sends the key in clear: do it over USB, then restart the vehicle. A PX4 obeys others too until"
     " MAV_SIGN_CFG is 1 or 2.\n"
@@ -78,17 +83,36 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(found: "Check") -> None:
-    from hil.preflight.row import summary, table
+    from hil.preflight.row import summary
 
-    print(table(found.rows))
+    show(table(found.rows))
     print(f"\n{summary(found.rows)}", flush=True)
+
+
+def table(rows: "Sequence[Row]") -> "ReportTable":
+    """Return the rows for a person: mark, name, why, and what to do."""
+    from dronecats.report.table import table_of, words
+
+    lines = (
+        (MARKS[row.passed], row.name, row.why + (f"\n→ {row.fix}" if row.fix and row.passed is not True else ""))
+        for row in rows
+    )
+    return table_of([words("")] * 3, lines)
+
+
+def proposal(changes: "Sequence[Change]") -> "ReportTable":
+    """Return the changes for a person: name, old → new, and the reason."""
+    from dronecats.report.table import numbers, table_of, words
+
+    lines = ((c.name, f"{c.old:g}", f"→ {c.new:g}", c.reason) for c in changes)
+    return table_of((words(""), numbers(""), words(""), words("")), lines)
 
 
 def _agreed(found: "Check", *, quiet: bool) -> bool:
     """Show what would be set and return whether `yes` was typed. The end of the input is a no."""
-    from hil.preflight.row import proposal
-
-    print(f"\n--fix would set, on the vehicle itself:\n\n{proposal(found.changes)}\n", file=sys.stderr)
+    print("\n--fix would set, on the vehicle itself:\n", file=sys.stderr)
+    show(proposal(found.changes), file=sys.stderr)
+    print(file=sys.stderr)
     return _typed_yes("", "set them", quiet=quiet)
 
 

@@ -10,13 +10,13 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.output import show
 from foundation.errors import UsageError
 from foundation.whole_file import whole_file
 
 if TYPE_CHECKING:
     from dronecats.report.results.database import Selected
-
-NULL = "–"  # in the table for people
+    from dronecats.report.table import ReportTable
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"rows": [_as_object(answer, row) for row in answer.rows], "damaged": [*answer.damage]}))
     elif args.csv is None and args.parquet is None:
-        _print(answer)
+        show(_table(answer))
     return 0
 
 
@@ -103,26 +103,23 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def _print(answer: "Selected") -> None:
-    """Print a table, numbers to the right."""
+def _table(answer: "Selected") -> "ReportTable":
+    """Return the answer as a table, numbers to the right."""
+    from dronecats.report.table import numbers, table_of, words
+
     cells = [[_shown(value) for value in row] for row in answer.rows]
-    wide = [max(map(len, column)) for column in zip(answer.columns, *cells, strict=True)]
-    right = [_numeric(row[k] for row in answer.rows) for k in range(len(answer.columns))]
-    for line in (answer.columns, ["─" * width for width in wide], *cells):
-        told = (
-            cell.rjust(width) if to_right else cell.ljust(width)
-            for cell, width, to_right in zip(line, wide, right, strict=True)
-        )
-        print("  ".join(told).rstrip())
+    numeric = [_is_numeric(row[k] for row in answer.rows) for k in range(len(answer.columns))]
+    columns = [numbers(name) if right else words(name) for name, right in zip(answer.columns, numeric, strict=True)]
+    return table_of(columns, cells)
 
 
-def _numeric(values: Iterable[Any]) -> bool:
+def _is_numeric(values: Iterable[Any]) -> bool:
     return all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: Any) -> str | None:
     if value is None:
-        return NULL
+        return None
     if isinstance(value, float | Decimal):
         return f"{value:.6g}"
     return " ".join(str(value).split())

@@ -5,6 +5,7 @@ import json
 import shlex
 from pathlib import Path
 
+from dronecats.cli.output import show
 from foundation.protocol import RADIUS_M
 
 
@@ -34,11 +35,12 @@ def run(args: argparse.Namespace) -> int:
 
     from dronecats.judge.metrics.own import own_metrics
     from dronecats.judge.metrics.registry import METRICS
-    from dronecats.report.figures.all import draw
-    from dronecats.report.report_folder import as_json, lineup, opening, write
+    from dronecats.report.figures.drawing import draw
+    from dronecats.report.report_folder import opening, report_data, write
     from dronecats.report.results.collection import collect, without_stalled
     from dronecats.report.results.exclusion import exclude, parse_exclusion
-    from dronecats.report.tables.all import tables
+    from dronecats.report.tables.listing import tables
+    from dronecats.report.writers import as_json
     from foundation.errors import UsageError
 
     if not math.isfinite(args.delta) or args.delta <= 0:
@@ -53,19 +55,19 @@ def run(args: argparse.Namespace) -> int:
     if args.drop_stalled:
         collection = without_stalled(collection)
     collection = exclude(collection, exclusions)
-    who = lineup(collection, command(args), pool_anyway=args.pool_anyway)
-    made = tables(who, own)
-    written = write(made, draw(who, made, args.out / "figures"), opening(who, args.delta, exclusions), args.out)
+    data = report_data(collection, command(args), pool_anyway=args.pool_anyway)
+    made = tables(data, own)
+    written = write(made, draw(data, made, args.out / "figures"), opening(data, args.delta, exclusions), args.out)
     page = None
     if not args.no_page:
-        from dronecats.report.page import write_page
+        from dronecats.report.page.index import write_page
 
         page = write_page(collection, made, args.out, embed=args.embed)
     if args.json:
         print(json.dumps({"report": str(written), "page": page and str(page), "tables": as_json(made)}))
     else:
-        print(written.read_text(encoding="utf-8").split("\n## ")[1])
-        print(f"report: {written}" + (f", page: {page}" if page else ""))
+        show(*made[:1])
+        print(f"\nreport: {written}" + (f", page: {page}" if page else ""))
     return 0
 
 

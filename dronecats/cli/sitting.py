@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.output import show
 from dronecats.cli.view_options import view_of
 
 if TYPE_CHECKING:
@@ -163,14 +164,14 @@ def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
 
 def say(sat: Sitting, rows: "Sequence[BenchRow]", *, as_json: bool, more: Mapping[str, Any] | None = None) -> None:
     """Print the table and the folder, or with `as_json` one object with these and `more`."""
-    from dronecats.bench.summary import text
+    from dronecats.bench.summary import as_table
 
     if as_json:
         paid = {"tokens": sat.spent.tokens, "usd": round(sat.spent.usd, 6)} if sat.spent else None
         told = {"out": str(sat.out), "ending": sat.ending, "episodes": sat.episodes, "done": sat.done, "spent": paid}
         print(json.dumps({**told, **(more or {}), "rows": [row.as_json() for row in rows]}))
     else:
-        print(text(rows))
+        show(as_table(rows))
         print(f"folder: {sat.out}")
 
 

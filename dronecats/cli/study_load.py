@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+from dronecats.cli.output import show
 from dronecats.cli.study_options import levels
 
 BUSY = "0,2,4,8"  # processes
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({**found.as_json(), "written": [str(path) for path in written]}))
     else:
-        print(page.table(found))
+        show(*page.tables(found))
         print("\n" + "\n".join(str(path) for path in written))
     return int(any(row.moved for row in found.rows if row.clock == "lockstep"))
 

@@ -7,6 +7,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from dronecats.cli.output import show
+
 PARTS = ("margins", "stream", "trace")
 
 
@@ -81,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({**as_json(found), "written": [str(path) for path in written]}))
     else:
-        print(page.table(found))
+        show(*page.tables(found))
         if written:
             print("\n" + "\n".join(str(path) for path in written))
     return int(any(abs(each.off) > AGREED for each in studies))

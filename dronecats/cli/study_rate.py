@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
 from dronecats.cli.fly import add_pilot, unsaid
+from dronecats.cli.output import show
 from dronecats.cli.sign_option import add_sign
 
 if TYPE_CHECKING:
@@ -133,5 +134,6 @@ def _report(
                           "written": written, "next": commands}))  # fmt: skip
         return
     if found:
-        print(table(found, told["wanted"]), "\nwritten:", *(f"  {path}" for path in written), sep="\n")
+        show(table(found, told["wanted"]))
+        print("\nwritten:", *(f"  {path}" for path in written), sep="\n")
         print("study it in simulation:", *(f"  {command}" for command in commands), sep="\n")

@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the report; status 0 whatever it says."""
     from dronecats.report.results.exclusion import parse_exclusion
     from dronecats.study.analysis.flown_study import flown_study
-    from dronecats.study.report.writing import as_json, write
+    from dronecats.study.report.report_folder import as_json, write
     from foundation.errors import UsageError
     from foundation.extras import not_installed
 

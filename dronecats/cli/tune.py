@@ -4,7 +4,12 @@ import argparse
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from dronecats.cli.output import show
+
+if TYPE_CHECKING:
+    from dronecats.report.table import ReportTable
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -42,7 +47,12 @@ def run(args: argparse.Namespace) -> int:
         }
     if args.out:
         found["plots"] = [str(path) for path in draw(frame, gains, args.out)]
-    print(json.dumps(found) if args.json else _text(found))
+    if args.json:
+        print(json.dumps(found))
+    else:
+        print(f"{found['airframe']}: hovers at {found['hover_thrust']:.1%} of its full thrust\n")
+        show(*_tables(found))
+        print("\n".join(["", *found.get("plots", ())]), end="\n" * ("plots" in found))
     return 0
 
 
@@ -51,20 +61,19 @@ def _gains(gains: Any) -> dict[str, Any]:
     return {name: [float(f"{value:.4g}") for value in getattr(gains, name)] for name in names}
 
 
-def _text(found: dict[str, Any]) -> str:
-    lines = [f"{found['airframe']}: hovers at {found['hover_thrust']:.1%} of its full thrust", ""]
-    lines.append(f"{'gain':12} {'roll, north':>12} {'pitch, east':>12} {'yaw, down':>12}")
-    for name, values in found["gains"].items():
-        lines.append(f"{name:12} " + " ".join(f"{value:12.4g}" for value in values))
-    lines += [
-        "",
-        f"{'loop':20} {'phase':>7} {'gain':>9} {'crossover':>12} {'bandwidth':>12} {'rise':>8} {'overshoot':>10}",
-    ]
-    for name, loop in found["loops"].items():
-        gain = "∞" if loop["gain_margin_db"] is None else f"{loop['gain_margin_db']:.1f}"
-        lines.append(
-            f"{name:20} {loop['phase_margin_deg']:6.1f}° {gain:>6} dB {loop['crossover_rad_s']:6.2f} rad/s"
-            f" {loop['bandwidth_rad_s']:6.2f} rad/s {loop['rise_s']:6.3f} s {loop['overshoot_percent']:8.1f} %"
-        )
-    lines += ["", *found.get("plots", ())]
-    return "\n".join(lines).rstrip()
+def _tables(found: dict[str, Any]) -> "list[ReportTable]":
+    from dronecats.report.table import numbers, table_of, words
+
+    gains = [words("gain"), *(numbers(axis) for axis in ("roll, north", "pitch, east", "yaw, down"))]
+    loops = [
+        words("loop"), numbers("phase", unit="°", decimals=1), numbers("gain", unit="dB"),
+        numbers("crossover", unit="rad/s", decimals=2), numbers("bandwidth", unit="rad/s", decimals=2),
+        numbers("rise", unit="s", decimals=3), numbers("overshoot (%)", decimals=1),
+    ]  # fmt: skip
+    lines = [
+        (name, loop["phase_margin_deg"], "∞" if loop["gain_margin_db"] is None else f"{loop['gain_margin_db']:.1f}",
+         loop["crossover_rad_s"], loop["bandwidth_rad_s"], loop["rise_s"], loop["overshoot_percent"])
+        for name, loop in found["loops"].items()
+    ]  # fmt: skip
+    values = ((name, *(f"{value:.4g}" for value in axes)) for name, axes in found["gains"].items())
+    return [table_of(gains, values), table_of(loops, lines)]

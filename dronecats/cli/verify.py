@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.output import show
+
 if TYPE_CHECKING:
     from dronecats.report.archive.verification import Verification
 
@@ -40,14 +42,16 @@ def as_json(told: "Verification") -> str:
 
 def print_verification(told: "Verification") -> None:
     """Print the scores as derived here, then what differs, what was checked and what nobody can tell."""
+    from dronecats.report.table import numbers, table_of, words
+
     kind = "a model" if told.is_model else "a built-in pilot, no model"
     print(f"{told.name}: {told.pilot}, {kind}; {told.flights} × suite {told.suite or '(none)'}, {told.steps} steps")
     if told.partial:
         print(f"PARTIAL: {told.partial}")
-    for cell, of in told.cells.items():
-        ne_m = "–" if of.ne_m is None else f"{of.ne_m:.2f}"
-        unscored = f", {of.unscored} nobody's score" if of.unscored else ""
-        print(f"  {cell or '?':18} {of.successes:3} of {of.scored:3} succeeded, NE {ne_m} m{unscored}")
+    ne = numbers("NE", unit="m", decimals=2)
+    columns = (words("cell"), numbers("succeeded"), numbers("of"), ne, numbers("not scored"))
+    cells = told.cells.items()
+    show(table_of(columns, ((cell or "?", of.successes, of.scored, of.ne_m, of.unscored) for cell, of in cells)))
     for said in told.differences:
         print(f"DIFFERS: {said}")
     for said in told.checked if told.verified else ():

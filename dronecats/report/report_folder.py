@@ -1,29 +1,27 @@
 """The report of a benchmark as files: report.md, tables/ and figures/."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from dronecats.report.blocks import Lineup
-from dronecats.report.report_table import ReportTable
+from dronecats.report.latex import as_latex
+from dronecats.report.report_data import ReportData
 from dronecats.report.results.collection import Collection
 from dronecats.report.results.completeness import unflown
 from dronecats.report.results.entrants import entrants
 from dronecats.report.results.exclusion import Exclusion, exclusion_sentences
-from dronecats.report.writers.csv_table import as_csv
-from dronecats.report.writers.latex import as_latex
-from dronecats.report.writers.markdown import as_markdown, as_shell, escaped
+from dronecats.report.table import ReportTable
+from dronecats.report.writers import as_csv, as_markdown, as_shell, escaped
 from episodes.records import blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
 
 
-def lineup(collection: Collection, command: str, *, pool_anyway: bool = False) -> Lineup:
-    """Return who stands in the report. Raises UsageError for what must not be counted together."""
-    return Lineup(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind.load(), command=command)
+def report_data(collection: Collection, command: str, *, pool_anyway: bool = False) -> ReportData:
+    """Return what the report is about. Raises UsageError for runs that must not be counted together."""
+    return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind.load(), command=command)
 
 
-def opening(who: Lineup, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
+def opening(who: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
     """Return what is to be known before any table, sentences."""
     flown = who.episodes
     scored = sum(each.scored for each in flown)
@@ -45,10 +43,7 @@ def write(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequen
     tables. Raises InfrastructureError when it cannot be written.
     """
     try:
-        (out / "tables").mkdir(parents=True, exist_ok=True)
-        for table in made:
-            (out / "tables" / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
-            (out / "tables" / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
+        write_tables(made, out / "tables")
         page = out / "report.md"
         page.write_text(
             _page(made, {of: path.relative_to(out) for of, path in figures.items()}, head), encoding="utf-8"
@@ -58,16 +53,12 @@ def write(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequen
     return page
 
 
-def as_json(made: Sequence[ReportTable]) -> dict[str, Any]:
-    """Return the tables as `dronecats report --json` prints them: by name, a list of rows by the columns' names."""
-    return {
-        table.name: [
-            {"block": block.title, **{c.name: cell.value for c, cell in zip(table.columns, row.cells, strict=True)}}
-            for block in table.blocks
-            for row in block.rows
-        ]
-        for table in made
-    }
+def write_tables(made: Iterable[ReportTable], folder: Path) -> None:
+    """Write each table as CSV and LaTeX into the folder. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for table in made:
+        (folder / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
+        (folder / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
 
 
 def _page(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:

@@ -8,18 +8,18 @@ import shutil
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.report.figures import all as figures
+from dronecats.report.figures import drawing
 from tests.report.results.synthetic_runs import write_run
 from tests.support.command_line import last_object
 
-DRAW = figures.draw
+DRAW = drawing.draw
 IDS = ("campus-searching-01", "residential-approaching-01", "residential-approaching-02")
 
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """Return a folder of two runs; reports on them have no figures, which take most of the time."""
-    monkeypatch.setattr(figures, "draw", lambda lineup, made, out: {})
+    monkeypatch.setattr(drawing, "draw", lambda data, made, out: {})
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "runs" / "oracle", IDS)
     write_run(tmp_path / "runs" / "silent", IDS, pilot="failing:never-declares")
@@ -32,7 +32,7 @@ def rates(out):
 
 
 def test_a_folder_of_runs_becomes_tables_and_figures(place, capsys, monkeypatch):
-    monkeypatch.setattr(figures, "draw", DRAW)
+    monkeypatch.setattr(drawing, "draw", DRAW)
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 0
     printed = capsys.readouterr().out
     assert printed.endswith(" report/report.md\n")

@@ -13,7 +13,7 @@ from dronecats.pilots import noisy, oracle, roster, vision_errors
 from dronecats.pilots.noisy import NoisyPilot
 from dronecats.pilots.sight import TrueSight
 from dronecats.pilots.vision_errors import Attention, EyeErrors, VisionErrors
-from dronecats.report.blocks import what_it_is
+from dronecats.report.report_data import what_it_is
 from dronecats.report.results import leaderboard
 from foundation.camera import CameraModel
 from foundation.errors import UsageError

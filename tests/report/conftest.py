@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dronecats.report.page import write_page
+from dronecats.report.page.index import write_page
 from dronecats.report.results.collection import collect
 from tests.report.paged_runs import EPISODES, MODEL, TABLE
 from tests.support.run_folders import run_folder

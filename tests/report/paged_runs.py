@@ -1,6 +1,6 @@
 """Runs as the page tells them, and what a test asks of a picture and its ring."""
 
-from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from tests.support.json_lines import rows
 
 MODEL = {"provider": "vllm", "name": "Qwen/Qwen3.5-9B"}

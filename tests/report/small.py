@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from dronecats.report.blocks import Lineup
-from dronecats.report.report_table import ReportTable, TableCell
+from dronecats.report.report_data import ReportData
 from dronecats.report.results.collection import Collection
 from dronecats.report.results.entrants import entrants
 from dronecats.report.results.usage import Usage
+from dronecats.report.table import ReportTable, TableCell
 from episodes.records.blind import BlindFlight
 from tests.support.scores import a_run, an_episode, collected, flights, named
 
@@ -47,10 +47,10 @@ def blind_table():
     return {"blind:fan": {**dict.fromkeys(ids, lost), ids[0]: solved}, "blind:ring": {ids[0]: solved}}
 
 
-def small(collection: Collection | None = None, **asked: bool) -> Lineup:
+def small(collection: Collection | None = None, **asked: bool) -> ReportData:
     """Return who stands in its report."""
     found = entrants(collection or benchmark(), **asked)
-    return Lineup(entrants=found, blind=blind_table(), command=COMMAND)
+    return ReportData(entrants=found, blind=blind_table(), command=COMMAND)
 
 
 def line(table: ReportTable, name: str, nth: int = 0) -> dict[str, TableCell]:
@@ -59,7 +59,7 @@ def line(table: ReportTable, name: str, nth: int = 0) -> dict[str, TableCell]:
     return {column.name: cell for column, cell in zip(table.columns, rows[nth].cells, strict=True)}
 
 
-def made(table: Callable[[Lineup], ReportTable | None], who: Lineup) -> ReportTable:
+def made(table: Callable[[ReportData], ReportTable | None], who: ReportData) -> ReportTable:
     """Return a table that there is."""
     told = table(who)
     assert told is not None

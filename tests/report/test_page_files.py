@@ -16,9 +16,8 @@ from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.registry import METRICS
-from dronecats.report.page import write_page
-from dronecats.report.page.assembly import program
-from dronecats.report.page.index import keys, script_json
+from dronecats.report.kit.shell import program
+from dronecats.report.page.index import keys, script_json, write_page
 from dronecats.report.page.pictures import kept
 from dronecats.report.results.collection import collect
 from foundation.errors import UsageError

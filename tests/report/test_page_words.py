@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 
-from dronecats.report.page import write_page
+from dronecats.report.page.index import write_page
 from dronecats.report.results.collection import collect
 from tests.report.paged_runs import EPISODES, TABLE, picture_is, point_of, ring_is_at
 from tests.support.run_folders import episode_folder, run_folder

@@ -6,12 +6,11 @@ from functools import cache
 
 import pytest
 
-from dronecats.report import blocks
-from dronecats.report.figures import all as figures
-from dronecats.report.figures import bars, rates, style
+from dronecats.report import report_data
+from dronecats.report.figures import drawing, style
 from dronecats.report.report_folder import write
-from dronecats.report.report_table import ReportTable
-from dronecats.report.tables.all import tables
+from dronecats.report.table import ReportTable
+from dronecats.report.tables.listing import tables
 from foundation.errors import InfrastructureError
 from tests.report import golden
 from tests.report.small import line, small
@@ -58,14 +57,14 @@ def drawn(figure):
 
 
 def test_failure_bars_stand_end_to_end_and_are_the_tables_shares():
-    found = drawn(bars.modes(told()["failures"]))
+    found = drawn(drawing.modes(told()["failures"]))
     bar = [(left, width) for left, width, y in found if y == found[0][2] and width]
     assert bar == [(0, 25), (25, 25), (50, 25), (75, 25)]
 
 
 def test_the_numbers_in_failure_bars_are_the_tables():
     table = told(("success",) * 7 + ("declared",))["failures"]
-    (axis,) = bars.modes(table).axes
+    (axis,) = drawing.modes(table).axes
     shares = [cell.text(column) for cell, column in zip(table.rows[0].cells, table.columns, strict=True)][2:4]
     assert shares == ["88", "13"]
     written = [text.get_text() for text in axis.texts if text.get_text().isdigit()]
@@ -73,7 +72,7 @@ def test_the_numbers_in_failure_bars_are_the_tables():
 
 
 def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
-    figure = bars.decomposition(told()["drones"])
+    figure = drawing.decomposition(told()["drones"])
     assert [each[:2] for each in drawn(figure) if each[1]] == [(0, 25), (25, 50), (75, 25)]
     (axis,) = figure.axes
     assert [list(mark.get_xdata()) for mark in axis.lines if mark.get_marker() == "D"] == [[100.0]]
@@ -82,32 +81,32 @@ def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
 def test_nested_bars_are_the_tables_rates():
     table = told()["approaching"]
     row = line(table, "vllm/m")
-    widths = [width for _, width, _ in drawn(bars.nested(table))]
-    assert widths[0::2] == [row[column].value for column, _, _ in bars.NESTED]
+    widths = [width for _, width, _ in drawn(drawing.nested(table))]
+    assert widths[0::2] == [row[column].value for column, _, _ in drawing.NESTED]
 
 
 def test_boxes_are_the_tables_quantiles():
-    (box,) = drawn(rates.rates(told()["served"]))
+    (box,) = drawn(drawing.rates(told()["served"]))
     assert box[:2] == (6.0, 10.0)
 
 
 def test_blocks_stay_apart():
     lines, heads = style.lines(told()["approaching"])
-    assert [title for title, _ in heads] == [blocks.MODELS, blocks.BUILT_IN]
+    assert [title for title, _ in heads] == [report_data.MODELS, report_data.BUILT_IN]
     assert lines[0].y < heads[1][1] < lines[1].y
 
 
 def test_every_figure_is_drawn_in_three_formats_and_the_same_twice(tmp_path, monkeypatch):
     monkeypatch.setitem(style.SETTINGS, "savefig.dpi", 50)  # the time that a PNG takes grows with its pixels
     who, made = small(), told()
-    first = figures.draw(who, tuple(made.values()), tmp_path / "a")
-    again = figures.draw(who, (made["drones"],), tmp_path / "b")
-    assert list(first) == ["approaching", "failures", "drones", "served", figures.GRID]
+    first = drawing.draw(who, tuple(made.values()), tmp_path / "a")
+    again = drawing.draw(who, (made["drones"],), tmp_path / "b")
+    assert list(first) == ["approaching", "failures", "drones", "served", drawing.GRID]
     assert [path.name for path in first.values()] == [
         "reach_declare_succeed.png", "failure_modes.png", "commanding_by_drone.png", "served_rate.png",
         "episode_by_episode.png",
     ]  # fmt: skip
-    assert list(again) == ["drones", figures.GRID]
+    assert list(again) == ["drones", drawing.GRID]
     for name, path in first.items():
         for kind in style.FORMATS:
             data = path.with_suffix(f".{kind}").read_bytes()

@@ -11,24 +11,12 @@ from dronecats.judge.metrics.deliberation import StepOutlook
 from dronecats.judge.metrics.failure_mode import MODES
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.statistics.shares import known_share, wilson
-from dronecats.report import blocks, names
-from dronecats.report.page.told_tables import page_table
-from dronecats.report.report_table import TableCell
+from dronecats.report import names, report_data
 from dronecats.report.results.collection import without_stalled
 from dronecats.report.results.usage import Usage
-from dronecats.report.tables import (
-    commanding,
-    comparison,
-    costs,
-    failures,
-    grounding,
-    outcomes,
-    replies,
-    served,
-    setup,
-    thinking,
-    variance,
-)
+from dronecats.report.table import TableCell
+from dronecats.report.tables import comparison, measures, outcomes, setup
+from dronecats.report.writers import as_html
 from tests.report.small import BAD, GOOD, benchmark, line, made, number, small
 from tests.support.scores import a_run, an_episode, collected, flights, named
 
@@ -65,8 +53,8 @@ def test_models_and_built_in_pilots_never_share_a_block_and_what_those_are_is_sa
     ):
         for block in table.blocks[:2]:
             names = {cell.value for row in block.rows for cell in row.cells[:2] if isinstance(cell.value, str)}
-            assert block.title in (blocks.MODELS, blocks.BUILT_IN)
-            assert names <= ({GOOD, BAD} if block.title == blocks.MODELS else {"oracle", "blind:fan"})
+            assert block.title in (report_data.MODELS, report_data.BUILT_IN)
+            assert names <= ({GOOD, BAD} if block.title == report_data.MODELS else {"oracle", "blind:fan"})
     said = made(setup.setup, who).notes
     assert said[0].startswith("oracle ")
     assert said[1].startswith("blind:fan ")
@@ -83,7 +71,7 @@ def test_the_best_is_marked_among_models_alone():
 
 def test_what_can_be_had_without_looking_is_of_the_same_episodes_all_of_them():
     table = made(outcomes.main, small())
-    below = line(table, blocks.FLOOR)
+    below = line(table, report_data.FLOOR)
     sr = below["approaching_success_percent"]
     assert (sr.value, sr.count, sr.of) == (25.0, 1, 4)
     assert below["tracking_success_percent"].value is None, "no blind pilot has flown it"
@@ -105,8 +93,8 @@ def test_by_map():
 
 def test_by_map_is_headed_by_no_percent_since_it_counts():
     table = made(outcomes.per_map, small())
-    assert {column.unit for column in page_table(table, {}).columns} == {""}
-    assert "%" in {column.unit for column in page_table(made(outcomes.main, small()), {}).columns}
+    assert "%" not in as_html(table)
+    assert "<small>%</small>" in as_html(made(outcomes.main, small()))
 
 
 def test_unreadable_replies_are_told_of_models():
@@ -115,12 +103,12 @@ def test_unreadable_replies_are_told_of_models():
     none = {"decisions": 60, "unreadable": 0, "refused": 0, "cut_off": 0}
     flown = [an_episode(run, "campus-approaching-01", values=some), an_episode(run, "campus-tracking-01", values=none)]
     built_in = [an_episode(a_run("runs/o", pilot="oracle"), "campus-tracking-01", values=none)]
-    table = made(replies.replies, small(collected(flown, built_in)))
+    table = made(measures.replies, small(collected(flown, built_in)))
     assert [row.entrant for row in table.rows] == ["vllm/a"]
     told = line(table, "vllm/a")
     assert [told[f"{name}_percent"].value for name in ("unreadable", "refused", "cut_off")] == [4.0, 1.0, 2.0]
     assert (told["decisions"].value, told["unreadable_flights"].value) == (100, 1)
-    assert replies.replies(small(collected(built_in))) is None
+    assert measures.replies(small(collected(built_in))) is None
 
 
 def test_how_it_was_flown_says_what_switches_the_reasoning():
@@ -150,7 +138,7 @@ def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
 
 
 def test_a_deviation_says_of_how_many_flights_it_is():
-    table = made(variance.variance, small())
+    table = made(comparison.variance, small())
     assert "s.d. of 2" in {row.cells[1].value for row in table.rows}
     assert [note for note in table.notes if "two flights" in note]
 
@@ -163,7 +151,7 @@ def test_costs_tell_cached_and_reasoning_tokens_and_who_answered():
         Usage(questions=10, tokens_in=1000, tokens_out=100, reasoning=20, endpoints=("DeepInfra",)),
     ]  # fmt: skip
     flown = [an_episode(run, f"campus-approaching-{k:02}", usage=each) for k, each in enumerate(used, 1)]
-    told = line(made(costs.costs, small(collected(flown))), "vllm/a")
+    told = line(made(setup.costs, small(collected(flown))), "vllm/a")
     assert (told["tokens_cached"].value, told["tokens_cached"].of) == (512, 1)
     assert (told["tokens_reasoning"].value, told["tokens_reasoning"].of) == (40, 2)
     assert told["endpoints"].value == "DeepInfra, Novita"
@@ -209,7 +197,7 @@ def test_failure_modes_part_all_scored_one_drone_flights():
     flown = [an_episode(run, f"campus-searching-{k:02}", "success" if mode == "success" else "failure", mode=mode)
              for k, mode in enumerate(ended)]  # fmt: skip
     flown += [an_episode(run, "campus-searching-09", "error"), an_episode(run, "blocks-commanding-01", mode="arrived")]
-    table = made(failures.failures, small(collected(flown)))
+    table = made(outcomes.failures, small(collected(flown)))
     told = line(table, "vllm/a")
     shares = {name: cell.value for name, cell in told.items() if name.endswith("percent")}
     assert told["flights"].value == 5
@@ -221,7 +209,7 @@ def test_failure_modes_part_all_scored_one_drone_flights():
 
 
 def test_commanding_beside_one_drone():
-    table = made(commanding.commanding, small())
+    table = made(outcomes.commanding, small())
     good = line(table, GOOD)
     assert (good["approaching_success_percent"].count, good["approaching_success_percent"].of) == (5, 8)
     assert (good["commanding_success_percent"].count, good["commanding_success_percent"].of) == (1, 2)
@@ -231,7 +219,7 @@ def test_commanding_beside_one_drone():
 
 
 def test_drones_are_counted_over_flights_and_part_them():
-    told = line(made(commanding.drones, small()), GOOD)
+    told = line(made(outcomes.drones, small()), GOOD)
     assert told["drones"].value == 8
     counts = [told[f"drones_{name}_percent"].count for name in ("found", "beside", "elsewhere", "silent")]
     assert counts == [1, 3, 1, 3]
@@ -239,7 +227,7 @@ def test_drones_are_counted_over_flights_and_part_them():
 
 
 def test_variance_is_over_the_episodes_that_every_flight_scored():
-    table = made(variance.variance, small())
+    table = made(comparison.variance, small())
     lines = {str(row.cells[1].value): row.cells for row in table.rows}
     assert list(lines) == ["1", "2", "mean", "s.d. of 2", "binomial", "by episode"]
     approaching = [column.name for column in table.columns].index("approaching_successes")
@@ -250,7 +238,7 @@ def test_variance_is_over_the_episodes_that_every_flight_scored():
     assert number(lines["s.d. of 2"][approaching].high) > math.sqrt(0.5) > number(lines["s.d. of 2"][approaching].low)
     _, note = table.notes
     assert re.search(rf"{GOOD}\b.*\b1\b", note)
-    assert variance.variance(small(collected(flights(a_run(), {"campus-approaching": "sf"})))) is None
+    assert comparison.variance(small(collected(flights(a_run(), {"campus-approaching": "sf"})))) is None
 
 
 def test_pairs_are_of_the_episodes_that_both_flew():
@@ -278,7 +266,7 @@ def test_holm_corrects_for_all_pairs_of_a_block():
 
 
 def test_costs_are_by_the_declared_prices_and_not_told_where_one_is_missing():
-    table = made(costs.costs, small())
+    table = made(setup.costs, small())
     good = line(table, GOOD)
     assert [row.entrant for row in table.rows] == [GOOD], "nobody else tells tokens"
     assert good["flights"].value == 12
@@ -287,7 +275,7 @@ def test_costs_are_by_the_declared_prices_and_not_told_where_one_is_missing():
     assert (good["tokens_in"].value, good["tokens_in"].of) == (1000.0, 10)
     free = a_run("runs/free", model=named("free"))
     flown = flights(free, {"campus-approaching": "s"}, usage=costs_of(1))
-    assert line(made(costs.costs, small(collected(flown))), "vllm/free")["usd"].value is None
+    assert line(made(setup.costs, small(collected(flown))), "vllm/free")["usd"].value is None
 
 
 def costs_of(questions):
@@ -302,7 +290,7 @@ def test_rates_are_quantiles_over_steps_and_the_host_is_told_apart():
         an_episode(run, "campus-approaching-02", steps={"rate_hz": (3.0, 4.0, 5.0)}, host_stalls=0, usage=costs_of(12)),
         an_episode(run, "campus-approaching-03", "error", steps={"rate_hz": (99.0,)}, host_stalls=7),
     ]  # fmt: skip
-    told = line(made(served.served, small(collected(flown))), "vllm/a")
+    told = line(made(measures.served, small(collected(flown))), "vllm/a")
     assert [told[f"rate_{q}_hz"].value for q in (5, 25, 50, 75, 95)] == pytest.approx([1.2, 2.0, 3.0, 4.0, 4.8])
     assert told["steps"].value == 5
     assert (told["stalled_steps_percent"].value, told["stalled_flights"].value) == (10.0, 1)
@@ -314,7 +302,7 @@ def test_grounding_is_over_the_steps_that_tell():
              "depth_error_m": (-2.0, None, None, 6.0), "depth_error_abs_m": (2.0, None, None, 6.0),
              "rescaled": (None, None, True, False), "wide_rotation": (None, True, None, None)}  # fmt: skip
     told = line(
-        made(grounding.grounding, small(collected([an_episode(run, "campus-approaching-01", steps=steps)]))), "vllm/a"
+        made(measures.grounding, small(collected([an_episode(run, "campus-approaching-01", steps=steps)]))), "vllm/a"
     )
     assert (told["on_target_percent"].count, told["on_target_percent"].of) == (2, 3)
     assert (told["gos"].value, told["pointing_50_deg"].value) == (3, 2.0)
@@ -331,7 +319,7 @@ def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
     second = (step(False, 0.1, 0.4, True, True, True, False), step(True, lost=True, regained=True))
     flown = [an_episode(run, f"campus-approaching-0{k}", outlooks=steps) for k, steps in enumerate((first, second))]
     flown.append(an_episode(run, "campus-approaching-09", "error", outlooks=first))
-    told = line(made(thinking.thinking, small(collected(flown))), "vllm/a")
+    told = line(made(measures.thinking, small(collected(flown))), "vllm/a")
     assert (told["thinks"].value, told["matched"].value) == (2, 1)
     assert told["gain_m_per_step"].value == pytest.approx(0.5 - 0.3)
     assert (told["stalls_after_think_percent"].count, told["stalls_after_think_percent"].of) == (1, 1)
@@ -342,8 +330,8 @@ def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
 def test_nobody_has_a_line_of_nothing():
     nothing = small(collected(flights(a_run(), {"campus-approaching": "ee"})))
     assert outcomes.declarations(nothing) is None
-    for table in (failures.failures, commanding.drones, commanding.commanding, costs.costs, served.served,
-                  grounding.grounding, thinking.thinking, comparison.comparison, variance.variance):  # fmt: skip
+    for table in (outcomes.failures, outcomes.drones, outcomes.commanding, setup.costs, measures.served,
+                  measures.grounding, measures.thinking, comparison.comparison, comparison.variance):  # fmt: skip
         assert table(nothing) is None
     assert line(made(outcomes.main, nothing), "vision")["not_scored"].value == 2
 

@@ -9,12 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.report import blocks as lineups
-from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, rounded
-from dronecats.report.tables.all import tables
+from dronecats.report import latex, report_data
+from dronecats.report.table import (
+    ReportTable,
+    TableBlock,
+    TableCell,
+    TableColumn,
+    TableRow,
+    numbers,
+    rounded,
+    table_of,
+    words,
+)
 from dronecats.report.tables.comparison import comparison
-from dronecats.report.writers import latex, markdown
-from dronecats.report.writers.csv_table import BESIDE, as_csv
+from dronecats.report.tables.listing import tables
+from dronecats.report.writers import BESIDE, as_csv, as_html, as_markdown, as_terminal
 from tests.needs import needs
 from tests.report.small import made, small
 from tests.support.scores import a_run, collected, flights, named
@@ -70,10 +79,69 @@ def test_the_reports_csv_reads_back_as_numbers():
                     assert float(line[column.name]) == cell.value, table.name
 
 
+@settings(max_examples=60)
+@given(any_table(), st.integers(60, 120))
+def test_a_terminal_gets_no_line_that_is_too_wide_and_no_word_is_lost(table, width):
+    lines = as_terminal(table, width).splitlines()
+    assert [line for line in lines if len(line) > width] == []
+    printed = "".join("".join(lines).split())
+    for column in table.columns:
+        assert "".join(column.title.split()) in printed
+    for row in table.rows:
+        for cell, column in zip(row.cells, table.columns, strict=True):
+            assert "".join(cell.text(column).split()) in printed
+
+
+def test_columns_that_do_not_fit_continue_below_beside_the_names_of_their_rows():
+    columns = [words("pilot"), *(numbers(f"measure {k}", group="Approaching") for k in range(12))]
+    table = table_of(columns, [("oracle", *range(100, 112)), ("blind:ring", *range(200, 212))])
+    lines = as_terminal(table, 60).splitlines()
+    assert max(map(len, lines)) <= 60
+    assert sum(line.startswith("oracle") for line in lines) == sum(line.startswith("blind:ring") for line in lines) > 1
+    told = " ".join(lines).split()
+    assert all(told.count(str(number)) == 1 for number in (*range(100, 112), *range(200, 212)))
+    assert any(re.fullmatch(r" +─+ Approaching ─+", line) for line in lines)
+    assert len(as_terminal(table).splitlines()) == 5
+
+
+def test_words_are_wrapped_within_their_column_at_blanks_slashes_and_hyphens():
+    table = table_of([words("name"), words("model"), numbers("price")],
+                     [("claude-opus", "openrouter/anthropic/claude-opus-5", 1.0),
+                      ("a", "first\nsecond", None)])  # fmt: skip
+    assert as_terminal(table, 40).splitlines() == [
+        "name         model                 price",
+        "───────────  ────────────────────  ─────",
+        "claude-opus  openrouter/anthropic/     1",
+        "             claude-opus-5",
+        "a            first                     –",
+        "             second",
+    ]
+
+
+def test_html_says_what_the_cells_say_and_takes_no_text_for_markup():
+    column = TableColumn(name="sr", title="SR <b>", unit="%", better="more")
+    cell = TableCell(value=62.5, low=20.0, high=90.0, count=5, of=8, best=True, link="#of/a&b")
+    name = TableCell(value="<script>")
+    row = TableRow(cells=(name, cell))
+    table = ReportTable(title="T", columns=(words("pilot"), column), blocks=(TableBlock(title="<i>", rows=(row,)),))
+    text = as_html(table)
+    assert '<td class="number best" title="5 of 8"><a href="#of/a&amp;b">63</a> <small>20–90</small></td>' in text
+    assert '<th scope="row">&lt;script&gt;</th>' in text
+    assert '<th scope="col" class="number">SR &lt;b&gt; ↑ <small>%</small></th>' in text
+    assert "<i>" not in text
+
+
+def test_markdown_has_links_and_code():
+    column = TableColumn(name="n", title="name", align="left", code=True)
+    row = TableRow(cells=(TableCell(value="a_b|c"), TableCell(value="x_y", link="#there")))
+    table = ReportTable(columns=(column, words("entry")), blocks=(TableBlock(title="", rows=(row,)),))
+    assert as_markdown(table).splitlines()[-1] == r"| `a_b∣c` | [x\_y](#there) |"
+
+
 @settings(max_examples=40)
 @given(any_table())
 def test_markdown_keeps_its_columns(table):
-    lines = [line for line in markdown.as_markdown(table).splitlines() if line.startswith("| ")]
+    lines = [line for line in as_markdown(table).splitlines() if line.startswith("| ")]
     bars = {len(re.findall(r"(?<!\\)\|", re.sub(r"\\\\", "", line))) for line in lines}
     assert bars == {len(table.columns) + 1}
 
@@ -139,7 +207,7 @@ def test_a_line_has_a_cell_for_each_column():
 
 
 def nine():
-    """Return the lineup of nine models that flew one episode of each suite: 72 pairs."""
+    """Return the data of nine models that flew one episode of each suite: 72 pairs."""
     flown = {"campus-approaching": "s", "blocks-commanding": "f"}
     runs = [a_run(f"runs/m{k}", model=named(f"model-{k}")) for k in range(9)]
     return small(collected(*(flights(run, flown) for run in runs)))
@@ -155,7 +223,7 @@ def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
         body = part.split(r"\toprule")[1].split(r"\bottomrule")[0].split(r"\midrule", 1)[1]
         lines = [line for line in body.splitlines() if line.endswith(r" \\")]
         assert len(lines) <= latex.LINES_MAX
-        assert lineups.MODELS in lines[0]
+        assert report_data.MODELS in lines[0]
         told += [tuple(line.removesuffix(r" \\").split(" & ")[:3]) for line in lines[1:]]
         assert (r"\label{tab:comparison}" in part) == (part is first)
         assert (r"\addtocounter{table}{-1}" in part) == (part is not first)

@@ -13,9 +13,10 @@ import psutil
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.report.writers import as_markdown
 from dronecats.study.load.comparison import compared
 from dronecats.study.load.flights import LoadedFlight, busy
-from dronecats.study.load.page import table
+from dronecats.study.load.page import tables
 from tests.support.command_line import DRONECATS
 
 ONE = LoadedFlight(
@@ -71,7 +72,7 @@ def test_without_a_moved_or_a_marked_flight_there_is_no_share():
     assert found.of_verdicts.precision is None
     assert found.of_verdicts.recall is None
     assert found.idle_error_m is None
-    assert "| – | – |" in table(found)
+    assert "| – | – |" in as_markdown(tables(found)[1])
     assert not math.isnan(json.loads(json.dumps(found.as_json()))["rows"][0]["solved"])
 
 

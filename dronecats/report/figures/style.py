@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.report.report_table import ReportTable, TableRow
+from dronecats.report.table import ReportTable, TableRow
 from foundation.errors import InfrastructureError
 
 WIDTH_IN = 6.9  # a page's text, in inches

@@ -12,6 +12,7 @@ from typing import Any
 from dronecats.agent.action import Action, ActionError, action_from, compact
 from dronecats.judge.measured import qualifies
 from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.report.kit.words import action_words
 from dronecats.report.page.pictures import PictureAddress
 from dronecats.report.results.flown_run import FlownRun
 from foundation.camera import CameraModel
@@ -80,6 +81,7 @@ class ShownStep:
     t: float  # s, of the picture
     decided: float  # s
     action: dict[str, Any] | None
+    does: str  # the action in words
     says: str | None  # the action in the prompt's compact form
     error: str | None
     reply: int | None
@@ -161,6 +163,7 @@ def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) ->
                 t=_to(2, decision.t_frame),
                 decided=_to(2, decision.t_decided),
                 action=decision.action,
+                does=action_words(decision),
                 says=None if action is None else compact(action),
                 error=decision.error,
                 reply=texts.number(decision.reply) if isinstance(decision.reply, str) else None,

@@ -1,22 +1,41 @@
-"""What the page knows when it opens: who flew, every episode with its outcome and metrics, the tables."""
+"""Writes the page: index.html, and the flights and pictures beside it, which it loads when a reader opens them."""
 
+import html
 import json
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
+from dronecats.judge.metrics.flown_episode import flown_episode
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.metrics.value import MetricValue
-from dronecats.report.page.ground import GroundPicture
-from dronecats.report.page.pictures import rendered
-from dronecats.report.page.told_tables import PageTable, page_table
-from dronecats.report.report_table import ReportTable
+from dronecats.report.kit import shell
+from dronecats.report.kit.words import OUTCOMES
+from dronecats.report.page.flights import shown_flight
+from dronecats.report.page.pictures import (
+    FOLDER,
+    GroundPicture,
+    PictureAddress,
+    beside,
+    every_for,
+    ground_key,
+    grounds,
+    kept,
+    nowhere,
+    rendered,
+    within,
+)
 from dronecats.report.results.collection import Collection, ScoredEpisode
 from dronecats.report.results.entrants import entrants
 from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.table import ReportTable, TableColumn, TableRow
+from dronecats.report.writers import as_html
+from foundation.errors import UsageError
+from foundation.whole_file import whole_file
 
 RESERVED = ("of",)  # first words of addresses that name no run
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")  # in the order of the paper
@@ -84,7 +103,7 @@ class PageIndex:
     entrants: tuple[PageEntrant, ...]
     runs: tuple[PageRun, ...]
     episodes: tuple[PageEpisode, ...]
-    tables: tuple[PageTable, ...]
+    outcomes: Mapping[str, tuple[str, str]]  # the mark and the word of each
     grounds: dict[str, GroundPicture]
     embedded: bool
     pictures: str  # what is to be said of pictures that were left out; empty: none was
@@ -163,7 +182,6 @@ def page_index(
     runs: Sequence[PageRun],
     flown_by: Sequence[PageEntrant],
     episodes: Sequence[PageEpisode],
-    tables: Sequence[ReportTable],
     grounds: dict[str, GroundPicture],
     *,
     embedded: bool,
@@ -171,7 +189,6 @@ def page_index(
 ) -> PageIndex:
     """Return the index of a page."""
     flown = {episode.cell for episode in episodes}
-    places = {entrant.title: number for number, entrant in enumerate(flown_by)}
     return PageIndex(
         made=f"dronecats {__version__}",
         cells=(*(cell for cell in CELLS if cell in flown), *sorted(flown - {*CELLS, ""})),
@@ -179,7 +196,7 @@ def page_index(
         entrants=tuple(flown_by),
         runs=tuple(runs),
         episodes=tuple(episodes),
-        tables=tuple(page_table(table, places) for table in tables),
+        outcomes=OUTCOMES,
         grounds=grounds,
         embedded=embedded,
         pictures=pictures,
@@ -235,3 +252,128 @@ def _settings(run: FlownRun) -> tuple[tuple[str, str], ...]:
         }
     )
     return tuple((key, str(value)) for key, value in told.items() if value is not None and value != "")
+
+
+PAGE = "index.html"
+DATA = "data"  # folder of the flights, a script each: a page on a disk may load scripts, and nothing else
+TITLE = "DroneCATS report"
+KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
+MORE = """<noscript><p>This page is a program: allow scripts for it. It loads nothing from any network.</p></noscript>
+<dialog id="help" aria-labelledby="help-title"></dialog>
+<p id="said" class="unseen" role="status" aria-live="polite"></p>
+<template id="tables">{tables}</template>
+<script type="application/json" id="index">{index}</script>"""
+
+
+def write_page(
+    collection: Collection, tables: Sequence[ReportTable], out: Path, *, embed: bool = False, every: int = 1
+) -> Path:
+    """Write the page of a collection into the folder `out`, and return its path, out/index.html.
+
+    Flights and pictures lie beside it, in data/ and pictures/; `embed` puts them into the page itself, the pictures
+    smaller and no more than a browser can open at once. `every` n leaves out the pictures of all but each n-th step,
+    the first, the last, and the declarations. Raises UsageError where it cannot be written.
+    """
+    try:
+        return _write(collection, tables, out, embed, every)
+    except OSError as error:
+        raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
+
+
+def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool, every: int) -> Path:
+    out.mkdir(parents=True, exist_ok=True)
+    metrics = page_metrics(collection)
+    runs, entrants = page_runs(collection)
+    if embed:
+        every = max(every, every_for(collection.runs))
+    places = {run.folder: number for number, run in enumerate(collection.runs)}
+    named = _named(collection)
+    episodes, blocks, seen_grounds = [], {}, []
+    for scored, name in zip(collection.episodes, named, strict=True):
+        number = places[scored.run.folder]
+        key = f"{runs[number].key}/{name}"
+        data, damage = None, scored.error
+        if scored.verdict is not None:
+            try:
+                data = _flight(scored, scored.verdict.delta_m, key, out, embed, every)
+            except UsageError as found:  # in a log that no verdict goes by
+                damage = str(found)
+        if data is not None and embed:
+            blocks[key] = data
+        elif data is not None:
+            path = out / DATA / f"{key}.js"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f"dronecatsFlight({script_json(key)},{data});\n", encoding="ascii")
+        ground = ground_key(scored.folder) if data is not None else ""
+        seen_grounds.append(ground)
+        episodes.append(page_episode(scored, metrics, name, number, ground, damage, data is not None))
+    index = page_index(
+        metrics,
+        runs,
+        entrants,
+        episodes,
+        grounds(seen_grounds),
+        embedded=embed,
+        pictures="" if every == 1 else f"Of each {every} steps one picture is kept, and all of declarations.",
+    )
+    content = shell.PageContent(
+        title=TITLE,
+        folder=__package__ or "",
+        entry="main",
+        main='<p class="quiet">Opening …</p>',
+        tools=KEYS_BUTTON,
+        more=MORE.format(tables=_sections(tables, entrants), index=script_json(index)),
+        loads_files=True,
+    )
+    page = out / PAGE
+    with whole_file(page) as draft, draft.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(shell.page(content, {f"flight:{key}": block for key, block in blocks.items()}))
+    return page
+
+
+def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) -> str:
+    """Return the tables as mark-up, their rows linked to the flights that they count."""
+    keys = {entrant.title: entrant.key for entrant in entrants}
+    parts = []
+    for table in tables:
+        blocks = tuple(
+            replace(block, rows=tuple(_linked(row, table.columns, keys) for row in block.rows))
+            for block in table.blocks
+        )
+        command = f'<p class="quiet"><code>{html.escape(table.command)}</code></p>' if table.command else ""
+        heading = f"<h2>{html.escape(table.title)}</h2>"
+        parts.append(f"<section>{heading}{as_html(replace(table, blocks=blocks))}{command}</section>")
+    return "\n".join(parts)
+
+
+def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, str]) -> TableRow:
+    """Return a row whose name leads to its entrant, and whose values lead to their cell of the grid."""
+    key = keys.get(row.entrant)
+    if key is None:
+        return row
+    return replace(row, cells=tuple(
+        replace(cell, link="#of/" + "/".join(filter(None, (key, column.cell)))) if number == 0 or column.cell else cell
+        for number, (cell, column) in enumerate(zip(row.cells, columns, strict=True))
+    ))  # fmt: skip
+
+
+def _named(collection: Collection) -> list[str]:
+    """Return a key for each episode that no other of its run has."""
+    names: dict[Path, list[str]] = {}
+    for scored in collection.episodes:
+        names.setdefault(scored.run.folder, []).append(scored.folder.resolve().name)
+    coming = {run: iter(keys(each)) for run, each in names.items()}
+    return [next(coming[scored.run.folder]) for scored in collection.episodes]
+
+
+def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
+    """Return a flight as JSON, its pictures put where the page finds them. Raises UsageError for a damaged log."""
+    flown = flown_episode(scored.folder, delta_m)
+    wanted = kept(flown.logs.decisions, every)
+    if not rendered(scored.run):
+        picture: PictureAddress = nowhere
+    elif embed:
+        picture = within(scored.folder, wanted)
+    else:
+        picture = beside(out, Path(FOLDER, *key.split("/")), scored.folder, wanted)
+    return script_json(shown_flight(scored.run, flown, picture))

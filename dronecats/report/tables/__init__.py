@@ -1,1 +1,1 @@
-"""The report's tables, a file a question, each a pure function of who flew."""
+"""The tables of the report, each a pure function of its data."""

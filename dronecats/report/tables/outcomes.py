@@ -1,14 +1,15 @@
-"""How episodes ended: by cell, by map, approaching in detail, and how often arrival was declared in vain."""
+"""Outcomes of episodes: by cell and map, approaching in detail, declarations, failure modes, fleets drone by drone."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from dronecats.report import names
-from dronecats.report.blocks import FLOOR, ONE_DRONE, Lineup, floor, titled
-from dronecats.report.entries import ERRORS, FLIGHTS, NAME, NONE, PERCENT, count, errors, mean, percent
-from dronecats.report.report_table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.cells import ERRORS, FLIGHTS, NAME, NONE, PERCENT, count, errors, mean, part, percent, total
+from dronecats.report.report_data import COMMANDING, FLOOR, ONE_DRONE, ReportData, floor, titled
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
+from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 
 CELLWISE = (
     "In brackets Wilson's 95 % interval; where episodes were flown several times they are the unit, and the interval is"
@@ -21,9 +22,9 @@ def of_cell(flown: Iterable[ScoredEpisode], cell: str, map_: str | None = None) 
     return [each for each in flown if each.cell == cell and map_ in (None, each.map)]
 
 
-def main(lineup: Lineup) -> ReportTable | None:
+def main(data: ReportData) -> ReportTable | None:
     """Return success and oracle success by cell, of one drone. Paper, "Main Results"."""
-    cells = lineup.cells()
+    cells = data.cells()
     if not cells:
         return None
     columns = [NAME, FLIGHTS]
@@ -39,8 +40,8 @@ def main(lineup: Lineup) -> ReportTable | None:
         rates = [percent(group, name) for group in groups for name in (names.SUCCESS, names.ORACLE_SUCCESS)]
         return [count(sum(each.scored for each in flown)), *rates, errors(flown)]
 
-    blocks = lineup.blocks(columns, row)
-    below = _floor(lineup, cells, columns)
+    blocks = data.blocks(columns, row)
+    below = _floor(data, cells, columns)
     return ReportTable(
         name="main",
         title="Main results",
@@ -50,14 +51,14 @@ def main(lineup: Lineup) -> ReportTable | None:
         columns=tuple(columns),
         blocks=(*blocks, *([below[0]] if below else [])),
         notes=(below[1],) if below else (),
-        command=lineup.command,
+        command=data.command,
     )
 
 
-def per_map(lineup: Lineup) -> ReportTable | None:
+def per_map(data: ReportData) -> ReportTable | None:
     """Return successes by map and cell. Paper, "Additional Results"."""
-    cells, maps = lineup.cells(), lineup.maps()
-    places = [(m, c) for m in maps for c in cells if of_cell(lineup.episodes, c, m)]
+    cells, maps = data.cells(), data.maps()
+    places = [(m, c) for m in maps for c in cells if of_cell(data.episodes, c, m)]
     if not places:
         return None
     columns = [NAME, *(replace(rate(names.SUCCESS, titled(c), c), name=f"{m}_{c.replace('-', '_')}_success_percent",
@@ -72,14 +73,14 @@ def per_map(lineup: Lineup) -> ReportTable | None:
         title="By map",
         caption="Successes of the scored flights, by map and cell.",
         columns=tuple(columns),
-        blocks=lineup.blocks(columns, row),
-        command=lineup.command,
+        blocks=data.blocks(columns, row),
+        command=data.command,
     )
 
 
-def approaching(lineup: Lineup) -> ReportTable | None:
+def approaching(data: ReportData) -> ReportTable | None:
     """Return what reaching, declaring and succeeding come to apart. Paper, "The Failure Is Declaration"."""
-    if not lineup.cells(["approaching"]):
+    if not data.cells(["approaching"]):
         return None
     columns = [
         NAME,
@@ -111,13 +112,13 @@ def approaching(lineup: Lineup) -> ReportTable | None:
             f" {CELLWISE}"
         ),
         columns=tuple(columns),
-        blocks=lineup.blocks(columns, row),
-        notes=_cut_off(of_cell(lineup.episodes, "approaching")),
-        command=lineup.command,
+        blocks=data.blocks(columns, row),
+        notes=_cut_off(of_cell(data.episodes, "approaching")),
+        command=data.command,
     )
 
 
-def declarations(lineup: Lineup) -> ReportTable | None:
+def declarations(data: ReportData) -> ReportTable | None:
     """Return how often arrival was declared, and how often that was so: beside the criterion, which forgives."""
     columns = [
         NAME,
@@ -141,7 +142,7 @@ def declarations(lineup: Lineup) -> ReportTable | None:
         counts = [mean(flown, names.DECLARATIONS), mean(flown, names.FALSE)]
         return [count(len(flown)), *rates, *counts, in_percent]
 
-    if not any(entrant.scored for entrant in lineup.entrants):
+    if not any(entrant.scored for entrant in data.entrants):
         return None
     return ReportTable(
         name="declarations",
@@ -152,9 +153,9 @@ def declarations(lineup: Lineup) -> ReportTable | None:
             " All cells, a fleet's declarations pooled."
         ),
         columns=tuple(columns),
-        blocks=lineup.blocks(columns, row),
-        notes=_cut_off(lineup.episodes),
-        command=lineup.command,
+        blocks=data.blocks(columns, row),
+        notes=_cut_off(data.episodes),
+        command=data.command,
     )
 
 
@@ -174,11 +175,11 @@ def _cut_off(flown: Iterable[ScoredEpisode]) -> tuple[str, ...]:
     )
 
 
-def _floor(lineup: Lineup, cells: Sequence[str], columns: Sequence[TableColumn]) -> tuple[TableBlock, str] | None:
+def _floor(data: ReportData, cells: Sequence[str], columns: Sequence[TableColumn]) -> tuple[TableBlock, str] | None:
     """Return the line of what can be had without looking, and whose it is; None where it is not known."""
-    flown = [each for each in lineup.episodes if each.cell in ONE_DRONE]
+    flown = [each for each in data.episodes if each.cell in ONE_DRONE]
     groups = [[e.episode for e in of_cell(flown, cell)] for cell in cells] + [[e.episode for e in flown]]
-    best = [floor(lineup.blind, group) for group in groups]
+    best = [floor(data.blind, group) for group in groups]
     if not any(best):
         return None
     rates: list[TableCell] = []
@@ -190,3 +191,100 @@ def _floor(lineup: Lineup, cells: Sequence[str], columns: Sequence[TableColumn])
     return TableBlock(
         title="", rows=(row,)
     ), f"{FLOOR}: the best blind pilot's one flight of the same episodes ({who})."
+
+
+def failures(data: ReportData) -> ReportTable | None:
+    """Return what share of flights ended in which way; None where it is not known of any."""
+    columns = [NAME, FLIGHTS] + [TableColumn(name=mode.column, title=mode.title, unit="%") for mode in names.MODES]
+
+    def row(entrant: Entrant) -> list[TableCell] | None:
+        ended = Counter(each.mode for each in entrant.scored if each.cell in ONE_DRONE and each.mode is not None)
+        flown = sum(ended.values())
+        if not flown:
+            return None
+        return [count(flown), *(part(ended[mode.name], flown) for mode in names.MODES)]
+
+    blocks = data.blocks(columns, row)
+    if not blocks:
+        return None
+    return ReportTable(
+        name="failures",
+        title="Failure modes",
+        caption="One drone: how the scored flights ended, % of them. The modes part all flights between them.",
+        columns=tuple(columns),
+        blocks=blocks,
+        command=data.command,
+    )
+
+
+APPROACHING = "approaching"
+
+
+def commanding(data: ReportData) -> ReportTable | None:
+    """Return success with one drone beside what a fleet reached, declared and solved."""
+    if not data.cells([COMMANDING]):
+        return None
+    columns = [
+        NAME,
+        replace(rate(names.SUCCESS, "SR", APPROACHING), group="One drone"),
+        rate(names.ORACLE_SUCCESS, "Reached", COMMANDING),
+        rate(names.DECLARED, "Declared", COMMANDING),
+        rate(names.SUCCESS, "SR", COMMANDING),
+        TableColumn(name="identical_percent", title="One point for all", group="Commanding", unit="%"),
+        ERRORS,
+    ]
+
+    def row(entrant: Entrant) -> list[TableCell] | None:
+        fleet = of_cell(entrant.episodes, COMMANDING)
+        if not fleet:
+            return None
+        rates = [percent(fleet, name) for name in (names.ORACLE_SUCCESS, names.DECLARED, names.SUCCESS)]
+        told = [each.verdict.commanding for each in fleet if each.scored and each.verdict and each.verdict.commanding]
+        copied = part(sum(one.identical_points for one in told), sum(one.all_go_steps for one in told))
+        return [percent(of_cell(entrant.episodes, APPROACHING), names.SUCCESS), *rates, copied, errors(fleet)]
+
+    return ReportTable(
+        name="commanding",
+        title="Commanding",
+        caption=(
+            "Approaching with one drone beside commanding a fleet, %. Reached: any drone came within the radius of the"
+            " named target. Declared: any drone declared arrival. One point for all: of the steps on which every drone"
+            f" was told to go, those with the same point in all views. {CELLWISE}"
+        ),
+        columns=tuple(columns),
+        blocks=data.blocks(columns, row),
+        command=data.command,
+    )
+
+
+def drones(data: ReportData) -> ReportTable | None:
+    """Return what each drone of a fleet came to, beside the episodes that were won; None where it is not known."""
+    columns = [
+        NAME,
+        TableColumn(name="drones", title="Drones"),
+        *(TableColumn(name=o.column, title=o.title, group="Of the drones", unit="%") for o in names.DRONES),
+        replace(rate(names.SUCCESS, "SR", COMMANDING), group="Of the episodes"),
+    ]
+
+    def row(entrant: Entrant) -> list[TableCell] | None:
+        fleet = of_cell(entrant.scored, COMMANDING)
+        came_to = [int(total(fleet, outcome.name).value or 0) for outcome in names.DRONES]
+        every = sum(came_to)
+        if not every:
+            return None
+        return [count(every), *(part(each, every) for each in came_to), percent(fleet, names.SUCCESS)]
+
+    blocks = data.blocks(columns, row)
+    if not blocks:
+        return None
+    return ReportTable(
+        name="drones",
+        title="Commanding, drone by drone",
+        caption=(
+            "What each drone of each scored flight came to, % of the drones. One that declares truly wins the"
+            " episode, so that the success rate beside is of episodes."
+        ),
+        columns=tuple(columns),
+        blocks=blocks,
+        command=data.command,
+    )

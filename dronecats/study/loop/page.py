@@ -1,9 +1,10 @@
 """What a study of the loops found: rows for JSON and CSV, and a page of Markdown with its figures beside it."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
+from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
+from dronecats.report.writers import as_markdown
 from dronecats.study.loop import pictures
 from dronecats.study.loop.results import LoopResults, as_json, margin_rows, stream_rows, trace_rows, write_csv
 from dronecats.study.loop.stream import Tolerance
@@ -24,35 +25,30 @@ TRACE = (
 )
 
 
-def table(found: LoopResults) -> str:
-    """Return the tables as Markdown."""
-    parts = []
+def tables(found: LoopResults) -> list[ReportTable]:
+    """Return the margins, what streams of setpoints bear, and the steps, those that were studied."""
+    margins = ("airframe", "loop"), ("rise", "overshoot", "delay", "as designed", "predicted", "injected", "off")
+    streams = ("airframe", "stream"), ("error on a perfect wire", "twice that at", "offboard left from")
+    steps = ("autopilot", "step"), ("rise", "overshoot", "delay", "settled")
+    made: list[tuple[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[CellValue, ...]]]] = []
     if found.studies:
         lines = [
-            "| airframe | loop | rise | overshoot | delay | as designed | predicted | injected | off |",
-            "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-        ]
-        lines += [
-            f"| {r['airframe']} | {r['loop']} | {_told(r['rise_s'])} s | {_told(r['overshoot_percent'])} % "
-            f"| {_told(r['delay_s'])} s | {_told(r['designed_ms'])} ms | {_told(r['predicted_ms'])} ms "
-            f"| {_told(r['injected_ms'])} ms | {r['off_percent']:+.1f} % |"
+            (r["airframe"], r["loop"], _told(r["rise_s"], "s"), _told(r["overshoot_percent"], "%"),
+             _told(r["delay_s"], "s"), _told(r["designed_ms"], "ms"), _told(r["predicted_ms"], "ms"),
+             _told(r["injected_ms"], "ms"), f"{r['off_percent']:+.1f} %")
             for r in margin_rows(found.studies)
-        ]
-        parts.append("\n".join(lines))
+        ]  # fmt: skip
+        made.append((margins, lines))
     if found.tolerances:
-        parts.append(_streams(found.tolerances))
+        made.append((streams, [_borne(each) for each in found.tolerances]))
     if found.traces:
         lines = [
-            "| autopilot | step | rise | overshoot | delay | settled |",
-            "| --- | --- | ---: | ---: | ---: | ---: |",
-        ]
-        lines += [
-            f"| {r['autopilot']} | {r['step']} | {_told(r['rise_s'])} s | {_told(r['overshoot_percent'])} % "
-            f"| {_told(r['delay_s'])} s | {_told(r['settled_s'])} s |"
+            (r["autopilot"], r["step"], _told(r["rise_s"], "s"), _told(r["overshoot_percent"], "%"),
+             _told(r["delay_s"], "s"), _told(r["settled_s"], "s"))
             for r in trace_rows(found.traces)
-        ]
-        parts.append("\n".join(lines))
-    return "\n\n".join(parts)
+        ]  # fmt: skip
+        made.append((steps, lines))
+    return [table_of([*map(words, left), *map(numbers, right)], lines) for (left, right), lines in made]
 
 
 def write(found: LoopResults, out: Path, command: str) -> list[Path]:
@@ -82,27 +78,15 @@ def _page(found: LoopResults, pngs: dict[str, Path], command: str) -> str:
     told = {"margins": "Predicted and injected delay margins.", "steps": "Small steps, nothing late.",
             "onset": "Below, at and above the injected margin.", "stream": STREAM, "trace": TRACE}  # fmt: skip
     parts += [f"![{name}]({path.name})\n\n{told[name]}" for name, path in pngs.items()]
-    return "\n\n".join([*parts, table(found)]) + "\n"
+    return "\n\n".join([*parts, "\n".join(map(as_markdown, tables(found)))])
 
 
-def _streams(tolerances: Sequence[Tolerance]) -> str:
-    lines = [
-        "| airframe | stream | error on a perfect wire | twice that at | offboard left from |",
-        "| --- | --- | ---: | ---: | ---: |",
-    ]
-    for each in tolerances:
+def _borne(each: Tolerance) -> tuple[CellValue, ...]:
+    def level(value: float | None) -> str:
+        return "never" if value is None else f"{value:.2f} s" if each.impairment == "jitter" else f"{value:.0%}"
 
-        def level(value: float | None, kind: str = each.impairment) -> str:
-            if value is None:
-                return "never"
-            return f"{value:.2f} s" if kind == "jitter" else f"{value:.0%}"
-
-        lines.append(
-            f"| {each.airframe} | {each.impairment} | {each.perfect:.2f} m/s | {level(each.doubled)} "
-            f"| {level(each.left)} |"
-        )
-    return "\n".join(lines)
+    return each.airframe, each.impairment, f"{each.perfect:.2f} m/s", level(each.doubled), level(each.left)
 
 
-def _told(value: float | None) -> str:
-    return "–" if value is None else f"{value:g}"
+def _told(value: float | None, unit: str) -> str:
+    return f"– {unit}" if value is None else f"{value:g} {unit}"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dronecats.agent.models.model import Reply
+from dronecats.report.table import ReportTable, numbers, table_of, words
 from foundation.run_folder.rows import Decision
 
 DIGITS = 6  # of seconds: µs
@@ -202,26 +203,21 @@ def summarised(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: boo
     )
 
 
-def table(of: ChainSummary, wanted: int | None = None) -> str:
-    """Return it for a person; `wanted` questions were to be asked, if anybody said how many."""
+def table(of: ChainSummary, wanted: int | None = None) -> ReportTable:
+    """Return it for a person; `wanted` questions were to be asked, None: as many as the time allowed."""
     rows = [(said, of.links[name], "s", 4) for name, said in LINKS.items()]
     rows.append(("chain's rate", of.chain_hz, "Hz", 3))
     if of.served_hz:
         rows.append(("served rate", of.served_hz, "Hz", 3))
     of_wanted = "" if wanted is None or wanted <= of.questions else f" of {wanted}"
-    lines = [f"{'':16} {'':2}  " + "  ".join(f"{head:>8}" for head in HEAD)]
-    for said, quantiles, unit, digits in rows:
-        lines.append(f"{said:16} {unit:2}  " + "  ".join(f"{each:8.{digits}f}" for each in asdict(quantiles).values()))
-    return "\n".join(
-        [
-            *(line.rstrip() for line in lines),
-            "",
-            f"{of.questions}{of_wanted} questions to {of.pilot}, by {CLOCK}.",
-            f"The picture's age: by {AGE_CLOCK},",
-            f"{AGES[of.camera_stamps]}.",
-            "The chain's rate is 1 over the whole step; the served rate has each action flown before the next.",
-        ]
-    )
+    return table_of(
+        (words("link"), words(""), *map(numbers, HEAD)),
+        ((said, unit, *(f"{value:.{digits}f}" for value in asdict(quantiles).values()))
+         for said, quantiles, unit, digits in rows),
+        f"{of.questions}{of_wanted} questions to {of.pilot}, by {CLOCK}.",
+        f"The picture's age: by {AGE_CLOCK}, {AGES[of.camera_stamps]}.",
+        "The chain's rate is 1 over the whole step; the served rate has each action flown before the next.",
+    )  # fmt: skip
 
 
 def _quantiles(values: Sequence[float]) -> LinkQuantiles:

@@ -1,14 +1,14 @@
-"""The report's sections: what stands in them, in which order, on the page and in Markdown alike."""
+"""The sections of a study's report: what they hold and in which order, on the page and in Markdown alike."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dronecats.judge.statistics.paired import ALPHA
-from dronecats.report.report_table import ReportTable
+from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
 from dronecats.study.analysis.studied import ALL
-from dronecats.study.report import other_tables, outcome_tables, pair_tables
-from dronecats.study.report.figures.all import StudyFigure
+from dronecats.study.report import difference_tables, level_tables
+from dronecats.study.report.figures.drawing import StudyFigure
 from dronecats.study.report.findings import FactorFindings, Findings
 from dronecats.study.report.words import PERCENT, cell_title, half_sentence, points, probability
 
@@ -43,20 +43,20 @@ def sections(found: Findings, figures: Sequence[StudyFigure]) -> list[StudySecti
     """Return the sections, those that there is something to tell in."""
     drawn = {figure.name: figure for figure in figures}
     made = []
-    if table := pair_tables.at_points(found):
+    if table := difference_tables.at_points(found):
         over = tuple(_over(found, found.studied.groups))
         made.append(StudySection("points", table.title, over, (_part(drawn, [table], "at_points"),)))
     made += [section for along in found.factors for section in _along(found, along, drawn)]
-    if table := other_tables.effects(found):
+    if table := difference_tables.effects(found):
         said = ("What each factor does by itself, from one fit over all of them.",)
         made.append(StudySection("main-effects", "Main effects", said, (_part(drawn, [table], "main_effects"),)))
-    maps = [_part(drawn, [table], table.name) for table in other_tables.interactions(found)]
+    maps = [_part(drawn, [table], table.name) for table in difference_tables.interactions(found)]
     if maps:
         said = (
             "Two factors together: where both hurt more than each by itself, the map is darker than its edges say.",
         )
         made.append(StudySection("interactions", "Interactions", said, tuple(maps)))
-    made.append(StudySection("setup", "How it was flown", (), (_part(drawn, [other_tables.setup(found)]),)))
+    made.append(StudySection("setup", "How it was flown", (), (_part(drawn, [setup(found)]),)))
     return made
 
 
@@ -180,7 +180,7 @@ def _away(told: PairedDifference) -> float:
 
 def _along(found: Findings, along: FactorFindings, drawn: dict[str, StudyFigure]) -> Iterator[StudySection]:
     name, key = along.factor.name.replace("_", " "), along.factor.name.replace("_", "-")
-    success, *rest = outcome_tables.tables(found, along)
+    success, *rest = level_tables.tables(found, along)
     fits = [table for table in rest if table.name == along.named("half_success")]
     every = [table for table in rest if table not in fits]
     parts = (
@@ -190,12 +190,12 @@ def _along(found: Findings, along: FactorFindings, drawn: dict[str, StudyFigure]
     pooled = found.studied.groups[0]
     several = [half_sentence(found.studied, e) for e in along.halves if e.beside and e.cell == pooled]
     yield StudySection(key, f"Along {name}", tuple(several), parts)
-    pairs = [_part(drawn, [table], table.name) for table in pair_tables.tables(found, along)]
+    pairs = [_part(drawn, [table], table.name) for table in difference_tables.tables(found, along)]
     if pairs:
         yield StudySection(f"{key}-pairs", f"Pairs along {name}", (), tuple(pairs))
     steps = [
         _part(drawn, [table], table.name)
-        for table in (other_tables.motion(found, along), other_tables.served(found, along))
+        for table in (level_tables.motion(found, along), level_tables.served(found, along))
         if table
     ]
     if steps:
@@ -209,3 +209,36 @@ def _part(drawn: dict[str, StudyFigure], tables: Sequence[ReportTable], *names: 
 def _equals(p: float) -> str:
     told = probability(p)
     return told if told.startswith("<") else f"= {told}"
+
+
+def setup(found: Findings) -> ReportTable:
+    """Return how the study was laid out."""
+    studied = found.studied
+    scored, flown = len(studied.scored), len(studied.flights)
+    told = [
+        ("Study", studied.name),
+        ("Design", studied.design),
+        *(
+            (factor.title, ", ".join(factor.told(level) for level in factor.levels) if len(factor.levels) <= 24
+             else f"{len(factor.levels)} levels")
+            for factor in studied.factors
+        ),
+        ("Who flew", ", ".join(studied.entrants)),
+        ("Cells", ", ".join(cell_title(cell) for cell in studied.cells)),
+        ("Episodes", str(len({each.scored.episode for each in studied.flights}))),
+        ("Flights", f"{flown} of {studied.planned} flown, {scored} of them scored"),
+        ("Seeds", "the same flight of an episode has the same seed at every level"),
+    ]  # fmt: skip
+    return ReportTable(
+        name="setup",
+        title="How it was flown",
+        caption="What the folder of the study tells.",
+        columns=(
+            TableColumn(name="what", title="What", align="left"),
+            TableColumn(name="told", title="", align="left"),
+        ),
+        blocks=(TableBlock(title="", rows=tuple(
+            TableRow(cells=(TableCell(value=what), TableCell(value=value))) for what, value in told
+        )),),
+        command=found.command,
+    )  # fmt: skip

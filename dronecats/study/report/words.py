@@ -4,8 +4,8 @@ import math
 
 from dronecats.judge.statistics.half import HalfSuccess
 from dronecats.judge.statistics.mixed_logit import WIDEST
-from dronecats.report.blocks import titled
-from dronecats.report.report_table import rounded
+from dronecats.report.report_data import titled
+from dronecats.report.table import rounded
 from dronecats.study.analysis.halves import HalfAlong
 from dronecats.study.analysis.studied import ALL, Studied, StudiedFactor
 

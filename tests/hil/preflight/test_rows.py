@@ -2,13 +2,15 @@
 
 import re
 
+from dronecats.cli.preflight import proposal, table
+from dronecats.report.writers import as_terminal
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
 from foundation.sensors import CALENDAR_START_US
 from hil.preflight import battery, health, position, wire
 from hil.preflight.check import PX4_DEFAULTS, Check
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
-from hil.preflight.row import Change, Row, proposal, summary, table
+from hil.preflight.row import Change, Row, summary
 
 GOOD = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x10000000
 
@@ -157,11 +159,11 @@ def test_nothing_heard_is_never_a_pass():
 
 def test_the_table_has_the_fix_of_what_did_not_pass():
     rows = [Row("one", True, "fine", "not said"), Row("two", False, "bad", "mend it"), Row("three", False, "bad")]
-    text = table(rows)
+    text = as_terminal(table(rows))
     assert "mend it" in text
     assert "not said" not in text
     assert re.findall(r"\d+", summary(rows)) == ["1", "2", "0"]
-    assert re.search(r"COM_X\W+0\W+5", proposal([Change("COM_X", 0, 5, "because")]))
+    assert re.search(r"COM_X\W+0\W+5", as_terminal(proposal([Change("COM_X", 0, 5, "because")])))
 
 
 def test_a_simulators_defaults_fail_as_expected_and_a_real_vehicles_do_not():

@@ -12,6 +12,7 @@ from dronecats.cli import bench_spec, study_spec
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.latency_trace import read_trace
+from dronecats.report.writers import as_terminal
 from dronecats.study.rate.chain import QuestionTimes, summarised, table
 from dronecats.study.rate.files import COLUMNS, ChainLog, next_commands, write_replay
 from foundation.errors import InfrastructureError
@@ -112,10 +113,10 @@ def test_the_summary_says_how_many_and_what_the_median_costs():
     assert found.served_hz.median == 0.3
     assert summarised(measured(21), "m", camera_stamps=True).frame_delay_s == 0.21
     assert summarised(measured(20, wait_s=0.7), "m", camera_stamps=True).frame_delay_s == 0.7
-    said = table(found, 30)
+    said = as_terminal(table(found, 30))
     assert "20 of 30" in said
     assert "local/m" in said
-    assert said != table(summarised(times, "local/m", camera_stamps=True), 30)
+    assert said != as_terminal(table(summarised(times, "local/m", camera_stamps=True), 30))
     assert summarised(times[:1], "m", camera_stamps=True).served_hz is None
 
 

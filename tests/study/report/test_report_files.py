@@ -10,8 +10,8 @@ import duckdb
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.study.report import writing
-from dronecats.study.report.writing import write_study_report
+from dronecats.study.report import report_folder
+from dronecats.study.report.report_folder import write_study_report
 from tests.study.studies import changed_run, falling, write_study
 
 FIGURES = {
@@ -45,7 +45,7 @@ def test_the_command_stands_with_each_figure(report, flown):
 @pytest.fixture
 def without_figures(monkeypatch):
     """Leave out the figures, which take most of a report's time."""
-    monkeypatch.setattr(writing, "draw", lambda found, out: [])
+    monkeypatch.setattr(report_folder, "draw", lambda found, out: [])
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -4,7 +4,7 @@ import json
 import shutil
 
 from dronecats.cli.main import main
-from dronecats.study.report import writing
+from dronecats.study.report import report_folder
 from tests.study.report.test_report_files import FIGURES
 from tests.study.studies import APPROACHING, TRACKING, falling, write_study
 from tests.support.narrow_pages import (
@@ -41,7 +41,7 @@ def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader,
 
 
 def test_on_a_desk_every_level_of_the_success_table_is_seen_at_once(reader, tmp_path, monkeypatch):
-    monkeypatch.setattr(writing, "draw", lambda found, out: [])  # figures take most of a report's time
+    monkeypatch.setattr(report_folder, "draw", lambda found, out: [])  # figures take most of a report's time
     levels = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
     write_study(tmp_path / "s", {"latency": levels}, falling(), episodes=(*TRACKING[:8], *APPROACHING[:3]), flights=2)
     assert main(["study", "report", str(tmp_path / "s"), "--out", str(tmp_path / "r")]) == 0

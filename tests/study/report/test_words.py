@@ -8,7 +8,7 @@ import pytest
 
 from dronecats.judge.statistics.half import HalfSuccess
 from dronecats.judge.statistics.mixed_logit import WIDEST
-from dronecats.study.report import pair_tables
+from dronecats.study.report import difference_tables
 from dronecats.study.report.findings import findings
 from dronecats.study.report.sections import short
 from dronecats.study.report.words import interval
@@ -71,7 +71,7 @@ def test_a_p_below_a_thousandth_is_only_said_to_be_so():
     latency = number_factor("latency", 0.0, 2.0)
     flown = a_study([latency], [(0.0,), (2.0,)], lambda s: 50.0 - 50.0 * s, entrants=("vision", "oracle"))
     found = findings(flown, "command")
-    against, beside = pair_tables.tables(found, found.factors[0])
+    against, beside = difference_tables.tables(found, found.factors[0])
     for table, said in ((against, "< 0.001"), (beside, "1.000")):
         row = table.blocks[0].rows[0]
         told = {column.name: cell.text(column) for column, cell in zip(table.columns, row.cells, strict=True)}

@@ -1,7 +1,7 @@
 // The words of one decision: what was asked, answered and done; and apart from it what only the judge knows.
 
 import { el } from "./dom.js";
-import { actionWords, kindOf, measured, number } from "./words.js";
+import { kindOf, measured, number } from "./words.js";
 
 export function details(flight, step) {
   if (!step) return el("section", { class: "facts" }, el("p", { class: "quiet" }, "No decision is in the log."));
@@ -15,7 +15,7 @@ function decided(flight, step) {
     "div",
     { class: "decided" },
     el("h2", {}, `Step ${step.step}${who}`),
-    el("p", { class: `action ${kindOf(step)}` }, actionWords(step)),
+    el("p", { class: `action ${kindOf(step)}` }, step.does),
     step.error ? el("p", { class: "fault" }, step.error) : null,
     list([
       ["Latency", measured(step.latency, "s", 2)],

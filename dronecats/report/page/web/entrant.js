@@ -2,8 +2,8 @@
 
 import { el, link } from "./dom.js";
 import { toEntrant, toFlight } from "./route.js";
-import { index, of, rate } from "./store.js";
-import { metricText, outcomeWords, percent } from "./words.js";
+import { index, of, outcomeWords, rate } from "./store.js";
+import { metricText, percent } from "./words.js";
 
 // metrics that have a column, as far as there are any of this name
 const SHOWN = ["ne_m", "min_distance_m", "approach_ratio", "first_acquisition_s", "path_m"];

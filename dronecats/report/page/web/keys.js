@@ -1,7 +1,7 @@
 // The keyboard: one table of what each key does, and the help that is made from it.
 
 import { el } from "./dom.js";
-import { nextTheme } from "./theme.js";
+import { nextTheme } from "./bar.js";
 
 const KEYS = [
   ["→  j", "next step; in a table, the next line", ["ArrowRight", "j"], (view) => (view.keys.next ? view.keys.next() : line(1))],

@@ -3,11 +3,10 @@
 import { el, link } from "./dom.js";
 import { entrantView } from "./entrant.js";
 import { listen } from "./keys.js";
-import { lookThrough } from "./lookthrough.js";
 import { reportView } from "./report.js";
+import { flightView } from "./steps.js";
 import { parsed, toEntrant } from "./route.js";
 import { episodeAt, index } from "./store.js";
-import { kept, nextTheme, wear } from "./theme.js";
 
 const main = document.getElementById("main");
 let view = { keys: {} };
@@ -24,7 +23,7 @@ async function show() {
   try {
     if (route.view === "report") made = reportView();
     else if (route.view === "entrant") made = entrantView(route);
-    else made = await lookThrough(route, place);
+    else made = await flightView(route, place);
   } catch (error) {
     made = { element: el("p", { class: "fault" }, error.message), title: "Not here", keys: {} };
   }
@@ -70,9 +69,6 @@ function trail(route) {
 }
 
 window.addEventListener("hashchange", () => location.hash !== shown && show());
-document.getElementById("theme").addEventListener("click", nextTheme);
-document.getElementById("skip").addEventListener("click", () => main.focus());
-wear(kept());
 listen(
   () => view,
   () => {

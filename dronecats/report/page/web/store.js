@@ -1,7 +1,5 @@
 // What the page holds: the index at once, a flight when somebody looks at it.
 
-import { scored } from "./words.js";
-
 export const index = JSON.parse(document.getElementById("index").textContent);
 
 export const episodes = index.episodes.map((episode, number) => {
@@ -19,6 +17,10 @@ window.dronecatsFlight = (address, flight) => {
   if (take) take(flight);
 };
 
+export function outcomeWords(outcome) {
+  return index.outcomes[outcome] || ["?", outcome];
+}
+
 export function episodeAt(run, key) {
   return byAddress.get(`${run}/${key}`) || null;
 }
@@ -28,7 +30,7 @@ export function of(entrant, cell) {
 }
 
 export function rate(some) {
-  const counted = some.filter(scored);
+  const counted = some.filter((each) => each.counted);
   return { won: counted.filter((each) => each.outcome === "success").length, of: counted.length, all: some.length };
 }
 

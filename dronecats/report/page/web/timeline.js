@@ -1,7 +1,7 @@
 // Time: a slider under the distance to the target, with a mark for every step.
 
 import { drawn, el } from "./dom.js";
-import { actionWords, kindOf, measured, number } from "./words.js";
+import { kindOf, measured, number } from "./words.js";
 
 const WIDE = 1000;
 const HIGH = 100;
@@ -64,7 +64,7 @@ export class Timeline {
     told.sort((a, b) => KINDS.indexOf(a[1]) - KINDS.indexOf(b[1]));
     for (const [step, kind] of told) {
       const tick = drawn("line", { class: `tick ${kind}`, x1: (WIDE * step.t) / this.end, x2: (WIDE * step.t) / this.end, y1: 0, y2: 10 });
-      tick.append(drawn("title", {}, `Step ${step.step}: ${actionWords(step)}`));
+      tick.append(drawn("title", {}, `Step ${step.step}: ${step.does}`));
       tick.addEventListener("click", () => move(step.t));
       ticks.append(tick);
     }

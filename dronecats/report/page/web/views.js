@@ -1,7 +1,7 @@
 // What the drones saw, each with a ring around the point that was chosen in it.
 
 import { el } from "./dom.js";
-import { actionWords, number } from "./words.js";
+import { number } from "./words.js";
 
 export class Views {
   constructor(flight, side, choose) {
@@ -60,6 +60,6 @@ export class Views {
       ring.style.setProperty("left", `${point[0] / 10}%`);
       ring.style.setProperty("top", `${point[1] / 10}%`);
     }
-    words.textContent = step ? `Step ${step.step} · ${number(step.t, 1)} s · ${actionWords(step)}` : "";
+    words.textContent = step ? `Step ${step.step} · ${number(step.t, 1)} s · ${step.does}` : "";
   }
 }

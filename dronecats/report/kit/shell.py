@@ -1,0 +1,106 @@
+"""The one file that a browser opens: mark-up, style, program and data, with nothing to be fetched from a network.
+
+The program is written as ES modules, which a browser does not load from a disk; so they stand in the page as one
+script, in the order of their imports. Scripts and styles are allowed by their digest alone: text of a model cannot run.
+"""
+
+import base64
+import hashlib
+import html
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+
+from dronecats.report.kit import palette
+
+_FIELD = re.compile("{{(policy|title|style|trail|tools|main|more|script)}}")
+_IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
+_EXPORT = re.compile(r"^export ((?:async )?function|const|class) (\w+)", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageContent:
+    """What a page has beside the kit's style and bar. Texts are mark-up, but for the title."""
+
+    title: str
+    folder: str  # package of the page's own style, page.css, and modules
+    entry: str = "bar"  # module that the program begins with
+    main: str
+    trail: str = ""  # items of the list in the bar: where the reader is
+    tools: str = ""  # buttons beside the theme's
+    more: str = ""  # elements after main
+    loads_files: bool = False  # scripts and pictures that lie beside the page may be loaded
+    has_drawings: bool = False  # it holds SVG with styles in its elements
+
+
+def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Iterable[str]:
+    """Yield the page in pieces. `blocks` are JSON for script elements, by their id."""
+    style = palette.css() + _read(__package__ or "", "kit.css") + _read(content.folder, "page.css")
+    script = program(content.entry, content.folder)
+    values = {
+        "policy": _policy(content, script, style),
+        "title": html.escape(content.title),
+        "style": style,
+        "trail": content.trail,
+        "tools": content.tools,
+        "main": content.main,
+        "more": content.more,
+        "script": script,
+    }
+    head, tail = (
+        _FIELD.sub(lambda match: values[match[1]], half)
+        for half in _read(__package__ or "", "page.html").split("{{blocks}}")
+    )
+    yield head
+    for key, block in (blocks or {}).items():
+        yield f'<script type="application/json" id="{key}">{block}</script>\n'
+    yield tail
+
+
+def program(entry: str, folder: str) -> str:
+    """Return the modules of a package and of the kit as one script: each a function, after those that it imports."""
+    order: list[str] = []
+
+    def visit(name: str) -> None:
+        if name not in order:
+            for _, needed in _IMPORT.findall(_module(name, folder)):
+                visit(needed)
+            order.append(name)
+
+    visit(entry)
+    return '\n(() => {\n"use strict";\n' + "\n".join(_as_function(name, folder) for name in order) + "})();\n"
+
+
+def _as_function(name: str, folder: str) -> str:
+    text = _module(name, folder)
+    exports = ", ".join(export for _, export in _EXPORT.findall(text))
+    body = _EXPORT.sub(r"\1 \2", _IMPORT.sub(r"const \1 = $\2;", text))
+    return f"const ${name} = (() => {{\n{body}return {{ {exports} }};\n}})();\n"
+
+
+def _module(name: str, folder: str) -> str:
+    own = files(folder).joinpath("web", f"{name}.js")
+    return own.read_text(encoding="utf-8") if own.is_file() else _read(__package__ or "", f"{name}.js")
+
+
+def _policy(content: PageContent, script: str, style: str) -> str:
+    """Return what the browser may load: this script and style, and files beside the page where it has any."""
+    beside = " 'self' file:" if content.loads_files else ""
+    rules = [
+        "default-src 'none'",
+        f"script-src {_digest(script)}{beside}",
+        f"style-src {_digest(style)}",
+        f"img-src{beside} data:",
+        "base-uri 'none'",
+        "form-action 'none'",
+    ]
+    return "; ".join([*rules, "style-src-attr 'unsafe-inline'"] if content.has_drawings else rules)
+
+
+def _digest(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _read(folder: str, name: str) -> str:
+    return files(folder).joinpath("web", name).read_text(encoding="utf-8")

@@ -1,0 +1,149 @@
+"""A table as data: typed cells. `writers` and `latex` write it for a terminal and as Markdown, CSV, HTML, LaTeX …"""
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:  # metrics bring numpy with them, and `dronecats doctor` prints a table without it
+    from dronecats.judge.metrics.metric import Better
+
+Align = Literal["left", "right"]
+CellValue = str | float | None
+NOTHING = "–"  # the text of a cell without a value
+SILENT_UNITS = ("", "%", "$")  # units that a head does not repeat
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableColumn:
+    """What a column holds, and how its values are shown."""
+
+    name: str  # in CSV, JSON and links: a Python name that ends in its unit, such as approaching_sr_percent
+    title: str  # its head
+    group: str = ""  # a head above neighbouring columns, such as Approaching; empty: none
+    unit: str = ""  # of value, low and high: "%", "m", "Hz", "s", "$", …; empty: a count, a ratio or words
+    decimals: int = 0  # that are shown; CSV has all of them
+    better: "Better | None" = None  # which direction is good; None: neither
+    align: Align = "right"
+    as_count: bool = False  # a share is shown as 7/10, not as 70 with its interval
+    floor: float | None = None  # a smaller value is shown as below it, such as a p of < 0.001; None: all are shown
+    cell: str | None = None  # the cell of the grid that it is about, as records name it; None: several
+    map: str | None = None  # the map, likewise
+    code: bool = False  # its values are names from a program: Markdown sets them as code
+
+    @property
+    def head_unit(self) -> str:
+        """The unit of the values as shown: a share that is shown as a count has none."""
+        return "" if self.as_count else self.unit
+
+    @property
+    def head(self) -> str:
+        """The title with its unit, where the unit says more than the values do."""
+        return f"{self.title} ({self.head_unit})" if self.head_unit not in SILENT_UNITS else self.title
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableCell:
+    """One value of a row, in its column's unit."""
+
+    value: CellValue  # None: unknown or undefined
+    low: float | None = None  # its interval; None: it has none
+    high: float | None = None
+    count: int | None = None  # of a share: this many …
+    of: int | None = None  # … of this many; of a mean the number of values
+    best: bool = False  # the best of its block, or as good
+    link: str = ""  # the address that it leads to, in Markdown and HTML
+
+    def text(self, column: TableColumn) -> str:
+        """Return the value for a reader, without its interval."""
+        if self.value is None:
+            return NOTHING
+        if isinstance(self.value, str):
+            return self.value
+        if column.as_count and self.of is not None:
+            return f"{self.count}/{self.of}"
+        if column.floor is not None and self.value < column.floor:
+            return f"< {column.floor:g}"
+        return rounded(self.value, column.decimals)
+
+    def interval(self, column: TableColumn) -> str:
+        """Return its interval for a reader, without brackets; empty: it has none."""
+        if self.low is None or self.high is None or column.as_count:
+            return ""
+        between = " to " if self.low < 0 else "–"  # a dash before a minus sign is hard to read
+        return f"{rounded(self.low, column.decimals)}{between}{rounded(self.high, column.decimals)}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRow:
+    """A row of a table: a cell for each of its columns."""
+
+    cells: tuple[TableCell, ...]
+    entrant: str = ""  # label of the entrant that it is about, as in `results.entrants`; empty: none or several
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableBlock:
+    """Rows that may be compared: models are in one block, built-in pilots in another."""
+
+    title: str  # above its rows; empty: nothing
+    rows: tuple[TableRow, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportTable:
+    """A table with all that its reader needs. The first column names the row."""
+
+    name: str = ""  # of its files: main, per_map, …
+    title: str = ""
+    caption: str = ""  # what is counted, over how many, in sentences
+    columns: tuple[TableColumn, ...]
+    blocks: tuple[TableBlock, ...]
+    notes: tuple[str, ...] = ()  # beneath it, a sentence each
+    command: str = ""  # the command line that makes it
+
+    def __post_init__(self) -> None:
+        """Raise ValueError when a row has another number of cells than there are columns."""
+        for row in self.rows:
+            if len(row.cells) != len(self.columns):
+                raise ValueError(f"table {self.name}: {len(row.cells)} cells in a row of {len(self.columns)} columns")
+
+    @property
+    def rows(self) -> tuple[TableRow, ...]:
+        """All rows, whatever block they are in."""
+        return tuple(row for block in self.blocks for row in block.rows)
+
+
+def groups(columns: Iterable[TableColumn]) -> list[tuple[str, int]]:
+    """Return the heads above the heads: (group, number of its columns) from left to right; '' where there is none."""
+    return [(group, len(list(members))) for group, members in itertools.groupby(columns, lambda column: column.group)]
+
+
+def words(title: str) -> TableColumn:
+    """Return a column of words."""
+    return TableColumn(name=title, title=title, align="left")
+
+
+def numbers(title: str, *, unit: str = "", decimals: int = 0, group: str = "") -> TableColumn:
+    """Return a column of numbers, or of texts that are set as numbers are."""
+    return TableColumn(name=title, title=title, unit=unit, decimals=decimals, group=group)
+
+
+def rows_of(lines: Iterable[Sequence[CellValue]]) -> tuple[TableRow, ...]:
+    """Return rows of plain values."""
+    return tuple(TableRow(cells=tuple(TableCell(value=value) for value in line)) for line in lines)
+
+
+def table_of(columns: Sequence[TableColumn], lines: Iterable[Sequence[CellValue]], *notes: str) -> ReportTable:
+    """Return a table of plain values in one block."""
+    return ReportTable(columns=tuple(columns), blocks=(TableBlock(title="", rows=rows_of(lines)),), notes=notes)
+
+
+def rounded(value: float, decimals: int) -> str:
+    """Return a number with so many decimals, halves away from zero as people round: 12.5 is 13, not Python's 12.
+
+    A value that rounds to zero has no sign.
+    """
+    text = f"{value + math.copysign(1e-9, value):.{decimals}f}"
+    return text if float(text) else text.removeprefix("-")

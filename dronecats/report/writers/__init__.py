@@ -1,1 +1,0 @@
-"""The report's tables as files: Markdown, LaTeX and CSV."""

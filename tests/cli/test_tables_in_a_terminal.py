@@ -1,0 +1,24 @@
+"""Tables of the verbs in a terminal of 100 columns, and in a pipe."""
+
+import subprocess
+
+import pytest
+
+from tests.support.command_line import DRONECATS
+from tests.support.terminal import in_terminal, screen
+
+WIDE = [["models", "list"], ["episodes", "list", "--suite", "quick"]]  # wider than 100 columns by themselves
+
+
+@pytest.mark.parametrize("verb", WIDE, ids=" ".join)
+def test_no_line_is_wider_than_the_terminal_and_a_pipe_gets_a_line_per_row(verb):
+    status, received = in_terminal([*DRONECATS, *verb], columns=100)
+    shown = screen(received)
+    assert status == 0
+    assert max(map(len, shown)) <= 100
+    piped = subprocess.run([*DRONECATS, *verb], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert max(map(len, piped)) > 100
+    assert (
+        "".join(sorted("".join(shown).replace("─", ""))).strip()
+        == "".join(sorted("".join(piped).replace("─", ""))).strip()
+    )
