@@ -6,6 +6,7 @@ refusal into one sentence with the file, the key, the value and the rule. `Meta(
 rule of a field.
 """
 
+import json
 import math
 import re
 import tomllib
@@ -14,7 +15,7 @@ from dataclasses import dataclass, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -22,6 +23,7 @@ from foundation.errors import UsageError
 from foundation.wording import did_you_mean, nearest
 
 BYTES_MAX = 1_000_000  # of a file that people write by hand
+DEPTH_MAX = 12  # levels of brackets in a JSON file
 SHOWN = 60  # characters of a value in a sentence
 STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # of the path that a message of msgspec ends with
 MISSING = re.compile(r"missing required field `(\w+)`")
@@ -33,25 +35,68 @@ WRONG = {
 T = TypeVar("T")
 
 
-def toml_table(path: Path, where: str, bytes_max: int = BYTES_MAX) -> dict[str, Any]:
-    """Return what a TOML file holds. Raises UsageError; `where` names the file there."""
+def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
+    """Return what a file holds. Raises UsageError; `where` names the file there. Of a larger file no more is read."""
     try:
         with path.open("rb") as file:
             data = file.read(bytes_max + 1)
     except OSError as error:
         raise UsageError(f"{where} cannot be read: {error.strerror}") from None
-    return toml_of(data, where, bytes_max)
+    _check_size(data, where, bytes_max)
+    return data
 
 
-def toml_of(data: bytes, where: str, bytes_max: int = BYTES_MAX) -> dict[str, Any]:
+def toml_table(path: Path, where: str) -> dict[str, Any]:
+    """Return what a TOML file holds. Raises UsageError."""
+    return toml_of(file_bytes(path, where), where)
+
+
+def toml_of(data: bytes, where: str) -> dict[str, Any]:
     """Return what the bytes of a TOML file hold. Raises UsageError."""
-    if len(data) > bytes_max:
-        raise UsageError(f"{where} is longer than {bytes_max} bytes, which no such file is")
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or a number of thousands of digits
-        reason = str(error).splitlines()[0] if str(error) else "it is nested too deeply"
-        raise UsageError(f"{where} is not TOML: {reason}") from None
+        raise UsageError(f"{where} is not TOML: {_reason(error)}") from None
+
+
+def json_of(data: bytes, where: str, bytes_max: int = BYTES_MAX, depth_max: int = DEPTH_MAX) -> Any:
+    """Return what the bytes of a JSON file hold: no constants beyond JSON's, no key twice. Raises UsageError."""
+
+    def constant(name: str) -> NoReturn:
+        raise UsageError(f"{where}: {name} is not a number that JSON allows")
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        table = dict(pairs)
+        if len(table) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise UsageError(f"{where}: {shown(twice)} appears twice in one object")
+        return table
+
+    _check_size(data, where, bytes_max)
+    try:
+        text = data.decode("utf-8")
+        depth = 0
+        for mark in re.finditer(r'"(?:[^"\\]|\\.)*"|[\[{\]}]', text, re.DOTALL):
+            depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(mark.group(), 0)
+            if depth > depth_max:
+                raise UsageError(f"{where}: the JSON is nested more than {depth_max} levels deep")
+        return json.loads(text, parse_constant=constant, object_pairs_hook=unique)
+    except json.JSONDecodeError as error:
+        raise UsageError(f"{where} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}") from None
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{where} is not UTF-8 text (byte {error.start})") from None
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits
+        raise UsageError(f"{where} is not JSON that can be read: {_reason(error)}") from None
+
+
+def _check_size(data: bytes, where: str, bytes_max: int) -> None:
+    if len(data) > bytes_max:
+        raise UsageError(f"{where} is larger than {bytes_max} bytes, which no such file is")
+
+
+def _reason(error: Exception) -> str:
+    return str(error).splitlines()[0].split(";")[0] if str(error) else "it is nested too deeply"
 
 
 def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
@@ -100,6 +145,13 @@ def unknown(key: str, known: Iterable[str], at: str = "") -> str:
     return f"{shown(join(at, key))} is unknown: {did_you_mean(near) if near else 'known are ' + ', '.join(names)}"
 
 
+def no_choice(value: Any, known: Iterable[str]) -> str:
+    """Return what is said of a value that is none of the known words."""
+    names = list(known)
+    near = nearest(value, names, cutoff=0.4) if isinstance(value, str) else []
+    return f"is {shown(value)}: use one of {', '.join(near or names)}"
+
+
 @dataclass(frozen=True, slots=True)
 class Rule:
     """An annotation taken apart."""
@@ -111,8 +163,8 @@ class Rule:
     @property
     def words(self) -> str:
         """What is said of a value that breaks the rule."""
-        if said := next((meta.extra["wrong"] for meta in self.meta if meta.extra and "wrong" in meta.extra), None):
-            return str(said)
+        if self.own_words:
+            return self.own_words
         low, high = self.bound("min_length"), self.bound("max_length")
         if get_origin(self.kind) is tuple:
             items = get_args(self.kind)
@@ -124,6 +176,11 @@ class Rule:
         if is_dataclass(self.kind):
             return "is not a table of keys and values"
         return WRONG.get(get_origin(self.kind) or self.kind, "is not what it should be")
+
+    @property
+    def own_words(self) -> str | None:
+        """The field's own sentence about a value that breaks the rule."""
+        return next((str(meta.extra["wrong"]) for meta in self.meta if meta.extra and "wrong" in meta.extra), None)
 
     @property
     def range(self) -> str:
@@ -151,10 +208,9 @@ class Rule:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if number and (self.kind is float or (self.kind is int and isinstance(value, int))):
             return f"is {shown(value)}, {self.range}"
-        if get_origin(self.kind) is Literal:
+        if get_origin(self.kind) is Literal and not self.own_words:
             known = [str(word) for word in get_args(self.kind)]
-            near = nearest(value, known, cutoff=0.4) if isinstance(value, str) else []
-            return f"is {shown(value)}: use one of {', '.join(near or known)}"
+            return no_choice(value, known)
         longest = self.bound("max_length")
         if self.kind is str and isinstance(value, str) and longest and not 0 < len(value) <= longest:
             return f"must have {self.bound('min_length') or 0} … {longest} characters"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec import Meta
 
 from foundation.errors import UsageError
-from foundation.typed_file import toml_of, toml_table, typed
+from foundation.typed_file import json_of, toml_table, typed
 from tests.support.refusal import refusal
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -108,9 +108,16 @@ def test_any_value_is_read_or_refused_in_one_short_sentence(key, value):
         assert len(read) < 300
 
 
-def test_a_file_that_is_no_toml_is_refused(tmp_path):
-    for data in (b"[m", b"\xff\xfe", b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"#" * 101):
-        message = refusal(toml_of, data, "cart.toml", 6000 if len(data) > 200 else 100)
+def test_a_file_that_cannot_be_parsed_is_refused_in_one_sentence(tmp_path):
+    path = tmp_path / "cart"
+    for data in (b"[m", b"\xff\xfe", b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"#" * 1_000_001):
+        path.write_bytes(data)
+        message = refusal(toml_table, path, "cart.toml")
         assert message.startswith("cart.toml ")
         assert "\n" not in message
+    for data in (b"", b"{", b"\xff\xfe", b"9" * 5000, b"[" * 5000, b'{"a": 1, "a": 1}', b"NaN", b" " * 1_000_001):
+        message = refusal(json_of, data, "cart.json")
+        assert message.startswith("cart.json")
+        assert "\n" not in message
     assert "gone.toml" in refusal(toml_table, tmp_path / "gone.toml", "--cart gone.toml")
+    assert str(tmp_path) in refusal(toml_table, tmp_path, f"--cart {tmp_path}")
