@@ -26,6 +26,7 @@ BYTES_MAX = 1_000_000  # of a file that people write by hand
 DEPTH_MAX = 12  # levels of brackets in a JSON file
 SHOWN = 60  # characters of a value in a sentence
 STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # of the path that a message of msgspec ends with
+REFUSALS = ("Expected", "Invalid", "Object", "Number")  # how a message of msgspec begins
 MISSING = re.compile(r"missing required field `(\w+)`")
 WRONG = {
     str: "is not text", int: "is not a whole number", float: "is not a number", bool: "is neither true nor false",
@@ -283,6 +284,8 @@ def _refused(error: str, value: Any, annotation: Any, at: str) -> str:
             annotation = rule.item(0)
             key = next(each for each, inner in value.items() if not _converts(inner, annotation))
             at, value = join(at, key), value[key]
+    if not error.startswith(REFUSALS):  # it is of the dataclass's own `__post_init__`
+        return f"{shown(at) if at else 'it'}: {error.partition(' - at `$')[0]}"
     if missing := MISSING.search(error):
         return f"{shown(join(at, missing[1]))} is missing"
     return f"{shown(at) if at else 'it'} {rule_of(annotation).broken_by(value)}"

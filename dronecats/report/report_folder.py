@@ -13,14 +13,14 @@ from dronecats.report.results.exclusion import Exclusion, exclusion_sentences
 from dronecats.report.writers.csv_table import as_csv
 from dronecats.report.writers.latex import as_latex
 from dronecats.report.writers.markdown import as_markdown, as_shell, escaped
-from episodes.records import blind
+from episodes.records.baselines import load_blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
 
 
 def lineup(collection: Collection, command: str, *, pool_anyway: bool = False) -> Lineup:
     """Return who stands in the report. Raises UsageError for what must not be counted together."""
-    return Lineup(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind.load(), command=command)
+    return Lineup(entrants=entrants(collection, pool_anyway=pool_anyway), blind=load_blind(), command=command)
 
 
 def opening(who: Lineup, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
