@@ -34,6 +34,7 @@ WRONG = {
 }  # fmt: skip
 
 T = TypeVar("T")
+Fault = tuple[str, str]  # place of a value, what is wrong with it
 
 
 def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
@@ -112,15 +113,16 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
         except msgspec.ValidationError as error:
             fault = _refused(str(error), value, kind, at)
         except UnicodeError:  # half a surrogate pair
-            fault = "holds a character that is no text"
-    raise UsageError(f"{where}: {fault}")
+            fault = at, "holds a character that is no text"
+    place, reason = fault
+    raise UsageError(f"{where}: {shown(place)} {reason}" if place else f"{where} {reason}")
 
 
 def replaced(base: T, table: dict[str, Any], where: str) -> T:
     """Return a dataclass's value with what a table says otherwise. Raises UsageError."""
     fields = fields_of(type(base))
     if stray := next((key for key in table if key not in fields), None):
-        raise UsageError(f"{where}: {unknown(stray, fields)}")
+        raise UsageError(f"{where}: {shown(stray)} {unknown(stray, fields)}")
     changes = {key: typed(value, fields[key], where, key) for key, value in table.items()}
     return replace(base, **changes)  # type: ignore[type-var]
 
@@ -139,11 +141,11 @@ def shown(value: Any) -> str:
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
 
-def unknown(key: str, known: Iterable[str], at: str = "") -> str:
-    """Return the sentence about a key that is not known."""
+def unknown(key: str, known: Iterable[str]) -> str:
+    """Return what is said of a key that is none of the known ones."""
     names = list(known)
     near = nearest(key, names, count=1)
-    return f"{shown(join(at, key))} is unknown: {did_you_mean(near) if near else 'known are ' + ', '.join(names)}"
+    return f"is unknown: {did_you_mean(near) if near else 'known are ' + ', '.join(names)}"
 
 
 def no_choice(value: Any, known: Iterable[str]) -> str:
@@ -207,9 +209,11 @@ class Rule:
     def broken_by(self, value: Any) -> str:
         """Return what is said of this value, which breaks the rule."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
+        if self.own_words:
+            return f"{self.own_words} ({shown(value)})"
         if number and (self.kind is float or (self.kind is int and isinstance(value, int))):
             return f"is {shown(value)}, {self.range}"
-        if get_origin(self.kind) is Literal and not self.own_words:
+        if get_origin(self.kind) is Literal:
             known = [str(word) for word in get_args(self.kind)]
             return no_choice(value, known)
         longest = self.bound("max_length")
@@ -245,10 +249,10 @@ def rule_of(annotation: Any) -> Rule:
         annotation = left[0]
 
 
-def _passed(value: Any, annotation: Any, at: str) -> str | None:
-    """Return the sentence about what msgspec would let pass, None where there is nothing."""
+def _passed(value: Any, annotation: Any, at: str) -> Fault | None:
+    """Return what msgspec would let pass, None where there is nothing."""
     if isinstance(value, float):
-        return None if math.isfinite(value) else f"{shown(at)} is {value}, which is not a finite number"
+        return None if math.isfinite(value) else (at, f"is {value}, which is not a finite number")
     if not isinstance(value, dict | list):
         return None
     rule = rule_of(annotation)
@@ -256,9 +260,9 @@ def _passed(value: Any, annotation: Any, at: str) -> str | None:
         fields = fields_of(rule.kind)
         for key, inner in value.items():
             if key not in fields:
-                return unknown(key, fields, at)
+                return join(at, key), unknown(key, fields)
             if inner is None and rule_of(fields[key]).optional:
-                return f"{shown(join(at, key))} is null: leave it out"
+                return join(at, key), "is null: leave it out"
             if fault := _passed(inner, fields[key], join(at, key)):
                 return fault
     elif isinstance(value, dict) and get_origin(rule.kind) is dict:
@@ -270,8 +274,8 @@ def _passed(value: Any, annotation: Any, at: str) -> str | None:
     return None
 
 
-def _refused(error: str, value: Any, annotation: Any, at: str) -> str:
-    """Return the sentence about a value that msgspec refused with this message."""
+def _refused(error: str, value: Any, annotation: Any, at: str) -> Fault:
+    """Return what is wrong with a value that msgspec refused with this message."""
     for key, index in STEP.findall(error.partition(" - at `$")[2]):
         rule = rule_of(annotation)
         if get_origin(rule.kind) in (Union, UnionType):  # several kinds: msgspec does not say which one was meant
@@ -285,10 +289,10 @@ def _refused(error: str, value: Any, annotation: Any, at: str) -> str:
             key = next(each for each, inner in value.items() if not _converts(inner, annotation))
             at, value = join(at, key), value[key]
     if not error.startswith(REFUSALS):  # it is of the dataclass's own `__post_init__`
-        return f"{shown(at) if at else 'it'}: {error.partition(' - at `$')[0]}"
+        return at, f"is wrong: {error.partition(' - at `$')[0]}"
     if missing := MISSING.search(error):
-        return f"{shown(join(at, missing[1]))} is missing"
-    return f"{shown(at) if at else 'it'} {rule_of(annotation).broken_by(value)}"
+        return join(at, missing[1]), "is missing"
+    return at, rule_of(annotation).broken_by(value)
 
 
 def _converts(value: Any, annotation: Any) -> bool:

@@ -51,7 +51,7 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
     """Return the airframe that a parsed TOML table describes. Raises UsageError naming the field and the reason."""
     where = f"airframe '{name}'"
     if "name" in table:  # which the file's own name is
-        raise UsageError(f"{where}: {unknown('name', [key for key in fields_of(Airframe) if key != 'name'])}")
+        raise UsageError(f"{where}: 'name' {unknown('name', [key for key in fields_of(Airframe) if key != 'name'])}")
     airframe = typed({**table, "name": name}, Airframe, where)
     if any(rotor.spin not in (-1, 1) for rotor in airframe.rotors):
         raise UsageError(f"{where}: rotors.spin must be +1 (counter-clockwise seen from above) or -1")

@@ -1,32 +1,53 @@
 """A model as a value: who serves it, under which name, and everything that is declared about it."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from dronecats.agent.action import AxisOrder
 
 PAPERS_TEMPERATURE = 0.4
+TEMPERATURE_MAX = 2.0
+COUNT_MAX = 100_000_000  # of tokens
+PRICE_MAX = 100_000.0
+
+Text = Annotated[str, Meta(pattern=r"\S", extra={"wrong": "is not a text"})]
+Temperature = Annotated[
+    float,
+    Meta(
+        ge=0.0,
+        le=TEMPERATURE_MAX,
+        extra={"wrong": f'is not a number from 0 to {TEMPERATURE_MAX:g}, or "none" where none may be sent'},
+    ),
+]
+Count = Annotated[int, Meta(ge=1, le=COUNT_MAX, extra={"wrong": f"is not a whole number from 1 to {COUNT_MAX:,}"})]
+Dollars = Annotated[  # per million tokens
+    float, Meta(ge=0.0, le=PRICE_MAX, extra={"wrong": f"is not a number from 0 to {PRICE_MAX:,g}"})
+]
+Root = Annotated[Literal["object", "array"], Meta(extra={"wrong": 'is not "object", "array" or "none"'})]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelSpec:
     """What `open_model` opens. Sampling is the paper's ("Model Serving and Decoding") unless said otherwise."""
 
-    provider: str  # a key of providers.PROVIDERS
-    name: str  # as the provider calls it
-    base_url: str | None = None  # None: the provider's own
+    provider: Text  # a key of providers.PROVIDERS
+    name: Text  # as the provider calls it
+    base_url: Text | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
-    temperature: float | None = PAPERS_TEMPERATURE  # None: none is sent, for models that refuse one
-    top_p: float | None = None  # None: the provider's, if it has one
-    top_k: int | None = None  # … likewise
-    max_tokens: int = 8192  # of a reply
-    schema: Literal["object", "array"] | None = None  # the root that the server holds replies to; None: none is sent
+    temperature: Temperature | None = PAPERS_TEMPERATURE  # None: none is sent, for models that refuse one
+    top_p: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None  # None: the provider's, if it has one
+    top_k: Count | None = None  # … likewise
+    max_tokens: Count = 8192  # of a reply
+    schema: Root | None = None  # the root that the server holds replies to; None: none is sent
     thinking: dict[str, Any] | None = None  # fields while reasoning is lifted; None: the provider's
     quick: dict[str, Any] | None = None  # … and while it is not
-    input_usd: float | None = None  # $ per million tokens of a question; None: not known
-    output_usd: float | None = None  # … of a reply, reasoning included
-    tokens_field: str | None = None  # what the OpenAI chat format calls max_tokens; None: as the provider calls it
-    context_tokens: int | None = None  # that a question and its reply may have together; None: not known
+    input_usd: Dollars | None = None  # of a question; None: not known
+    output_usd: Dollars | None = None  # … of a reply, reasoning included
+    # what the OpenAI chat format calls max_tokens; None: as the provider calls it
+    tokens_field: Literal["max_tokens", "max_completion_tokens"] | None = None
+    context_tokens: Count | None = None  # that a question and its reply may have together; None: not known
 
     @property
     def title(self) -> str:
