@@ -59,7 +59,7 @@ def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
 
 def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
     """Return a model with what the options say otherwise. Raises UsageError for a value that cannot be sent."""
-    from dronecats.agent.models.providers import with_effort
+    from dronecats.agent.models.spec import with_effort
 
     changed: dict[str, Any] = {}
     if args.base_url:

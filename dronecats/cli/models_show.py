@@ -26,8 +26,8 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Print the model; nothing is sent, and no key is needed."""
-    from dronecats.agent.models.providers import spec_of
     from dronecats.agent.models.rows import row_of, rows
+    from dronecats.agent.models.spec import spec_of
     from dronecats.cli.models_list import as_json
 
     row = row_of(args.model, rows())

@@ -8,8 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.models.providers import PROVIDERS, provider_of, spec_of
-from dronecats.agent.models.spec import ModelSpec, Text
+from dronecats.agent.models.providers import PROVIDERS, provider_of
+from dronecats.agent.models.spec import ModelSpec, Text, spec_of
 from foundation.errors import UsageError
 from foundation.typed_file import fields_of, file_bytes, no_choice, toml_of, typed, unknown
 from foundation.wording import did_you_mean, nearest

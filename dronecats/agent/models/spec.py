@@ -1,13 +1,15 @@
 """A model as a value: who serves it, under which name, and everything that is declared about it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
 from dronecats.agent.action import AxisOrder
+from dronecats.agent.models.providers import PAPERS_TEMPERATURE, PROVIDERS, provider_of
+from foundation.errors import UsageError
 
-PAPERS_TEMPERATURE = 0.4
+NO_EFFORT = "none"
 TEMPERATURE_MAX = 2.0
 COUNT_MAX = 100_000_000  # of tokens
 PRICE_MAX = 100_000.0
@@ -53,3 +55,28 @@ class ModelSpec:
     def title(self) -> str:
         """PROVIDER/NAME, as the command line has it."""
         return f"{self.provider}/{self.name}"
+
+
+def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
+    """Return a model that reasons with this effort on every step but the one after a `think`.
+
+    `effort` is the vendor's own word, as low or none. A chat template's switch is on for all words but none.
+    """
+    provider = provider_of(spec.provider)
+    lifted, quick = (
+        of_provider if own is None else own
+        for own, of_provider in ((spec.thinking, provider.thinking), (spec.quick, provider.quick))
+    )
+    value: Any = effort.upper() if provider.effort_in_capitals else effort
+    for key in reversed(provider.effort):
+        value = {key: value}
+    return replace(spec, quick={**(quick if effort == NO_EFFORT else lifted), **value})
+
+
+def spec_of(model: str, base_url: str | None = None, option: str = "--model") -> ModelSpec:
+    """Return the model that 'PROVIDER/NAME' names. Raises UsageError for what has no such form."""
+    head, slash, name = model.partition("/")
+    if not (slash and name):
+        raise UsageError(f"{option} wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
+    provider = provider_of(head)
+    return ModelSpec(provider=provider.name, name=name, base_url=base_url, temperature=provider.temperature)
