@@ -55,9 +55,11 @@ lock: install
 	$(LOCK) --extra sim --extra vision -o requirements/fly.lock
 	$(LOCK) --extra dev --constraints requirements/fly.lock -o requirements/dev.lock
 
-# Rewrites foundation/run_folder/schemas from the rows. Run it when a row changes.
+# Rewrites foundation/run_folder/schemas and the episode record's schema from the types. Run it when a row or the record
+# changes.
 schemas: install
 	$(BIN)/python -c "from foundation.run_folder.schema import write; write()"
+	$(BIN)/python -c "from episodes.records.schema import write; write()"
 
 # Rewrites the tables of docs/metrics.md from the registry. Run it when a metric changes.
 metrics: install

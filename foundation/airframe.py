@@ -2,8 +2,19 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from foundation.frames import GRAVITY, Vec3
+from foundation.sensors import MAX_ROTORS
+
+MAX_CONTACTS = 16  # what the compiled records hold
+LARGE = 1e12  # no constant of an aircraft is larger
+
+Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
+NotNegative = Annotated[float, Meta(ge=0.0, lt=LARGE)]
+Count = Annotated[int, Meta(gt=0, lt=1000)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,26 +32,26 @@ class RotorCurve:
     An actuator command u in [0, 1] is a fraction of `speed_max`: thrust = thrust_coefficient · (u · speed_max)².
     """
 
-    thrust_coefficient: float  # N / (rad/s)²
-    torque_coefficient: float  # N·m / (rad/s)²
-    speed_max: float  # rad/s at u = 1 and nominal battery voltage
-    speed_idle: float  # rad/s when armed at u = 0
-    time_constant_up_s: float  # s, first-order spin-up
-    time_constant_down_s: float  # s, first-order spin-down
-    inertia: float  # kg·m², rotor and bell about the spin axis
-    radius_m: float  # m
-    drag_coefficient: float  # N / ((rad/s)·(m/s)), in-plane (blade) drag
-    rotating_kg: float = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: it does not shake
+    thrust_coefficient: Positive  # N / (rad/s)²
+    torque_coefficient: Positive  # N·m / (rad/s)²
+    speed_max: Positive  # rad/s at u = 1 and nominal battery voltage
+    speed_idle: NotNegative  # rad/s when armed at u = 0
+    time_constant_up_s: Positive  # s, first-order spin-up
+    time_constant_down_s: Positive  # s, first-order spin-down
+    inertia: Positive  # kg·m², rotor and bell about the spin axis
+    radius_m: Positive  # m
+    drag_coefficient: NotNegative  # N / ((rad/s)·(m/s)), in-plane (blade) drag
+    rotating_kg: NotNegative = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: it does not shake
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
     """A LiPo pack."""
 
-    cells: int
-    capacity_ah: float
-    resistance_ohm: float  # whole pack
-    avionics_w: float  # constant draw beside the rotors
+    cells: Count
+    capacity_ah: Positive
+    resistance_ohm: NotNegative  # whole pack
+    avionics_w: NotNegative  # constant draw beside the rotors
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +59,16 @@ class Airframe:
     """A multirotor. Loaded from `vehicles/airframes/NAME.toml`, where each constant names its source."""
 
     name: str
-    mass_kg: float
-    inertia_frd: Vec3  # kg·m², principal moments about FRD axes
-    rotors: tuple[Rotor, ...]
+    mass_kg: Positive
+    inertia_frd: tuple[Positive, Positive, Positive]  # kg·m², principal moments about FRD axes
+    rotors: Annotated[tuple[Rotor, ...], Meta(min_length=3, max_length=MAX_ROTORS)]
     curve: RotorCurve
-    drag_linear_frd: Vec3  # N / (m/s), body axes
-    drag_quadratic_frd: Vec3  # N / (m/s)², body axes
-    contact_points_frd: tuple[Vec3, ...]  # m, feet and other points that touch the ground
+    drag_linear_frd: tuple[NotNegative, NotNegative, NotNegative]  # N / (m/s), body axes
+    drag_quadratic_frd: tuple[NotNegative, NotNegative, NotNegative]  # N / (m/s)², body axes
+    # m, feet and other points that touch the ground
+    contact_points_frd: Annotated[tuple[Vec3, ...], Meta(min_length=3, max_length=MAX_CONTACTS)]
     battery: Battery
-    mav_type: int = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
+    mav_type: Count = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
 
     @property
     def thrust_max(self) -> float:

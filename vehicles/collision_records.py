@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.airframe import MAX_CONTACTS
 from foundation.sensors import MAX_ROTORS
-from vehicles.airframe import MAX_CONTACTS
 
 Grid32 = NDArray[np.float32]
 Index = NDArray[np.int32]

@@ -23,6 +23,8 @@ from vehicles.records import FAULTS, GPS_QUEUE, MAX_FAULTS
 NONE, BIAS, DELAY, FREEZE, FAIL, WEAKEN = range(6)
 KINDS = {"fail": FAIL, "freeze": FREEZE, "bias": BIAS, "delay": DELAY, "weaken": WEAKEN}
 
+FOR_EVER_US = 2**62  # µs since boot
+
 ACCEL, GYRO, MAG, BARO, GPS, RANGE, ROTOR_1 = range(7)
 PARTS = {"accel": ACCEL, "gyro": GYRO, "mag": MAG, "baro": BARO, "gps": GPS, "range": RANGE} | {
     f"rotor{i + 1}": ROTOR_1 + i for i in range(MAX_ROTORS)
@@ -36,7 +38,7 @@ class Fault:
     part: str  # a key of PARTS; rotors count from 1 in the airframe's order
     kind: str  # a key of KINDS
     from_us: int = 0  # µs since boot
-    until_us: int = 2**62  # µs since boot
+    until_us: int = FOR_EVER_US  # µs since boot
     value: Vec3 = (0.0, 0.0, 0.0)  # a scalar sensor reads the first component
 
 

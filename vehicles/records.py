@@ -7,9 +7,9 @@ vehicle. Sensor, actuator and truth records are the border's.
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.airframe import MAX_CONTACTS
 from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
-from vehicles.airframe import MAX_CONTACTS
 
 RandomStream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
 Load = tuple[Vec3, Vec3, float]  # of the rotors: force N FRD, moment N·m FRD, angular momentum about z in N·m·s

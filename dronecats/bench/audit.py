@@ -7,7 +7,7 @@ from typing import Any
 
 from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from episodes.records import suites
-from episodes.records.blind import BlindFlight, Table
+from episodes.records.baselines import BlindFlight, BlindTable
 from episodes.records.record import CELLS
 from foundation.run_folder.results import SCORED, Result
 from foundation.wording import counted
@@ -120,7 +120,7 @@ class Floor:
     within_three: tuple[str, ScoreRow]  # … and the one that solved most with three declarations
 
 
-def floor(blind: Table, name: str, results: Iterable[Result]) -> Floor | None:
+def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> Floor | None:
     """Return the floor under these results; None when no blind pilot has flown all of their episodes."""
     episodes = [r.episode for r in results]
     rows = [

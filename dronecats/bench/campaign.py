@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.engine import Engine, Sortie
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry

@@ -11,7 +11,8 @@ from dronecats.agent.action import NONE_YET
 from dronecats.agent.latency import Circumstance, Question, latency
 from dronecats.agent.models.http_model import tokens_of
 from dronecats.agent.models.ledger import cost
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from dronecats.bench.benchmark_folder import setting_of
 from dronecats.bench.campaign import OpenRun

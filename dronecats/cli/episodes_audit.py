@@ -13,7 +13,7 @@ from foundation.wording import printable
 if TYPE_CHECKING:
     from dronecats.bench.campaign import Came
     from dronecats.flight.spec.flight_spec import FlightSpec
-    from episodes.records.blind import BlindFlight
+    from episodes.records.baselines import BlindFlight
     from foundation.run_folder.results import Result
 
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.bench.matrix import suite_of
     from dronecats.flight.run.settings import settings
     from dronecats.flight.spec.flight import look_up
-    from episodes.records import blind
+    from episodes.records.baselines import load_blind
     from foundation.errors import UsageError
     from foundation.run_folder.folder import fresh_run
     from foundation.run_folder.reading import stored_result
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         _keep(pars(results))
     if args.write_blind:
         _keep_blind(args.pilot, flights(results))
-    under = {name: floor(blind.load(), name, members) for name, members in lines.items()}
+    under = {name: floor(load_blind(), name, members) for name, members in lines.items()}
     if args.json:
         unsolved = {r.episode: r.outcome for r in results if r.outcome != "success"}
         report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [r.as_json() for r in rows]}
@@ -135,17 +135,19 @@ def _reason(result: "Result") -> str:
 
 def _keep(steps: dict[str, int]) -> None:
     """Put the steps of shipped episodes into the table of pars; those that were not flown keep theirs."""
-    from episodes.records import catalogue, par
+    from episodes.records import catalogue
+    from episodes.records.baselines import PAR, load_par
     from foundation.run_folder.folder import write_json
 
     known = catalogue.known()
-    table = {**par.load(), **steps}
-    write_json(par.FILE, {episode: table[episode] for episode in known if episode in table})
+    table = {**load_par(), **steps}
+    write_json(PAR, {episode: table[episode] for episode in known if episode in table})
 
 
 def _keep_blind(pilot: str, flown: "dict[str, BlindFlight]") -> None:
     """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
-    from episodes.records import blind, catalogue
+    from episodes.records import catalogue
+    from episodes.records.baselines import BLIND, load_blind, merged
     from foundation.run_folder.folder import write_json
 
-    write_json(blind.FILE, blind.merged(blind.load(), pilot, flown, catalogue.known()))
+    write_json(BLIND, merged(load_blind(), pilot, flown, catalogue.known()))

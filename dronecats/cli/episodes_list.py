@@ -17,9 +17,10 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 def run(args: argparse.Namespace) -> int:
     """Print the episodes."""
     from dronecats.report.table import numbers, table_of, words
-    from episodes.records import catalogue, par, suites
+    from episodes.records import catalogue, suites
+    from episodes.records.baselines import load_par
 
-    pars = par.load()
+    pars = load_par()
     records = [catalogue.load(episode) for episode in suites.ids(args.suite)]
     if args.json:
         rows = [

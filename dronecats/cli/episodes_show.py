@@ -23,10 +23,11 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 def run(args: argparse.Namespace) -> int:
     """Print the episode and, if asked for, write its first frame."""
     from dronecats.report.table import table_of, words
-    from episodes.records import catalogue, par, suites
+    from episodes.records import catalogue, suites
+    from episodes.records.baselines import load_par
 
     record = catalogue.load(args.episode)
-    member, steps = (suites.of(record.id), par.load().get(record.id)) if catalogue.ships(record) else ((), None)
+    member, steps = (suites.of(record.id), load_par().get(record.id)) if catalogue.ships(record) else ((), None)
     if args.picture is not None:
         from episodes.authoring.pictures.first_frame import write_first_frame
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dronecats.agent.models.model import ModelSpec
+    from dronecats.agent.models.spec import ModelSpec
 
 # as argparse has them
 OPTIONS = ("base_url", "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort")
@@ -59,7 +59,7 @@ def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
 
 def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
     """Return a model with what the options say otherwise. Raises UsageError for a value that cannot be sent."""
-    from dronecats.agent.models.providers import with_effort
+    from dronecats.agent.models.spec import with_effort
 
     changed: dict[str, Any] = {}
     if args.base_url:
@@ -87,29 +87,21 @@ def told(spec: "ModelSpec") -> str:
 
 
 def _temperature(text: str) -> float | None:
-    from dronecats.agent.models.rows import NONE, TEMPERATURE_MAX
-    from foundation.errors import UsageError
+    from dronecats.agent.models.rows import NONE
 
-    if text == NONE:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= TEMPERATURE_MAX:
-        raise UsageError(f"--temperature wants a number from 0 to {TEMPERATURE_MAX:g}, or none, got '{text}'")
-    return value
+    return None if text == NONE else _stated("temperature", text)
 
 
 def _stated(name: str, text: str) -> float:
-    """Return the number that an option states, as a row of models.toml may. Raises UsageError for any other."""
-    from dronecats.agent.models.rows import KEYS
-    from foundation.errors import UsageError
+    """Return the number that an option states. Raises UsageError for one that a model cannot have."""
+    from dronecats.agent.models.spec import ModelSpec
+    from foundation.typed_file import fields_of, typed
 
     try:
-        return float(KEYS[name].read(json.loads(text)))
-    except ValueError as wants:
-        raise UsageError(f"--{name.replace('_', '-')} wants {wants}, got '{text:.40}'") from None
+        value = json.loads(text)
+    except ValueError:
+        value = text
+    return float(typed(value, fields_of(ModelSpec)[name], f"--{name.replace('_', '-')}"))
 
 
 def _effort(text: str) -> str:

@@ -45,9 +45,9 @@ def listed(endpoint: str) -> list[str]:
 
     A server at a provider's own address is asked with that provider's key.
     """
-    from dronecats.agent.models.model import ModelSpec
     from dronecats.agent.models.open import open_model
     from dronecats.agent.models.providers import PROVIDERS
+    from dronecats.agent.models.spec import ModelSpec
 
     url = endpoint.rstrip("/")
     known = next((each for each in PROVIDERS.values() if url in (each.name, each.base_url)), PROVIDERS["local"])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli.model_options import add_options, told, with_options
 
 if TYPE_CHECKING:
-    from dronecats.agent.models.model import ModelSpec
+    from dronecats.agent.models.spec import ModelSpec
 
 INSTRUCTION = "go to the cyan SUV"  # of the request that is shown
 
@@ -26,8 +26,8 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Print the model; nothing is sent, and no key is needed."""
-    from dronecats.agent.models.providers import spec_of
     from dronecats.agent.models.rows import row_of, rows
+    from dronecats.agent.models.spec import spec_of
     from dronecats.cli.models_list import as_json
 
     row = row_of(args.model, rows())

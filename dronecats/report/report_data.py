@@ -10,7 +10,7 @@ from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import differences, identity, refusal
 from dronecats.report.table import TableBlock, TableCell, TableColumn, TableRow
-from episodes.records import blind
+from episodes.records.baselines import BlindTable
 from episodes.records.record import CELLS
 
 MODELS = "Models"
@@ -33,7 +33,7 @@ class ReportData:
     """All that the tables are made of."""
 
     entrants: tuple[Entrant, ...]
-    blind: blind.Table  # what pilots that do not look came to on the episodes that ship
+    blind: BlindTable  # what pilots that do not look came to on the episodes that ship
     command: str  # the command line that makes the report
 
     @property
@@ -108,7 +108,7 @@ def what_it_is(pilot: str) -> str:
     return f"{pilot} says recorded replies again." if kind == "recorded" else ""
 
 
-def floor(table: blind.Table, flown: Iterable[str]) -> tuple[str, int, int] | None:
+def floor(table: BlindTable, flown: Iterable[str]) -> tuple[str, int, int] | None:
     """Return (pilot, solved, flown) of the blind pilot that solved most of these episodes; None: none flew them all."""
     ids = sorted(set(flown))
     solved = [

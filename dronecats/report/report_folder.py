@@ -11,14 +11,14 @@ from dronecats.report.results.entrants import entrants
 from dronecats.report.results.exclusion import Exclusion, exclusion_sentences
 from dronecats.report.table import ReportTable
 from dronecats.report.writers import as_csv, as_markdown, as_shell, escaped
-from episodes.records import blind
+from episodes.records.baselines import load_blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
 
 
 def report_data(collection: Collection, command: str, *, pool_anyway: bool = False) -> ReportData:
     """Return what the report is about. Raises UsageError for runs that must not be counted together."""
-    return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind.load(), command=command)
+    return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=load_blind(), command=command)
 
 
 def opening(who: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:

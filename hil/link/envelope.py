@@ -8,6 +8,9 @@ half a second's lag comes to rest short of it.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from foundation.errors import LinkError
 from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
@@ -22,27 +25,34 @@ BACK_MAX = 0.5  # m/s, at which a vehicle that is beyond a limit is brought back
 TOUCHING_M = 1e-3  # m
 STALE_US = 500_000  # µs without a position after which none is believed
 
-Corner = tuple[float, float]  # m, north and east of home
+LARGE = 1e12  # no limit is larger
+
+Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
+Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
+Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
+GeodeticCorner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [latitude, longitude]"})]  # °
+Polygon = Annotated[tuple[Corner, ...], Meta(min_length=3)]
+GeodeticPolygon = Annotated[tuple[GeodeticCorner, ...], Meta(min_length=3)]
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What the envelope holds a vehicle to. Heights and distances are from home."""
 
-    ceiling_m: float = 30.0
-    floor_m: float = 0.7  # while flying the agent's setpoints; take-off and landing are the autopilot's
-    radius_m: float = 100.0  # horizontal
-    speed: float = 1.5  # m/s, horizontal; the paper's controller asks for at most 1.2
-    climb: float = 1.2  # m/s, up or down
-    yaw_rate: float = 1.2  # rad/s; the paper's 60°/s is 1.05
-    margin_m: float = 1.0  # short of every limit across the ground at which the vehicle is to stand still
-    height_margin_m: float = 0.3  # the same of ceiling and floor
-    battery_min: float | None = 0.25  # 0 … 1; None: not watched
-    flight_time_max_s: float | None = 900.0  # since the agent took over; None: not watched
-    frame_s: float = 1.0  # s: on a frame that is older nothing is decided; the vehicle holds until a newer one comes
-    heartbeat_s: float = 3.0  # s of vehicle time without a heartbeat after which nothing moves
-    exclusions: tuple[tuple[Corner, ...], ...] = ()  # polygons that may not be entered, at any height
-    exclusions_geodetic: tuple[tuple[Corner, ...], ...] = ()  # the same in latitude and longitude, °; see `placed`
+    ceiling_m: Positive = 30.0
+    floor_m: Number = 0.7  # while flying the agent's setpoints; take-off and landing are the autopilot's
+    radius_m: Positive = 100.0  # horizontal
+    speed: Positive = 1.5  # m/s, horizontal; the paper's controller asks for at most 1.2
+    climb: Positive = 1.2  # m/s, up or down
+    yaw_rate: Positive = 1.2  # rad/s; the paper's 60°/s is 1.05
+    margin_m: Positive = 1.0  # short of every limit across the ground at which the vehicle is to stand still
+    height_margin_m: Positive = 0.3  # the same of ceiling and floor
+    battery_min: Positive | None = 0.25  # 0 … 1; None: not watched
+    flight_time_max_s: Positive | None = 900.0  # since the agent took over; None: not watched
+    frame_s: Positive = 1.0  # s: on a frame that is older nothing is decided; the vehicle holds until a newer one comes
+    heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat after which nothing moves
+    exclusions: tuple[Polygon, ...] = ()  # that may not be entered, at any height
+    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # likewise; see `placed`
 
 
 SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches them

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from dronecats.bench.audit import flights, floor, groups, row, table, text
 from dronecats.cli.main import main
 from dronecats.pilots.patterns import PATTERNS
-from episodes.records import blind, catalogue, suites
-from episodes.records.blind import BlindFlight
+from episodes.records import catalogue, suites
+from episodes.records.baselines import BlindFlight, BlindTable, load_blind, merged
+from foundation.errors import UsageError
 from foundation.run_folder.results import Result
 
 IDS = catalogue.ids()
@@ -121,7 +122,7 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
 @given(results())
 def test_kept_flights_make_the_rows_that_were_flown(flown: list[dict[str, object]]) -> None:
     scored = [f for f in flown if f["outcome"] != "error"]
-    kept = blind.merged({}, "blind:any", flights(made(flown)), IDS)
+    kept = merged({}, "blind:any", flights(made(flown)), IDS)
     read = {"blind:any": {episode: BlindFlight(**one) for episode, one in kept["blind:any"].items()}}
     for name, members in groups(made(scored)).items():
         under = floor(read, name, members)
@@ -142,9 +143,9 @@ def test_what_is_no_table_of_flights_is_refused(tmp_path: Path) -> None:
     ):
         file = tmp_path / "blind.json"
         file.write_text(wrong)
-        with pytest.raises(ValueError, match=r"blind\.json"):
-            blind.load(file)
-        assert blind.load(tmp_path / "none.json") == {}, wrong
+        with pytest.raises(UsageError, match=r"blind\.json"):
+            load_blind(file)
+        assert load_blind(tmp_path / "none.json") == {}, wrong
 
 
 def test_only_a_blind_pilots_flights_are_kept_as_such(capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,7 +155,7 @@ def test_only_a_blind_pilots_flights_are_kept_as_such(capsys: pytest.CaptureFixt
 
 
 UNAWARE = [name for name, pattern in PATTERNS.items() if "16 m" not in pattern.says]
-KEPT = blind.load()
+KEPT = load_blind()
 CELLS = sorted({name.rpartition("-")[0] for name in IDS})
 
 
@@ -180,7 +181,7 @@ def test_every_cell_has_its_floor() -> None:
         assert floor(KEPT, cell, of_cell) is not None, cell
 
 
-def too_good(table: blind.Table, cell: str) -> list[str]:
+def too_good(table: BlindTable, cell: str) -> list[str]:
     """Return the pilots that know nothing of the draw and are over SR₃ 10 % in a cell, or over SR 20 % and no sweep."""
     of_cell, found = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell]), []
     for name in UNAWARE:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.models.ledger import Ledger
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
 from dronecats.bench.matrix import BenchEntry, entries, part_of, suite_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.models.ledger import Spent
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, OpenRun
 from dronecats.bench.estimate import CostEstimate, foreseen_usd
 from dronecats.bench.matrix import BenchEntry

@@ -13,7 +13,7 @@ import threading
 import psutil
 import pytest
 
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.engine import Sortie
 from dronecats.bench.local import LocalEngine

@@ -7,7 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench import local
 from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.engine import Sortie

@@ -10,7 +10,8 @@ import pytest
 
 from dronecats.cli.main import main
 from episodes.maps import build
-from episodes.records import catalogue, par, suites
+from episodes.records import catalogue, suites
+from episodes.records.baselines import load_par
 from foundation.errors import UsageError
 from tests import pictures
 
@@ -107,15 +108,15 @@ def test_check_asks_for_a_record_that_exists(capsys: pytest.CaptureFixture[str])
 
 
 def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
-    assert set(par.load()) <= set(catalogue.known())
-    assert par.load(tmp_path / "none.json") == {}
+    assert set(load_par()) <= set(catalogue.known())
+    assert load_par(tmp_path / "none.json") == {}
     file = tmp_path / "par.json"
     file.write_text('{"a": 9}')
-    assert par.load(file) == {"a": 9}
+    assert load_par(file) == {"a": 9}
     for wrong in ("[]", '{"a": 0}', '{"a": true}', '{"a": 1.5}'):
         file.write_text(wrong)
-        with pytest.raises(ValueError, match=r"par\.json"):
-            par.load(file)
+        with pytest.raises(UsageError, match=r"par\.json"):
+            load_par(file)
 
 
 def test_recorded_numbers_are_short(tmp_path: Path) -> None:

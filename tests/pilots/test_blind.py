@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import ActionError, Finished, Go, Rotate
 from dronecats.agent.controller import plan
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.strict import parse, parse_fleet
 from dronecats.flight.spec.flight import look_up

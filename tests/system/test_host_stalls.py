@@ -8,7 +8,7 @@ import threading
 import psutil
 import pytest
 
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.incidents import STALL_S, delayed

@@ -5,7 +5,8 @@ from typing import Any
 
 from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
 from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, text_of
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Limiters
 from foundation.errors import UsageError
 

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import msgspec
+
 from dronecats.agent.models.model import Model, Reply, Request
 from foundation.errors import InfrastructureError
 from foundation.sqlite_file import FileKind, SqliteFile
@@ -49,8 +51,8 @@ class ReplyCache:
 
 def _reply(told: str) -> Reply:
     try:
-        return Reply(**json.loads(told))
-    except (ValueError, TypeError):
+        return msgspec.convert(json.loads(told), Reply)
+    except (ValueError, msgspec.ValidationError):
         raise InfrastructureError("the cache holds what is no reply; move it away, or name another file") from None
 
 

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
-from dronecats.agent.models.model import ModelSpec, Reply, Request
+from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.providers import LOOPBACK, PROVIDERS, provider_of
 from dronecats.agent.models.reply_schema import known_part, orders_schema, reply_schema
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Limiters
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url

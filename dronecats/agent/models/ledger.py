@@ -11,7 +11,8 @@ from typing import Protocol
 import msgspec
 
 from dronecats.agent.models.http_model import tokens_of
-from dronecats.agent.models.model import Model, ModelSpec, Reply, Request
+from dronecats.agent.models.model import Model, Reply, Request
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance, Limiter, Turns
 from foundation.errors import BudgetError, UsageError
 from foundation.sqlite_file import FileKind, SqliteFile

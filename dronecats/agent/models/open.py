@@ -4,9 +4,9 @@ from dronecats.agent.models.anthropic import AnthropicModel
 from dronecats.agent.models.endpoint import DEFAULT, RetryPolicy
 from dronecats.agent.models.gemini import GeminiModel
 from dronecats.agent.models.http_model import HttpModel
-from dronecats.agent.models.model import ModelSpec
 from dronecats.agent.models.openai_chat import ChatModel
 from dronecats.agent.models.providers import Wire, provider_of
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Limiters
 
 _FORMATS: dict[Wire, type[HttpModel]] = {"openai": ChatModel, "gemini": GeminiModel, "anthropic": AnthropicModel}

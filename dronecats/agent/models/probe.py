@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from dronecats.agent.action import AxisOrder, Go, action_from
-from dronecats.agent.models.model import Model, ModelSpec, Reply, Request
+from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.models.reply_schema import flat_action_schema
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.reply.reading import ReplyParser, reading
 from foundation.errors import ModelError
 

@@ -2,14 +2,13 @@
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from dronecats.agent.models.model import PAPERS_TEMPERATURE, ModelSpec
 from foundation.errors import UsageError
 
 Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
-NO_EFFORT = "none"
+PAPERS_TEMPERATURE = 0.4
 LOOPBACK = "http://127."  # where an address begins that wants no key
 _EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
 _TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
@@ -96,28 +95,3 @@ def provider_of(name: str) -> Provider:
     near = difflib.get_close_matches(name, PROVIDERS, n=1)
     hint = f"did you mean '{near[0]}/…'?" if near else f"known providers: {', '.join(PROVIDERS)}"
     raise UsageError(f"there is no model provider '{name}'; {hint}")
-
-
-def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
-    """Return a model that reasons with this effort on every step but the one after a `think`.
-
-    `effort` is the vendor's own word, as low or none. A chat template's switch is on for all words but none.
-    """
-    provider = provider_of(spec.provider)
-    lifted, quick = (
-        of_provider if own is None else own
-        for own, of_provider in ((spec.thinking, provider.thinking), (spec.quick, provider.quick))
-    )
-    value: Any = effort.upper() if provider.effort_in_capitals else effort
-    for key in reversed(provider.effort):
-        value = {key: value}
-    return replace(spec, quick={**(quick if effort == NO_EFFORT else lifted), **value})
-
-
-def spec_of(model: str, base_url: str | None = None, option: str = "--model") -> ModelSpec:
-    """Return the model that 'PROVIDER/NAME' names. Raises UsageError for what has no such form."""
-    head, slash, name = model.partition("/")
-    if not (slash and name):
-        raise UsageError(f"{option} wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
-    provider = provider_of(head)
-    return ModelSpec(provider=provider.name, name=name, base_url=base_url, temperature=provider.temperature)

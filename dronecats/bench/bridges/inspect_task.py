@@ -29,7 +29,8 @@ from inspect_ai.scorer import (
 )
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated

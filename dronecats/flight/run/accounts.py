@@ -12,8 +12,9 @@ from typing import Any
 
 from dronecats.agent.models.cache import CachedModel, ReplyCache
 from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, told
-from dronecats.agent.models.model import Model, ModelSpec
+from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts
 from foundation.errors import BudgetError, InfrastructureError

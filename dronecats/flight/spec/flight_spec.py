@@ -7,8 +7,8 @@ what a file says is in it, not the file's name. So it is all that a worker needs
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dronecats.agent.models.model import ModelSpec
 from dronecats.agent.models.replay import RecordedFlight
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
 from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances

@@ -3,7 +3,8 @@
 import pytest
 
 from dronecats.agent.models.ledger import Budget, BudgetedModel, Ledger, Spent
-from dronecats.agent.models.model import ModelSpec, Reply, Request
+from dronecats.agent.models.model import Reply, Request
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from foundation.errors import BudgetError

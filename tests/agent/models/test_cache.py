@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.models.cache import CachedModel, ReplyCache
-from dronecats.agent.models.model import ModelSpec, Reply, Request
+from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import InfrastructureError, UsageError
 from tests.agent.models.faulty_wire import Wire, answer, say
 
@@ -97,3 +98,16 @@ def test_what_is_no_cache_is_refused_and_what_is_no_reply_is_said(tmp_path):
     db.close()
     with pytest.raises(InfrastructureError, match="cache"):
         ReplyCache(path).reply("q")
+
+
+@pytest.mark.parametrize(
+    "told", ["{", "3", '{"text": "x"}', '{"text": 3, "latency_s": 1}', '{"text": "x", "latency_s": "1"}']
+)
+def test_a_kept_reply_that_is_none_is_refused(tmp_path, told):
+    cache = ReplyCache(tmp_path / "cache.sqlite")
+    cache.keep("question", "model", Reply("x", 1.0))
+    with sqlite3.connect(tmp_path / "cache.sqlite") as db:
+        db.execute("UPDATE replies SET reply = ?", (told,))
+    with pytest.raises(InfrastructureError, match="no reply"):
+        cache.reply("question")
+    cache.close()

@@ -15,9 +15,10 @@ from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import Asking, DaemonExecutor, InlineExecutor
 from dronecats.agent.models import endpoint as endpoints
 from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, pause_asked_for
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.openai_chat import ChatModel
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError

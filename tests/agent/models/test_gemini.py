@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
 from foundation.errors import ModelError, UsageError
 from tests.agent.models.recording import Recording
 from tests.support.refusal import refusal

@@ -11,8 +11,9 @@ import pytest
 from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import KIND, Ledger, Spent
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance
 from foundation.errors import ModelError, UsageError
 from foundation.sqlite_file import make

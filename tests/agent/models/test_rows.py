@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from dronecats.agent.models import rows as model_rows
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
-from dronecats.agent.models.providers import PROVIDERS, spec_of
+from dronecats.agent.models.providers import PROVIDERS
 from dronecats.agent.models.rows import KEYS, SHIPPED, model_of, row_of, rows
+from dronecats.agent.models.spec import spec_of
 from foundation.errors import UsageError
 from tests.agent.models.recording import Recording
 from tests.support.refusal import refusal
@@ -252,30 +253,30 @@ MALFORMED: list[tuple[str, tuple[str, ...]]] = [
     ("[qwen3.5-9b]\nprovider = 'vllm'", ("'5-9b'",)),
     (f"{GOOD}temprature = 0.2", ("[m]", "'temprature'", "'temperature'")),
     (f"{GOOD}quite = 0.2", ("[m]", "'quite'", "provider, identifier")),
-    ("[m]\nprovider = 'vlm'\nidentifier = 'x'", ("[m] provider", "'vlm'", "'vllm'")),
-    ("[m]\nprovider = 3", ("[m] provider", "'3'")),
-    ("[m]\nidentifier = ' '", ("[m] identifier", "' '")),
-    (f"{GOOD}axis = 'xz'", ("[m] axis", '"xy"', '"yx"', "'xz'")),
-    (f"{GOOD}schema = 'aray'", ("[m] schema", '"object"', '"array"', "'aray'")),
-    (f"{GOOD}schema = false", ("[m] schema", "'False'")),
-    (f"{GOOD}temperature = 3", ("[m] temperature", "2", '"none"')),
-    (f"{GOOD}temperature = true", ("[m] temperature",)),
-    (f"{GOOD}temperature = nan", ("[m] temperature",)),
-    (f"{GOOD}max_tokens = 0", ("[m] max_tokens", "100,000,000", "'0'")),
-    (f"{GOOD}max_tokens = 1.5", ("[m] max_tokens",)),
-    (f"{GOOD}top_p = 1.5", ("[m] top_p", "'1.5'")),
-    (f"{GOOD}input_usd = -1", ("[m] input_usd", "100,000")),
-    (f"{GOOD}input_usd = inf", ("[m] input_usd",)),
-    (f"{GOOD}input_usd = '5'", ("[m] input_usd",)),
-    (f"{GOOD}tokens_field = 'tokens'", ("[m] tokens_field", '"max_tokens"', '"max_completion_tokens"')),
-    (f"{GOOD}reasoning_off = 'none'", ("[m] reasoning_off",)),
-    (f"{GOOD}reasoning_off = {{ a = nan }}", ("[m] reasoning_off",)),
-    (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", ("[m] reasoning_off",)),
+    ("[m]\nprovider = 'vlm'\nidentifier = 'x'", ("[m]: 'provider'", "'vlm'", "vllm")),
+    ("[m]\nprovider = 3", ("[m]: 'provider'", "3")),
+    ("[m]\nidentifier = ' '", ("[m]: 'identifier'", "' '")),
+    (f"{GOOD}axis = 'xz'", ("[m]: 'axis'", "xy", "yx", "'xz'")),
+    (f"{GOOD}schema = 'aray'", ("[m]: 'schema'", '"object"', '"array"', "'aray'")),
+    (f"{GOOD}schema = false", ("[m]: 'schema'", "False")),
+    (f"{GOOD}temperature = 3", ("[m]: 'temperature'", "2", '"none"')),
+    (f"{GOOD}temperature = true", ("[m]: 'temperature'",)),
+    (f"{GOOD}temperature = nan", ("[m]: 'temperature'",)),
+    (f"{GOOD}max_tokens = 0", ("[m]: 'max_tokens'", "100,000,000", "0")),
+    (f"{GOOD}max_tokens = 1.5", ("[m]: 'max_tokens'",)),
+    (f"{GOOD}top_p = 1.5", ("[m]: 'top_p'", "1.5")),
+    (f"{GOOD}input_usd = -1", ("[m]: 'input_usd'", "100,000")),
+    (f"{GOOD}input_usd = inf", ("[m]: 'input_usd'",)),
+    (f"{GOOD}input_usd = '5'", ("[m]: 'input_usd'",)),
+    (f"{GOOD}tokens_field = 'tokens'", ("[m]: 'tokens_field'", "max_tokens", "max_completion_tokens")),
+    (f"{GOOD}reasoning_off = 'none'", ("[m]: 'reasoning_off'",)),
+    (f"{GOOD}reasoning_off = {{ a = nan }}", ("[m]: 'reasoning_off.a'",)),
+    (f"{GOOD}reasoning_off = {{ a = [2026-01-01] }}", ("[m]: 'reasoning_off'",)),
     ("[gpt-5]\nprovider = 'gemini'\ntokens_field = 'max_tokens'", ("tokens_field",)),
     ("#" * 1_000_001, ("1000000",)),
     (f"{GOOD}top_k = {'1' * 5000}", ("TOML",)),
-    (f"{GOOD}top_k = 0x{'f' * 5000}", ("[m] top_k",)),
-    (f"{GOOD}reasoning_off = {{ a = 0x{'f' * 5000} }}", ("[m] reasoning_off",)),
+    (f"{GOOD}top_k = 0x{'f' * 5000}", ("[m]: 'top_k'",)),
+    (f"{GOOD}reasoning_off = {{ a = 0x{'f' * 5000} }}", ("[m]: 'reasoning_off'",)),
 ]
 
 

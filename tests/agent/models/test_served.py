@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from dronecats.agent.models.model import ModelSpec, Request
+from dronecats.agent.models.model import Request
 from dronecats.agent.models.open import open_model
+from dronecats.agent.models.spec import ModelSpec
 from tests.agent.models.recording import Recording
 
 CHAT = {"choices": [{"message": {"content": "{}"}, "finish_reason": "stop"}]}

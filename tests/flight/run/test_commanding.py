@@ -105,7 +105,7 @@ def test_what_does_not_go_together_is_told_in_one_sentence(words, word, tmp_path
 
 
 def test_a_commander_that_looks_wants_pictures():
-    from dronecats.agent.models.model import ModelSpec
+    from dronecats.agent.models.spec import ModelSpec
 
     model = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:9/v1")
     spec = FlightSpec(pilot="oracle", episode=EPISODE, command="hierarchical", commander=model, simulated=GREY)

@@ -7,8 +7,9 @@ import pytest
 
 from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.ledger import Ledger
-from dronecats.agent.models.model import ModelSpec, Reply
+from dronecats.agent.models.model import Reply
 from dronecats.agent.models.replay import RecordedFlight
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.matrix import BenchEntry, suite_of
 from dronecats.flight.run.first_question import FirstQuestions

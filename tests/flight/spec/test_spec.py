@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.model import ModelSpec
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli import fly
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main
@@ -37,9 +37,11 @@ connected = st.builds(
     Connected, url=TEXTS, camera=OPTIONAL, calibration=st.none() | st.just(LENS), truth=OPTIONAL,
     authority=st.builds(Authority, arm=st.booleans(), then=st.sampled_from(["land", "hold"]), dry=st.booleans()),
 )  # fmt: skip
+WORDS = TEXTS.filter(str.strip)
 models = st.builds(
-    ModelSpec, provider=TEXTS, name=TEXTS, base_url=OPTIONAL, axis_order=st.sampled_from(["xy", "yx"]),
-    temperature=NUMBERS, schema=st.sampled_from([None, "object", "array"]), thinking=st.none() | st.just({"a": [1]}),
+    ModelSpec, provider=WORDS, name=WORDS, base_url=st.none() | WORDS, axis_order=st.sampled_from(["xy", "yx"]),
+    temperature=st.floats(0.0, 2.0), schema=st.sampled_from([None, "object", "array"]),
+    thinking=st.none() | st.just({"a": [1]}),
 )  # fmt: skip
 
 

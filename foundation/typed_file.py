@@ -1,0 +1,303 @@
+"""Reads a table of a TOML file, or an object of a JSON file, into a dataclass whose annotations are the rules.
+
+A dataclass declares each key once: its type, its bounds and its description (`msgspec.Meta`). msgspec checks the
+values. This module refuses what msgspec lets pass (unknown keys, nulls, numbers that are not finite), and turns a
+refusal into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})` words the
+rule of a field.
+"""
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, is_dataclass, replace
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from foundation.errors import UsageError
+from foundation.wording import did_you_mean, nearest
+
+BYTES_MAX = 1_000_000  # of a file that people write by hand
+DEPTH_MAX = 12  # levels of brackets in a JSON file
+SHOWN = 60  # characters of a value in a sentence
+STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # of the path that a message of msgspec ends with
+REFUSALS = ("Expected", "Invalid", "Object", "Number")  # how a message of msgspec begins
+MISSING = re.compile(r"missing required field `(\w+)`")
+WRONG = {
+    str: "is not text", int: "is not a whole number", float: "is not a number", bool: "is neither true nor false",
+    dict: "is not a table",
+}  # fmt: skip
+
+T = TypeVar("T")
+Fault = tuple[str, str]  # place of a value, what is wrong with it
+
+
+def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
+    """Return what a file holds. Raises UsageError; `where` names the file there. Of a larger file no more is read."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(bytes_max + 1)
+    except OSError as error:
+        raise UsageError(f"{where} cannot be read: {error.strerror}") from None
+    _check_size(data, where, bytes_max)
+    return data
+
+
+def toml_table(path: Path, where: str) -> dict[str, Any]:
+    """Return what a TOML file holds. Raises UsageError."""
+    return toml_of(file_bytes(path, where), where)
+
+
+def toml_of(data: bytes, where: str) -> dict[str, Any]:
+    """Return what the bytes of a TOML file hold. Raises UsageError."""
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or a number of thousands of digits
+        raise UsageError(f"{where} is not TOML: {_reason(error)}") from None
+
+
+def json_of(data: bytes, where: str, bytes_max: int = BYTES_MAX, depth_max: int = DEPTH_MAX) -> Any:
+    """Return what the bytes of a JSON file hold: no constants beyond JSON's, no key twice. Raises UsageError."""
+
+    def constant(name: str) -> NoReturn:
+        raise UsageError(f"{where}: {name} is not a number that JSON allows")
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        table = dict(pairs)
+        if len(table) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise UsageError(f"{where}: {shown(twice)} appears twice in one object")
+        return table
+
+    _check_size(data, where, bytes_max)
+    try:
+        text = data.decode("utf-8")
+        depth = 0
+        for mark in re.finditer(r'"(?:[^"\\]|\\.)*"|[\[{\]}]', text, re.DOTALL):
+            depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(mark.group(), 0)
+            if depth > depth_max:
+                raise UsageError(f"{where}: the JSON is nested more than {depth_max} levels deep")
+        return json.loads(text, parse_constant=constant, object_pairs_hook=unique)
+    except json.JSONDecodeError as error:
+        raise UsageError(f"{where} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}") from None
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{where} is not UTF-8 text (byte {error.start})") from None
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits
+        raise UsageError(f"{where} is not JSON that can be read: {_reason(error)}") from None
+
+
+def _check_size(data: bytes, where: str, bytes_max: int) -> None:
+    if len(data) > bytes_max:
+        raise UsageError(f"{where} is larger than {bytes_max} bytes, which no such file is")
+
+
+def _reason(error: Exception) -> str:
+    return str(error).splitlines()[0].split(";")[0] if str(error) else "it is nested too deeply"
+
+
+def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
+    """Return the value as a `kind`: a dataclass, or any annotation. Raises UsageError.
+
+    `where` names the file, and `at` the value's place in it.
+    """
+    fault = _passed(value, kind, at)
+    if fault is None:
+        try:
+            return msgspec.convert(value, kind)
+        except msgspec.ValidationError as error:
+            fault = _refused(str(error), value, kind, at)
+        except UnicodeError:  # half a surrogate pair
+            fault = at, "holds a character that is no text"
+    place, reason = fault
+    raise UsageError(f"{where}: {shown(place)} {reason}" if place else f"{where} {reason}")
+
+
+def replaced(base: T, table: dict[str, Any], where: str) -> T:
+    """Return a dataclass's value with what a table says otherwise. Raises UsageError."""
+    fields = fields_of(type(base))
+    if stray := next((key for key in table if key not in fields), None):
+        raise UsageError(f"{where}: {shown(stray)} {unknown(stray, fields)}")
+    changes = {key: typed(value, fields[key], where, key) for key, value in table.items()}
+    return replace(base, **changes)  # type: ignore[type-var]
+
+
+def join(at: str, key: str) -> str:
+    """Return the place of a key of the table at a place."""
+    return f"{at}.{key}" if at else key
+
+
+def shown(value: Any) -> str:
+    """Return a value for a sentence, short and on one line."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no number of thousands of digits
+        return "too long a number"
+    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+
+
+def unknown(key: str, known: Iterable[str]) -> str:
+    """Return what is said of a key that is none of the known ones."""
+    names = list(known)
+    near = nearest(key, names, count=1)
+    return f"is unknown: {did_you_mean(near) if near else 'known are ' + ', '.join(names)}"
+
+
+def no_choice(value: Any, known: Iterable[str]) -> str:
+    """Return what is said of a value that is none of the known words."""
+    names = list(known)
+    near = nearest(value, names, cutoff=0.4) if isinstance(value, str) else []
+    return f"is {shown(value)}: use one of {', '.join(near or names)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """An annotation taken apart."""
+
+    kind: Any  # without Annotated and None; a union where several kinds are possible
+    meta: tuple[msgspec.Meta, ...]  # outermost first
+    optional: bool
+
+    @property
+    def words(self) -> str:
+        """What is said of a value that breaks the rule."""
+        if self.own_words:
+            return self.own_words
+        low, high = self.bound("min_length"), self.bound("max_length")
+        if get_origin(self.kind) is tuple:
+            items = get_args(self.kind)
+            if items[-1] is not Ellipsis:
+                return f"is not a list of {len(items)} values"
+            if high is not None:
+                return f"is not a list of {low or 0} … {high} items"
+            return "is not a list" if low is None else f"is not a list of {low} or more items"
+        if is_dataclass(self.kind):
+            return "is not a table of keys and values"
+        return WRONG.get(get_origin(self.kind) or self.kind, "is not what it should be")
+
+    @property
+    def own_words(self) -> str | None:
+        """The field's own sentence about a value that breaks the rule."""
+        return next((str(meta.extra["wrong"]) for meta in self.meta if meta.extra and "wrong" in meta.extra), None)
+
+    @property
+    def range(self) -> str:
+        """What is said of a number beyond the bounds."""
+        low, high = self.bound("ge"), self.bound("le")
+        if low is not None and high is not None:
+            return f"outside {low:g} … {high:g}"
+        signs = {"above": "gt", "at least": "ge", "below": "lt", "at most": "le"}
+        bounds = [f"{sign} {bound:g}" for sign, name in signs.items() if (bound := self.bound(name)) is not None]
+        return f"and must be {' and '.join(bounds)}" if bounds else "which is too large"
+
+    def bound(self, name: str) -> Any:
+        """Return a bound by its name in `msgspec.Meta`; None where there is none."""
+        return next((bound for meta in self.meta if (bound := getattr(meta, name)) is not None), None)
+
+    def item(self, index: int) -> Any:
+        """Return the annotation of an item of a list, or of a value of a dict."""
+        kinds = get_args(self.kind)
+        if get_origin(self.kind) is not tuple:
+            return kinds[-1]
+        return kinds[0] if kinds[-1] is Ellipsis else kinds[min(index, len(kinds) - 1)]
+
+    def broken_by(self, value: Any) -> str:
+        """Return what is said of this value, which breaks the rule."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if self.own_words:
+            return f"{self.own_words} ({shown(value)})"
+        if number and (self.kind is float or (self.kind is int and isinstance(value, int))):
+            return f"is {shown(value)}, {self.range}"
+        if get_origin(self.kind) is Literal:
+            known = [str(word) for word in get_args(self.kind)]
+            return no_choice(value, known)
+        longest = self.bound("max_length")
+        if self.kind is str and isinstance(value, str) and longest and not 0 < len(value) <= longest:
+            return f"must have {self.bound('min_length') or 0} … {longest} characters"
+        return f"{self.words} ({shown(value)})"
+
+
+def fields_of(kind: Any) -> dict[str, Any]:
+    """Return the annotations of a dataclass's fields by their names."""
+    return _type_hints(kind)
+
+
+@cache
+def _type_hints(kind: Hashable) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+def rule_of(annotation: Any) -> Rule:
+    """Return an annotation taken apart."""
+    meta: list[msgspec.Meta] = []
+    optional = False
+    while True:
+        if get_origin(annotation) is Annotated:
+            annotation, *more = get_args(annotation)
+            meta += [each for each in more if isinstance(each, msgspec.Meta)]
+            continue
+        kinds = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else ()
+        left = [kind for kind in kinds if kind not in (NoneType, msgspec.UnsetType)]
+        optional = optional or NoneType in kinds
+        if len(left) != 1:
+            return Rule(annotation, tuple(meta), optional)
+        annotation = left[0]
+
+
+def _passed(value: Any, annotation: Any, at: str) -> Fault | None:
+    """Return what msgspec would let pass, None where there is nothing."""
+    if isinstance(value, float):
+        return None if math.isfinite(value) else (at, f"is {value}, which is not a finite number")
+    if not isinstance(value, dict | list):
+        return None
+    rule = rule_of(annotation)
+    if isinstance(value, dict) and is_dataclass(rule.kind):
+        fields = fields_of(rule.kind)
+        for key, inner in value.items():
+            if key not in fields:
+                return join(at, key), unknown(key, fields)
+            if inner is None and rule_of(fields[key]).optional:
+                return join(at, key), "is null: leave it out"
+            if fault := _passed(inner, fields[key], join(at, key)):
+                return fault
+    elif isinstance(value, dict) and get_origin(rule.kind) is dict:
+        faults = (_passed(inner, rule.item(0), join(at, key)) for key, inner in value.items())
+        return next(filter(None, faults), None)
+    elif isinstance(value, list) and get_origin(rule.kind) in (tuple, list):
+        faults = (_passed(inner, rule.item(k), f"{at}[{k}]") for k, inner in enumerate(value))
+        return next(filter(None, faults), None)
+    return None
+
+
+def _refused(error: str, value: Any, annotation: Any, at: str) -> Fault:
+    """Return what is wrong with a value that msgspec refused with this message."""
+    for key, index in STEP.findall(error.partition(" - at `$")[2]):
+        rule = rule_of(annotation)
+        if get_origin(rule.kind) in (Union, UnionType):  # several kinds: msgspec does not say which one was meant
+            break
+        if key:
+            annotation, at, value = fields_of(rule.kind)[key], join(at, key), value[key]
+        elif index.isdecimal():
+            annotation, at, value = rule.item(int(index)), f"{at}[{index}]", value[int(index)]
+        else:  # of a dict, of which msgspec does not say the key
+            annotation = rule.item(0)
+            key = next(each for each, inner in value.items() if not _converts(inner, annotation))
+            at, value = join(at, key), value[key]
+    if not error.startswith(REFUSALS):  # it is of the dataclass's own `__post_init__`
+        return at, f"is wrong: {error.partition(' - at `$')[0]}"
+    if missing := MISSING.search(error):
+        return join(at, missing[1]), "is missing"
+    return at, rule_of(annotation).broken_by(value)
+
+
+def _converts(value: Any, annotation: Any) -> bool:
+    try:
+        msgspec.convert(value, annotation)
+    except (msgspec.ValidationError, UnicodeError):
+        return False
+    return True
