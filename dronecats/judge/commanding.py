@@ -11,10 +11,11 @@ from collections.abc import Mapping, Sequence
 
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
+from foundation.measurement import LARGE
 from foundation.protocol import CAP_S, GO, POINT_SPAN, STRIDE_MAX_M
 from foundation.run_folder.reading import Logs
 from foundation.run_folder.results import CommandedStep, CommandingDiagnostics
-from foundation.run_folder.rows import LARGE, Decision, FrameTruth
+from foundation.run_folder.rows import Decision, FrameTruth
 
 COMMANDING = "commanding"  # the cell
 _CAMERA = CameraModel()

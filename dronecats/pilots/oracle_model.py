@@ -101,7 +101,7 @@ class OracleModel:
         known = self._truth.at(sample.drone, sample.time_us)
         others = known[1].values() if known else ()
         around = [DronePose(one.position_ned, one.attitude) for one in others]
-        return self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, around).visible
+        return bool(self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, around).visible)
 
 
 def in_a_row(world: World, start: StartPose) -> list[Instance]:

@@ -5,14 +5,13 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, rotate_inverse
+from foundation.measurement import InPicture
 from foundation.protocol import POINT_SPAN
 
 NEAR_M = 0.05  # as the renderer's near plane
 EDGES = tuple(
     (a, b) for a, b in itertools.combinations(range(8), 2) if (a ^ b).bit_count() == 1
 )  # of a box whose corners are numbered by the bits of (x, y, z)
-
-PictureBox = tuple[float, float, float, float]  # x0, y0, x1, y1 on 0 … 1000, left to right and top to bottom
 
 
 def in_camera(point_ned: Vec3, pose: CameraPose) -> Vec3:
@@ -21,7 +20,7 @@ def in_camera(point_ned: Vec3, pose: CameraPose) -> Vec3:
     return rotate_inverse(pose.attitude, (point_ned[0] - x, point_ned[1] - y, point_ned[2] - z))
 
 
-def picture_box(corners: Sequence[Vec3], camera: CameraModel) -> PictureBox | None:
+def picture_box(corners: Sequence[Vec3], camera: CameraModel) -> InPicture | None:
     """Return the smallest upright box in the picture around a box whose corners (camera axes, m) are numbered by EDGES.
 
     It is cut at the picture's edges and counts nothing as hidden. None when no part of it is in the picture.

@@ -4,12 +4,12 @@ import difflib
 import itertools
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from episodes import maps
-from episodes.camera.framing import PictureBox, in_camera, picture_box
+from episodes.camera.framing import in_camera, picture_box
 from episodes.maps import assets
 from episodes.maps.assets.multirotor import X500, Outline
 from episodes.maps.scene import Instance, Moved, Scene
@@ -21,26 +21,12 @@ from episodes.world.wheels import Wheels, on_ground
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
+from foundation.measurement import TargetMeasurement
 from foundation.terrain import HeightField
 from foundation.threads import once
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)
-
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """The truth about one drone and the target at one instant."""
-
-    target_ned: Vec3  # m, centre of the target's box
-    distance_m: float  # m, body origin to that centre, in three dimensions
-    distance_box_m: float  # m, body origin to the nearest point of the target's oriented box; 0 inside
-    visible: bool
-    visible_fraction: float  # 0 … 1 of the target's silhouette that is in the picture and not hidden
-    bearing_deg: float  # [-180, 180), of the centre, horizontal, from the nose, + to the right
-    oracle_depth_m: float | None  # m, median planar depth of the visible surface; None when none is visible
-    target_frd: Vec3  # m, the target's centre in camera axes: forward, right, down of the optical centre
-    target_box: PictureBox | None  # its oriented box in the picture, nothing counted as hidden; None: not in it
 
 
 class World:
@@ -130,7 +116,7 @@ class World:
         attitude: Quat,
         camera: CameraModel,
         others: Iterable[DronePose] = (),
-    ) -> Measurement:
+    ) -> TargetMeasurement:
         """Return the truth about a drone whose body origin and attitude (FRD → NED) are given, other drones around."""
         place, turned = self.target_pose(t_s)
         centre = self._centre(place, turned)
@@ -141,7 +127,7 @@ class World:
         pose = CameraPose(eye, attitude)
         sight = self._view.sight(place, turned, pose, camera, self.past(others))
         toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
-        return Measurement(
+        return TargetMeasurement(
             target_ned=centre,
             distance_m=math.dist(position_ned, centre),
             distance_box_m=math.hypot(*beyond),

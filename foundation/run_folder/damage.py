@@ -7,7 +7,8 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from foundation.run_folder.rows import LARGE, Decision
+from foundation.measurement import LARGE
+from foundation.run_folder.rows import Decision
 
 EARLY_S = 0.05  # s, a telemetry message: as much as a decision may be told to be before its own frame
 AT = re.compile(r"\$\.(\w+)")  # where msgspec says that it stopped

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from foundation.run_folder.rows import Deviation, Distance, DroneNumber, Place, Seconds, Surveyed, Whole
+from foundation.measurement import Distance, Place
+from foundation.run_folder.rows import Deviation, DroneNumber, Seconds, Surveyed, Whole
 from foundation.run_folder.writing import as_json
 
 Outcome = Annotated[

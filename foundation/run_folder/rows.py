@@ -13,23 +13,17 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
+from foundation.measurement import LARGE, Distance, Number, Place, TargetMeasurement, Visible
 from foundation.protocol import FINISHED
 
-LARGE = 1e12  # beyond it a number is damage
 DRONES = 255  # as many as MAVLink has system ids
 
 # `wrong`: what the reader says of a value that is none of these
 Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
 DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is the first",
                                   extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
-Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
 Seconds = Annotated[float, Meta(gt=-LARGE, lt=LARGE, description="s of vehicle time since the episode began")]
-Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
 Deviation = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a standard deviation"})]
-Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
-InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]
-Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: nobody measured it",
-                                      extra={"wrong": "is neither true nor false"})]  # fmt: skip
 ActionObject = Annotated[
     dict[str, Any],
     Meta(
@@ -226,7 +220,7 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameTruth:
+class FrameTruth(TargetMeasurement):
     """What was true when a frame was taken, in truth.jsonl."""
 
     kind: Literal["frame"] = "frame"
@@ -235,22 +229,6 @@ class FrameTruth:
     drone: DroneNumber
     position_ned: Annotated[Place | None, _of("m, NED, of the body")] = None
     yaw_deg: Annotated[Number | None, _of("°, of the nose, from north, + east")] = None
-    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
-    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
-    distance_box_m: Annotated[Distance | None, _of("m, body to the nearest point of the target's box")] = None
-    visible: Visible
-    visible_fraction: Annotated[Number | None, _of("share of the target's silhouette that is open to view")] = None
-    bearing_deg: Annotated[Number | None, _of("°, of the target's centre from the nose, + right")] = None
-    oracle_depth_m: Annotated[
-        Number | None, _of("m along the optical axis, median of the target's surface that is seen; null: none is")
-    ] = None
-    target_frd: Annotated[
-        Place | None, _of("m, of the target's centre from the optical centre: forward, right, down of the camera")
-    ] = None
-    target_box: Annotated[
-        InPicture | None,
-        _of("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
-    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.benchmark import Benchmark, Study
 from foundation.run_folder.results import Result, Verdict
 from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, LoggedPrompt, Run
+from foundation.run_folder.writing import field_names
 
 FOLDER = Path(__file__).with_name("schemas")
 SAYS = "https://json-schema.org/draft/2020-12/schema"
@@ -49,6 +50,10 @@ def write() -> None:
 
 def _of(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
     tops, parts = msgspec.json.schema_components(rows, ref_template="#/$defs/{name}")
+    for row in rows:  # in the order in which they are written, where msgspec has inherited fields first
+        part, names = parts[row.__name__], field_names(row)
+        part["required"] = [name for name in names if name in part["required"]]
+        part["properties"] = {name: part["properties"][name] for name in (*part["required"], *names)}
     for part in parts.values():
         if kind := part["properties"].pop("kind", None):  # which a row's constructor knows, and a line has to tell
             part["properties"] = {"kind": {"const": kind["default"]}, **part["properties"]}

@@ -25,7 +25,7 @@ def as_json(value: Any) -> Any:
     """
     if isinstance(value, tuple | list):
         return [as_json(each) for each in value]
-    names = _names(value.__class__)
+    names = field_names(value.__class__)
     if not names:
         return value
     told = [(name, getattr(value, name)) for name in names]
@@ -33,8 +33,8 @@ def as_json(value: Any) -> Any:
 
 
 @cache
-def _names(kind: type) -> tuple[str, ...]:
-    """Return the fields of a row, nothing of anything else."""
+def field_names(kind: type) -> tuple[str, ...]:
+    """Return the fields of a row in the order in which they are written; nothing of anything else."""
     bases = (each for each in kind.__mro__ if "__dataclass_fields__" in vars(each)) if is_dataclass(kind) else ()
     return tuple(name for each in bases for name in each.__annotations__)
 

@@ -212,9 +212,10 @@ def test_a_drone_before_the_lens_hides_the_target_in_rays_as_in_ids():
         seen = drawn.render(eye, world.moved(0.0, {1: other})).ids == world.target_id
         without = world.measure(0.0, place, attitude, camera)
         m = world.measure(0.0, place, attitude, camera, [other])
-        shares.append(m.visible_fraction / without.visible_fraction)
+        fraction = m.visible_fraction or 0.0
+        shares.append(fraction / (without.visible_fraction or math.nan))
         assert seen.sum() / open_view.sum() == pytest.approx(shares[-1], abs=0.04)
-        assert m.visible == (m.visible_fraction >= 0.05)
+        assert m.visible == (fraction >= 0.05)
     drawn.close()
     assert shares[0] == 0.0
     assert 0.05 < shares[1] < 0.9

@@ -2,24 +2,28 @@
 
 import math
 from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import overload
+from typing import Any
 
 from msgspec import UNSET
 
 from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
-from dronecats.flight.logger.measure import Measure, TruthMeasurement
 from foundation.camera import CameraModel
 from foundation.contact_report import hit_of, seconds_of
-from foundation.frames import Vec3, quat_yaw
+from foundation.frames import quat_yaw
 from foundation.mavlink import Parser, dialect, frame_of
+from foundation.measurement import TargetMeasurement
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
-from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, InPicture, Pose
+from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, Pose
 from foundation.run_folder.writing import LineLog, TelemetryLog
 from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
 
+# (t in s, where the drone is, its camera, where the fleet's others are at that time)
+Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
 KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
 
 
@@ -122,18 +126,9 @@ class Recorder:
             self._write_pose(self._due.popleft().sample)
 
     def _write_pose(self, sample: TruthSample) -> None:
-        m = self._measured(sample)
-        self._rows.write(
-            Pose(
-                t=self._t(sample.time_us),
-                drone=sample.drone,
-                position_ned=_place(sample.position_ned),
-                yaw_deg=_rounded(math.degrees(quat_yaw(sample.attitude))),
-                target_ned=_place(m.target_ned),
-                distance_m=_rounded(m.distance_m),
-                visible=m.visible,
-            )
-        )
+        measured = self._measured(sample)
+        shared = {name: measured[name] for name in ("target_ned", "distance_m", "visible")}
+        self._rows.write(Pose(t=self._t(sample.time_us), drone=sample.drone, **_body(sample), **shared))
 
     def _frame(self, message: dialect.MAVLink_message) -> None:
         taken = frame_taken(message)
@@ -143,23 +138,13 @@ class Recorder:
         if heard is None:
             return  # a pose that never reached us: the verdict will find the frame's record missing and say so
         sample = heard.sample
-        m = self._measured(sample)
         self._rows.write(
             FrameTruth(
                 frame_id=taken.frame_id,
                 t=self._t(sample.time_us),
                 drone=sample.drone,
-                position_ned=_place(sample.position_ned),
-                yaw_deg=_rounded(math.degrees(quat_yaw(sample.attitude))),
-                target_ned=_place(m.target_ned),
-                distance_m=_rounded(m.distance_m),
-                distance_box_m=_rounded(m.distance_box_m),
-                visible=m.visible,
-                visible_fraction=_rounded(m.visible_fraction),
-                bearing_deg=_rounded(m.bearing_deg),
-                oracle_depth_m=_rounded(m.oracle_depth_m),
-                target_frd=_place(m.target_frd),
-                target_box=_box(m.target_box),
+                **_body(sample),
+                **self._measured(sample),
             )
         )
 
@@ -170,33 +155,30 @@ class Recorder:
         elif (seconds := seconds_of(message.text)) is not None:
             self._rows.write(Clear(t=t, drone=drone, contact_s=seconds))
 
-    def _measured(self, sample: TruthSample) -> TruthMeasurement:
+    def _measured(self, sample: TruthSample) -> dict[str, Any]:
+        """Return the fields of what is measured at a sample, rounded for the log."""
         others = [nearest(heard, sample.time_us).sample for k, heard in self._samples.items() if k != sample.drone]
-        return self._measure(self._t(sample.time_us), sample, self._camera, others)
+        measured = self._measure(self._t(sample.time_us), sample, self._camera, others)
+        return {field.name: _rounded(getattr(measured, field.name), field.name) for field in fields(measured)}
 
     def _t(self, time_us: int) -> float:
         return round((time_us - (self._t0_us or 0)) / 1e6, 6)
 
 
-# Truth travels with a centimetre's resolution; four digits keep all of it without printing noise.
+def _body(sample: TruthSample) -> dict[str, Any]:
+    """Return the fields of where a drone is, rounded for the log."""
+    return {
+        "position_ned": _rounded(sample.position_ned, "position_ned"),
+        "yaw_deg": _rounded(math.degrees(quat_yaw(sample.attitude)), "yaw_deg"),
+    }
 
 
-@overload
-def _rounded(value: float) -> float: ...
-@overload
-def _rounded(value: float | None) -> float | None: ...
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(float(value), 4)
+def _rounded(value: Any, name: str) -> Any:
+    """Return a number or a tuple of numbers rounded, anything else as it is.
 
-
-@overload
-def _place(place: Vec3) -> Vec3: ...
-@overload
-def _place(place: Vec3 | None) -> Vec3 | None: ...
-def _place(place: Vec3 | None) -> Vec3 | None:
-    return None if place is None else (_rounded(place[0]), _rounded(place[1]), _rounded(place[2]))
-
-
-def _box(box: InPicture | None) -> InPicture | None:
-    """A picture's thousandth is a pixel or more; two digits are a hundredth of one."""
-    return None if box is None else (round(box[0], 2), round(box[1], 2), round(box[2], 2), round(box[3], 2))
+    Truth travels with a centimetre's resolution; four digits keep all of it without printing noise. A picture's
+    thousandth is a pixel or more; two digits are a hundredth of one.
+    """
+    if isinstance(value, tuple):
+        return tuple(_rounded(each, name) for each in value)
+    return value if value is None or isinstance(value, bool) else round(float(value), 2 if name == "target_box" else 4)

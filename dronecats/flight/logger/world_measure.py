@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from dronecats.flight.logger.measure import Measure, TruthMeasurement
+from dronecats.flight.logger.recorder import Measure
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
 from foundation.camera import CameraModel
+from foundation.measurement import TargetMeasurement
 from foundation.truth import TruthSample
 
 
@@ -14,7 +15,7 @@ def measured_in(world: World) -> Measure:
 
     def measure(
         t_s: float, sample: TruthSample, camera: CameraModel, others: Sequence[TruthSample]
-    ) -> TruthMeasurement:
+    ) -> TargetMeasurement:
         around = [DronePose(one.position_ned, one.attitude) for one in others]
         return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
 

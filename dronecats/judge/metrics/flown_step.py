@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 from dronecats.judge.measured import SAME_S
 from dronecats.judge.metrics.value import MetricValue
+from foundation.measurement import LARGE
 from foundation.protocol import GO
 from foundation.run_folder.reading import Logs
-from foundation.run_folder.rows import LARGE, Decision, FrameTruth
+from foundation.run_folder.rows import Decision, FrameTruth
 
 
 @dataclass(frozen=True, slots=True)

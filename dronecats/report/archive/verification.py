@@ -21,11 +21,11 @@ from dronecats.report.results.flown_run import FlownRun, flown_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record
 from foundation.errors import UsageError
+from foundation.measurement import LARGE
 from foundation.protocol import CAP_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Verdict
-from foundation.run_folder.rows import LARGE
 from foundation.wording import printable
 
 DIFFERENCES_MAX = 50  # sentences

@@ -36,13 +36,15 @@ def rules(world: World) -> Iterator[RuleFinding]:
             said.rule, said.passed, f"{said.measured} ({100 * faced.share:.2f} % of the pixels)", said.wanted
         )
     others = world.fleet.others(0).values()
-    fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, others).visible_fraction
+    fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, others).visible_fraction or 0.0
     yield at_least("the share of the faced target that nothing hides", fraction, FACED_FRACTION, "of it")
     yield way(world)
     m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA, others)
     if record.visible_at_start:
         says = f"{m.visible_fraction:.2f} of it"
-        yield RuleFinding("the target at the first frame", m.visible, says, "visible, as recorded", "visible_at_start")
+        yield RuleFinding(
+            "the target at the first frame", bool(m.visible), says, "visible, as recorded", "visible_at_start"
+        )
         if record.cell != "commanding":
             cut = seen(world, start.position_ned, start.yaw_deg).cut
             yield RuleFinding("the target in the first picture", not cut, "cut off" if cut else "whole", "whole")

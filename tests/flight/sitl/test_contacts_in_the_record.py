@@ -5,14 +5,14 @@ import pytest
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.judge.metrics.flown_episode import flown_episode
 from dronecats.judge.metrics.trajectories import contact_time, crashes, hardest_hit, hits
-from episodes.world.world import Measurement
 from foundation.camera import CameraModel
 from foundation.contact_report import SaidHit, clear_text, hit_of, hit_text, seconds_of
+from foundation.measurement import TargetMeasurement
 from foundation.run_folder.reading import read
 from tests.flight.sitl.before_a_wall import flying, stream
 
 ORIGIN = (47.4, 8.5, 488.0)
-NOTHING = Measurement((0.0, 0.0, 0.0), 50.0, 50.0, False, 0.0, 0.0, None, (0.0, 0.0, 0.0), None)
+NOTHING = TargetMeasurement(target_ned=(0.0, 0.0, 0.0), distance_m=50.0, visible=False)
 HITS = (SaidHit("house-25", 1.2, False), SaidHit("another drone", 0.0, True), SaidHit("the ground", None, True))
 
 

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import UsageError
+from foundation.measurement import LARGE
 from foundation.run_folder import reading
 from foundation.run_folder.damage import taken
 from foundation.run_folder.quick import LONG, quick, quick_of_kinds
-from foundation.run_folder.rows import LARGE, TRUTH_ROWS, Decision
+from foundation.run_folder.rows import TRUTH_ROWS, Decision
 from tests.foundation.run_folder.test_schemas import ROWS
 
 GOOD = [("truth.jsonl", row) for row, _ in ROWS["truth"]] + [("decisions.jsonl", row) for row, _ in ROWS["decisions"]]

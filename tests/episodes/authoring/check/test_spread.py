@@ -152,7 +152,7 @@ def test_whoever_passes_was_within_the_radius_and_saw_it() -> None:
             n, e, d = start.position_ned
             place = (n + along * math.cos(yaw), e + along * math.sin(yaw), d)
             if math.dist(place, world.target_centre(0.0)) <= 5.0:
-                met = met or world.measure(0.0, place, attitude, CameraModel()).visible
+                met = met or bool(world.measure(0.0, place, attitude, CameraModel()).visible)
         assert met or heading not in found.straight_deg
 
 

@@ -1,0 +1,45 @@
+"""What is true of one drone and its target at one instant: measured in the world, written by the logger, then judged.
+
+The fields are declared here once, for `World.measure`, for the rows of truth.jsonl and for their published schema.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from msgspec import Meta
+
+LARGE = 1e12  # beyond it a number is damage
+
+# `wrong`: what the reader says of a value that is none of these
+Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
+Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
+Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
+InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]
+Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: nobody measured it",
+                                      extra={"wrong": "is neither true nor false"})]  # fmt: skip
+
+
+def _of(description: str) -> Meta:
+    return Meta(description=description)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetMeasurement:
+    """A target as one drone and its camera have it. A world measures all of it; None: nobody has."""
+
+    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
+    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
+    distance_box_m: Annotated[Distance | None, _of("m, body to the nearest point of the target's box")] = None
+    visible: Visible
+    visible_fraction: Annotated[Number | None, _of("share of the target's silhouette that is open to view")] = None
+    bearing_deg: Annotated[Number | None, _of("°, of the target's centre from the nose, + right")] = None
+    oracle_depth_m: Annotated[
+        Number | None, _of("m along the optical axis, median of the target's surface that is seen; null: none is")
+    ] = None
+    target_frd: Annotated[
+        Place | None, _of("m, of the target's centre from the optical centre: forward, right, down of the camera")
+    ] = None
+    target_box: Annotated[
+        InPicture | None,
+        _of("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
+    ] = None
