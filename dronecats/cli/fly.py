@@ -187,9 +187,9 @@ def _verdict(result: dict[str, Any]) -> str:
 def _incidents(run: Path) -> list[str]:
     """Return a line about what the drones flew into, and one about estimator resets; none for what did not happen."""
     from dronecats.judge.incidents import contacts, estimator_resets, hits_of, resets_of
-    from dronecats.judge.metrics.flown_episode import flown_episode
+    from dronecats.judge.judged_flight import judged_flight
 
-    flown = flown_episode(run)
+    flown = judged_flight(run)
     lines, hardest = [], dict[str, float]()
     for hit in hits_of(flown.logs, flown.cap_s) or []:
         hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from foundation.protocol import FINISHED
+from foundation.protocol import FINISHED, GO
 
 LARGE = 1e12  # beyond it a number is damage
 DRONES = 255  # as many as MAVLink has system ids
@@ -76,6 +76,15 @@ class EpisodeIdentity:
     pace: Annotated[dict[str, float], _of("how well a real-time flight held it")] | UnsetType = UNSET
 
 
+@dataclass(frozen=True, slots=True)
+class PointedGo:
+    """The point and the depth of a `go`."""
+
+    x: float  # 0 … 1000, left to right
+    y: float  # 0 … 1000, top to bottom
+    depth_m: float  # m along the optical axis
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
     """What the pilot decided, on which frame, when: a line of decisions.jsonl, by the agent."""
@@ -133,6 +142,16 @@ class Decision:
     def declares(self) -> bool:
         """Whether it declares arrival; what is reported to a commander is for the commander to declare."""
         return self.kind == FINISHED and self.report is not True
+
+    @property
+    def go(self) -> PointedGo | None:
+        """The point and the depth of a go; None of any other action, and of one that holds no such numbers."""
+        if self.action is None or self.kind != GO:
+            return None
+        point, depth_m = self.action.get("point"), self.action.get("depth_m")
+        numbers = [*point, depth_m] if isinstance(point, list) and len(point) == 2 else []
+        valid = [float(n) for n in numbers if isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < LARGE]
+        return PointedGo(*valid) if len(valid) == 3 else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight, judged_flight
 from dronecats.judge.measured import measured
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
-from dronecats.judge.metrics.flown_step import FlownStep
 from dronecats.judge.verdict import Measured
 from dronecats.report.export.tracks import FlownTrack, FlownTracks, from_rows, from_tlog
 from dronecats.report.results.flown_run import FlownRun
@@ -48,7 +47,7 @@ class ExportedFlight:
     """One flight of one episode. Times are s since it began, places m in the map's NED frame."""
 
     run: FlownRun
-    episode: FlownEpisode
+    episode: JudgedFlight
     t0_us: int  # µs, the vehicle's clock at t = 0
     end_s: float
     origin: Vec3 | None  # lat °, lon °, alt m above mean sea level of the map's frame; None: nobody tells
@@ -69,7 +68,7 @@ class ExportedFlight:
         return str(self.episode.record.get("instruction") or "")
 
     @property
-    def steps(self) -> tuple[FlownStep, ...]:
+    def steps(self) -> tuple[FlightStep, ...]:
         """The decisions, in the order of the log."""
         return self.episode.steps
 
@@ -100,7 +99,7 @@ class ExportedFlight:
 
 def exported_flight(run: FlownRun, folder: Path) -> ExportedFlight:
     """Return the episode of a folder. Raises UsageError when it is damaged or was never flown to its end."""
-    episode = flown_episode(folder)
+    episode = judged_flight(folder)
     logs = episode.logs
     if logs.begin is None or logs.end is None:
         missing = "has no beginning" if logs.begin is None else "has no end"
@@ -124,7 +123,7 @@ def exported_flight(run: FlownRun, folder: Path) -> ExportedFlight:
     )
 
 
-def _map_origin(episode: FlownEpisode) -> Vec3 | None:
+def _map_origin(episode: JudgedFlight) -> Vec3 | None:
     """Return where the map lies; None without a map. Raises UsageError for a map that is not here."""
     if not episode.map:
         return None
@@ -140,7 +139,7 @@ def _camera(run: FlownRun) -> CameraModel:
     return CameraModel(**known)
 
 
-def _drone(number: int, episode: FlownEpisode, heard: FlownTracks, end_s: float) -> ExportedDrone:
+def _drone(number: int, episode: JudgedFlight, heard: FlownTracks, end_s: float) -> ExportedDrone:
     logs = episode.logs
     truth = heard.truth[number] if number < len(heard.truth) else None
     if truth is None and logs.true:
@@ -167,7 +166,7 @@ def _flown(track: FlownTrack | None, end_s: float, held: bool = False) -> FlownT
     return kept if len(kept) else None
 
 
-def _frames(episode: FlownEpisode) -> Iterator[SeenFrame]:
+def _frames(episode: JudgedFlight) -> Iterator[SeenFrame]:
     """Yield the pictures on which something was decided, each once. Raises UsageError where one is missing."""
     seen = set[tuple[int, int]]()
     folder = episode.folder / layout.FRAMES
@@ -184,7 +183,7 @@ def _frames(episode: FlownEpisode) -> Iterator[SeenFrame]:
         yield SeenFrame(drone=decision.drone, frame_id=decision.frame_id, t_s=decision.t_frame, jpeg=jpeg)
 
 
-def _target(episode: FlownEpisode) -> FlownTrack | None:
+def _target(episode: JudgedFlight) -> FlownTrack | None:
     """Return where the target's centre was, where the logs tell it."""
     logs = episode.logs
     if not logs.true:

@@ -13,7 +13,7 @@ import numpy as np
 
 from autopilot.logging import ulog
 from dronecats import __version__
-from dronecats.judge.metrics.flown_step import FlownStep
+from dronecats.judge.judged_flight import FlightStep
 from dronecats.report.export.conventions import Array, microseconds
 from dronecats.report.export.flight import ExportedFlight
 from dronecats.report.export.naming import JUDGE
@@ -96,7 +96,7 @@ def _track(flight: ExportedFlight, drone: int, track: FlownTrack, suffix: str) -
         yield Stamped(float(at), drone, f"vehicle_attitude{suffix}", (w, x, y, z))
 
 
-def _decision(flight: ExportedFlight, step: FlownStep) -> Iterator[Stamped]:
+def _decision(flight: ExportedFlight, step: FlightStep) -> Iterator[Stamped]:
     said = step.decision
     angle_deg = (said.action or {}).get("angle_deg")
     point = (step.go.x, step.go.y, step.go.depth_m) if step.go else (math.nan,) * 3

@@ -4,7 +4,7 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
-from dronecats.judge.metrics.flown_episode import flown_episode
+from dronecats.judge.judged_flight import judged_flight
 from dronecats.report.page.assembly import page
 from dronecats.report.page.flights import shown_flight
 from dronecats.report.page.ground import ground_key, grounds
@@ -89,7 +89,7 @@ def _named(collection: Collection) -> list[str]:
 
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
     """Return a flight as JSON, its pictures put where the page finds them. Raises UsageError for a damaged log."""
-    flown = flown_episode(scored.folder, delta_m)
+    flown = judged_flight(scored.folder, delta_m)
     wanted = kept(flown.logs.decisions, every)
     if not rendered(scored.run):
         picture: PictureAddress = nowhere

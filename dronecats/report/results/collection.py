@@ -7,9 +7,9 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from dronecats.judge.judged_flight import JudgedFlight, judged_flight
 from dronecats.judge.metrics.deliberation import StepOutlook, outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.own import value_of
 from dronecats.judge.metrics.registry import METRICS
@@ -92,7 +92,7 @@ def collect(
 def scored_episode(run: FlownRun, folder: Path, delta_m: float, metrics: Sequence[Metric]) -> ScoredEpisode:
     """Return one episode of a run with its metrics. Raises UsageError where one of the user's own breaks."""
     try:
-        flown = flown_episode(folder, delta_m)
+        flown = judged_flight(folder, delta_m)
     except UsageError as damage:
         return ScoredEpisode(
             run=run, folder=folder, episode=folder.resolve().name, map="", cell="", verdict=None, values={},
@@ -129,20 +129,20 @@ def without_stalled(collection: Collection) -> Collection:
     return replace(collection, episodes=tuple(kept))
 
 
-def _host_stalls(flown: FlownEpisode) -> int | None:
+def _host_stalls(flown: JudgedFlight) -> int | None:
     told = any(isinstance(decision.host_lag_s, float) for decision in flown.logs.decisions)
     stalls = flown.verdict.host_stalls
     return stalls if isinstance(stalls, int) else 0 if told else None
 
 
-def _of_the_whole(flown: FlownEpisode, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
+def _of_the_whole(flown: JudgedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
     for metric in metrics:
         value = value_of(metric, flown) if metric.level == "episode" else ()
         if value is None or isinstance(value, bool | float | int):
             yield metric.name, value
 
 
-def _of_steps(flown: FlownEpisode, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
+def _of_steps(flown: JudgedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
     for metric in metrics:
         values = value_of(metric, flown) if metric.level == "step" else None
         if isinstance(values, Sequence):

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from dronecats.flight.sitl.scenario import origin, world_of
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
+from dronecats.judge.judged_flight import JudgedFlight, judged_flight
 from dronecats.report.afterflight.sources import kept_ulog
 from dronecats.report.results.flown_run import flown_run
 from dronecats.view.film.track import DroneTrack, logged, onboard, traced
@@ -29,7 +29,7 @@ DEFAULT_AIRFRAME = "x500"
 class FilmedFlight:
     """One flight of one episode, and the world in which it was flown."""
 
-    episode: FlownEpisode
+    episode: JudgedFlight
     who: str  # who flew it; a built-in pilot is said to be one
     pictured: bool  # the frames show something: they were not left grey
     airframe: str
@@ -79,7 +79,7 @@ class FilmedFlight:
         return path if path.is_file() else None
 
 
-def told(path: Path) -> FlownEpisode:
+def told(path: Path) -> JudgedFlight:
     """Return what the logs of an episode folder, or of a run's only one, tell.
 
     Raises UsageError where that is no episode, tells no truth, or was flown in no world of ours.
@@ -87,7 +87,7 @@ def told(path: Path) -> FlownEpisode:
     if not path.is_dir():
         raise UsageError(f"there is no folder {path}")
     folder = episode_folder(path)
-    episode = flown_episode(folder)
+    episode = judged_flight(folder)
     if not episode.logs.true:
         raise UsageError(f"{folder} tells only what an autopilot said of itself: a film shows what was true")
     if episode.logs.begin is None or not episode.logs.poses:
@@ -97,13 +97,13 @@ def told(path: Path) -> FlownEpisode:
     return episode
 
 
-def end_of(episode: FlownEpisode) -> float:
+def end_of(episode: JudgedFlight) -> float:
     """Return when a flight ended, s since it began; of one without an end, when it was last heard of."""
     end = episode.logs.end
     return max((pose.t for pose in episode.logs.poses), default=0.0) if end is None else end.t
 
 
-def filmed_flight(episode: FlownEpisode) -> FilmedFlight:
+def filmed_flight(episode: JudgedFlight) -> FilmedFlight:
     """Return a flight with its world. Raises UsageError where its map is not to be had on this machine."""
     folder, logs = episode.folder, episode.logs
     run = flown_run(folder)

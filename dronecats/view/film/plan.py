@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import dronecats
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.view.film.flown import end_of
 from foundation.errors import UsageError
 from foundation.run_folder import layout
@@ -78,7 +78,7 @@ class FilmPlan:
 
 
 def plan(
-    episode: FlownEpisode,
+    episode: JudgedFlight,
     *,
     size: tuple[int, int],
     fps: int,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.agent.names import PAPER
+from dronecats.judge.judged_flight import JudgedFlight, judged_flight
 from dronecats.judge.measured import measured, qualifies
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.judge.verdict import Measured
 from dronecats.report.results.flown_run import FlownRun, flown_run
 from dronecats.view.film.flown import FilmedFlight, filmed_flight
@@ -47,7 +47,7 @@ NO_RECORD = f"no {layout.EPISODE}: a plain grid in place of the world"
 class PlayableFlight:
     """One flight of one episode, read once. Times are s since it began, places m in its NED frame."""
 
-    episode: FlownEpisode
+    episode: JudgedFlight
     run: FlownRun
     tracks: Mapping[int, DroneTrack]  # by drone
     vehicles: Mapping[int, VehicleLog]  # by drone; {}: there is no tlog
@@ -256,7 +256,7 @@ def playable_flight(path: Path) -> PlayableFlight:
     if not path.is_dir():
         raise UsageError(f"there is no folder {path}")
     folder = episode_folder(path)
-    episode, run = flown_episode(folder), flown_run(folder)
+    episode, run = judged_flight(folder), flown_run(folder)
     logs = episode.logs
     if logs.begin is None:
         raise UsageError(f"{folder} never began: its {layout.TRUTH} has no beginning")
@@ -296,7 +296,7 @@ def of_one_episode(flights: Sequence[PlayableFlight]) -> None:
                              f"{first.episode.id}: only flights of one episode are laid over one another")  # fmt: skip
 
 
-def _filmed(episode: FlownEpisode) -> tuple[FilmedFlight | None, list[str]]:
+def _filmed(episode: JudgedFlight) -> tuple[FilmedFlight | None, list[str]]:
     """Return the flight in its world, or why there is none."""
     if not episode.logs.true:
         return None, [NO_TRUTH]
