@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from dronecats.judge.judged_flight import FlightStep, JudgedFlight, judged_flight
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
 from dronecats.pilots import noisy, search
 from dronecats.pilots.vision_errors import BANDS_M, Attention, EyeErrors, Telling, VisionErrors, band
 from foundation.camera import CameraModel
@@ -147,7 +147,7 @@ def fit(run: Path) -> VisionErrors:
     """Return the errors of a run folder's flights. Raises UsageError for what is damaged."""
     told: dict[Telling, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
-        flown = judged_flight(folder)
+        flown = JudgedFlight.read(folder)
         if flown.scored:
             told[noisy.eye_of(str(flown.record.get("instruction", "")))].append(flight(flown))
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))

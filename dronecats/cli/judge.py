@@ -35,11 +35,11 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Print the verdicts; status 0 whatever they are, and 4 when something stored does not agree with them."""
     from dronecats.judge.metrics.judging import Judging, judged_episodes
-    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.recorded.run import recorded_runs
 
     how = Judging(delta_m=args.delta, cap_s=args.cap, measured=args.json, own=tuple(args.metric))
     how.check()
-    runs = flown_runs(args.runs)
+    runs = recorded_runs(args.runs)
     folders = [folder for each in runs for folder in each.episodes]
     names = _names([(each.folder, folder) for each in runs for folder in each.episodes])
     told = zip(names, judged_episodes(folders, how), strict=True)

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from dronecats.judge.episode import outcome
-from dronecats.judge.measured import SAME_S, declarations
+from dronecats.judge.measured import SAME_S, declarations, finished, measured
 from dronecats.judge.metrics.value import MetricValue
 from dronecats.judge.verdict import Measured, in_order
 from foundation.protocol import CAP_S, RADIUS_M
@@ -45,6 +45,11 @@ class JudgedFlight:
     logs: Logs
     delta_m: float = RADIUS_M  # m, success radius
     cap_s: float = CAP_S  # s, declarations after it do not count
+
+    @classmethod
+    def read(cls, folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Self:
+        """Return the flight of an episode folder. Raises UsageError when a log is missing or damaged."""
+        return cls(folder, json_object(folder / layout.EPISODE) or {}, read(folder), delta_m, cap_s)
 
     @property
     def id(self) -> str:
@@ -88,10 +93,10 @@ class JudgedFlight:
         """Those that count, pooled over the fleet, in their order; nothing where nobody knew the truth."""
         return tuple(in_order(declarations(self.logs, self.cap_s), self.cap_s)) if self.logs.true else ()
 
-
-def judged_flight(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> JudgedFlight:
-    """Return the flight of an episode folder. Raises UsageError when a log is missing or damaged."""
-    return JudgedFlight(folder, json_object(folder / layout.EPISODE) or {}, read(folder), delta_m, cap_s)
+    @cached_property
+    def all_declarations(self) -> tuple[Measured, ...]:
+        """All of them, those after the cap too, in the order of the log."""
+        return tuple(measured(decision, self.logs) for decision in finished(self.logs))
 
 
 def of_counted(steps: Iterable[FlightStep], value: Callable[[FlightStep], MetricValue]) -> list[MetricValue]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dronecats.judge.diagnostics import hold
-from dronecats.judge.judged_flight import JudgedFlight, judged_flight
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.measured import declarations
 from dronecats.judge.metrics.deliberation import Deliberation, StepOutlook, deliberation, outlooks
 from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
@@ -101,7 +101,7 @@ class Audit:
 def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> EpisodeAudit | None:
     """Return one episode folder under every rule; None of damaged logs."""
     try:
-        return audit_of(judged_flight(folder, delta_m, cap_s))
+        return audit_of(JudgedFlight.read(folder, delta_m, cap_s))
     except UsageError:
         return None
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from dronecats.agent.action import AxisOrder
 from dronecats.agent.reply.reading import reading
 from dronecats.judge.episode import Judged, beside_stored, check_radius, judged_damage
-from dronecats.judge.judged_flight import JudgedFlight, judged_flight
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import FailureMode, failure_mode
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.metrics.own import own_metrics, value_of
@@ -76,7 +76,7 @@ def of_each(function: Callable[[Path], Each], folders: Sequence[Path], processes
 def judged_episode(folder: Path, how: Judging) -> JudgedEpisode:
     """Return one episode folder, judged."""
     try:
-        flight = judged_flight(folder, how.delta_m, how.cap_s)
+        flight = JudgedFlight.read(folder, how.delta_m, how.cap_s)
     except UsageError as damage:
         return JudgedEpisode(folder, judged_damage(folder, damage, how.delta_m, how.cap_s), None, {})
     judged = beside_stored(folder, flight.logs, flight.record or None, flight.verdict, reread)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.history import compact
-from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.measured import qualifies
 from dronecats.report.page.asked import action_of, asked, camera_of, commanded
 from dronecats.report.page.pictures import PictureAddress
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
 from foundation.run_folder.reading import exchanges
@@ -136,7 +136,7 @@ class ShownFlight:
     exchanges: tuple[ShownExchange, ...]
 
 
-def shown_flight(run: FlownRun, flown: JudgedFlight, picture: PictureAddress) -> ShownFlight:
+def shown_flight(run: RecordedRun, flown: RecordedFlight, picture: PictureAddress) -> ShownFlight:
     """Return a flight for the page. Raises UsageError when a log of its folder is damaged."""
     logs = flown.logs
     told = exchanges(flown.folder)
@@ -227,7 +227,7 @@ class _Texts:
         return self._numbers[text]
 
 
-def _truth(decision: Decision, flown: JudgedFlight) -> ShownTruth | None:
+def _truth(decision: Decision, flown: RecordedFlight) -> ShownTruth | None:
     at, logs = (decision.drone, decision.frame_id), flown.logs
     frame: FrameTruth | EstimatedFrame | None = logs.frames.get(at)
     if frame is None and logs.estimate is not None:
@@ -298,7 +298,7 @@ def _named(told: Any) -> str:
     return " ".join([*words, *([f"“{inscription}”"] if inscription else [])])
 
 
-def _end(flown: JudgedFlight, poses: Sequence[Pose | EstimatedPose]) -> float:
+def _end(flown: RecordedFlight, poses: Sequence[Pose | EstimatedPose]) -> float:
     times = [*(pose.t for pose in poses), *(decision.t_decided for decision in flown.logs.decisions)]
     return max(times, default=CAP_S)
 

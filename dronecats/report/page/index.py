@@ -13,10 +13,10 @@ from dronecats.judge.metrics.value import MetricValue
 from dronecats.report.page.ground import GroundPicture
 from dronecats.report.page.pictures import rendered
 from dronecats.report.page.told_tables import PageTable, page_table
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.report_table import ReportTable
 from dronecats.report.results.collection import Collection, ScoredEpisode
 from dronecats.report.results.entrants import entrants
-from dronecats.report.results.flown_run import FlownRun
 
 RESERVED = ("of",)  # first words of addresses that name no run
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")  # in the order of the paper
@@ -217,7 +217,7 @@ def _seen(value: MetricValue | None) -> MetricValue:
     return float(f"{value:.5g}") if math.isfinite(value) else None
 
 
-def _settings(run: FlownRun) -> tuple[tuple[str, str], ...]:
+def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
     """Return a run's settings as words, those that it has."""
     flight, simulated = run.flight, run.flight.get("simulated")
     model, commander = flight.get("model"), flight.get("commander")

@@ -4,12 +4,12 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
-from dronecats.judge.judged_flight import judged_flight
 from dronecats.report.page.assembly import page
 from dronecats.report.page.flights import shown_flight
 from dronecats.report.page.ground import ground_key, grounds
 from dronecats.report.page.index import keys, page_episode, page_index, page_metrics, page_runs, script_json
 from dronecats.report.page.pictures import FOLDER, PictureAddress, beside, every_for, kept, nowhere, rendered, within
+from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.report_table import ReportTable
 from dronecats.report.results.collection import Collection, ScoredEpisode
 from foundation.errors import UsageError
@@ -89,7 +89,7 @@ def _named(collection: Collection) -> list[str]:
 
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
     """Return a flight as JSON, its pictures put where the page finds them. Raises UsageError for a damaged log."""
-    flown = judged_flight(scored.folder, delta_m)
+    flown = RecordedFlight.read(scored.folder, delta_m)
     wanted = kept(flown.logs.decisions, every)
     if not rendered(scored.run):
         picture: PictureAddress = nowhere
