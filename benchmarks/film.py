@@ -21,8 +21,7 @@ from benchmarks.machine import Machine
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.view.film.film import make
-from dronecats.view.film.flown import told
-from dronecats.view.film.plan import plan
+from dronecats.view.film.plan import filmable, plan
 
 EPISODE = "campus-tracking-01"
 SIZE, FPS = (1280, 720), 30
@@ -37,7 +36,7 @@ def processor_s() -> float:
 
 def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
     """Return what a film of that many seconds of a flight costs, and what it reads back as."""
-    wanted = plan(told(folder), size=size, fps=fps, speed=1.0, from_s=0.0, to_s=seconds, drone=None)
+    wanted = plan(filmable(folder), size=size, fps=fps, speed=1.0, from_s=0.0, to_s=seconds, drone=None)
     wanted = replace(wanted, closing=0)
     film = folder.parent / "film.mp4"
     began, before = time.monotonic(), processor_s()

@@ -17,6 +17,9 @@ HEADER_BYTES, HEADER_BYTES_V1, CHECKSUM_BYTES = 10, 6, 2
 SIGNATURE_BYTES = 13
 SIGNED = 0x01  # of the incompatibility flags
 
+_LOG_TIME = struct.Struct(">Q")  # before each frame of a tlog
+_SANE_US = 1 << 56  # a time beyond it is none: two thousand years
+_SHORTEST_LOGGED = _LOG_TIME.size + HEADER_BYTES_V1 + CHECKSUM_BYTES
 _LENGTH_KNOWN = 3  # bytes of a frame, from which on it is known how long it is
 _MARKERS = re.compile(rb"[\xfd\xfe]")
 _HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
@@ -213,6 +216,41 @@ def is_plain(frame: bytes) -> bool:
 def message(frame: bytes) -> Any:
     """Return the message in a plain intact frame."""
     return BY_ID[_message_id(frame, 0)].message(frame)
+
+
+def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
+    """Return (µs, frame) of each frame in a stretch of a tlog, and where its rest begins, whose end has not come yet.
+
+    A tlog is frames of MAVLink 1 or 2, each after eight bytes of time. Only the length of a frame is looked at, unless
+    the bytes before it made no sense: whoever takes it checks it. Bytes that are no frames are passed over.
+    """
+    found, at, end, lost = [], 0, len(data), False
+    while end - at >= _SHORTEST_LOGGED:
+        start = at + _LOG_TIME.size
+        stop = start + _frame_bytes(data, start)
+        time_us = _LOG_TIME.unpack_from(data, at)[0]
+        if stop == start or time_us >= _SANE_US:
+            lost, at = True, at + 1
+            continue
+        if stop > end:
+            break
+        frame = data[start:stop]
+        if lost and scan(frame)[0] != [frame]:
+            at += 1
+            continue
+        found.append((time_us, frame))
+        lost, at = False, stop
+    return found, at
+
+
+def _frame_bytes(data: bytes, start: int) -> int:
+    """Return how long the frame is that begins there, 0 where none does."""
+    if data[start] == MARKER_V1:
+        return HEADER_BYTES_V1 + data[start + 1] + CHECKSUM_BYTES
+    if data[start] != MARKER:
+        return 0
+    signed = SIGNATURE_BYTES if data[start + 2] & SIGNED else 0
+    return HEADER_BYTES + data[start + 1] + CHECKSUM_BYTES + signed
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:

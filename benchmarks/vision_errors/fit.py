@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
-from dronecats.judge.metrics.flown_step import FlownStep
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
 from dronecats.pilots import noisy, search
 from dronecats.pilots.vision_errors import BANDS_M, Attention, EyeErrors, Telling, VisionErrors, band
 from foundation.camera import CameraModel
@@ -46,7 +45,7 @@ class OneDroneFlight:
     looks: tuple[Look, ...]
 
 
-def looked(step: FlownStep) -> Look | None:
+def looked(step: FlightStep) -> Look | None:
     """Return what a decision took for the target; None where nothing is known of its picture, or it is no action."""
     frame = step.truth
     if frame is None or frame.distance_m is None or frame.target_frd is None or step.decision.kind is None:
@@ -74,7 +73,7 @@ def looked(step: FlownStep) -> Look | None:
     return Look("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 
 
-def flight(flown: FlownEpisode) -> OneDroneFlight:
+def flight(flown: JudgedFlight) -> OneDroneFlight:
     """Return the looks of the drone that was on the target most often."""
     of_drone: dict[int, list[Look]] = defaultdict(list)
     for step in flown.steps:
@@ -148,7 +147,7 @@ def fit(run: Path) -> VisionErrors:
     """Return the errors of a run folder's flights. Raises UsageError for what is damaged."""
     told: dict[Telling, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
-        flown = flown_episode(folder)
+        flown = JudgedFlight.read(folder)
         if flown.scored:
             told[noisy.eye_of(str(flown.record.get("instruction", "")))].append(flight(flown))
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))

@@ -32,10 +32,10 @@ def run(args: argparse.Namespace) -> int:
     """Print the audit of all episodes together."""
     from dronecats.judge.metrics.audit import audit, audited_episode
     from dronecats.judge.metrics.judging import Judging, of_each
-    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.recorded.run import recorded_runs
 
     Judging(delta_m=args.delta, cap_s=args.cap).check()
-    folders = [folder for each in flown_runs(args.runs) for folder in each.episodes]
+    folders = [folder for each in recorded_runs(args.runs) for folder in each.episodes]
     told = audit(of_each(partial(audited_episode, delta_m=args.delta, cap_s=args.cap), folders))
     if args.json:
         print(json.dumps(asdict(told)))

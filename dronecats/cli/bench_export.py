@@ -13,14 +13,14 @@ def run(args: argparse.Namespace) -> int:
 
     The runs are what stands behind the action among the verb's episodes. Raises UsageError.
     """
-    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.table_files import write_tables
     from foundation.errors import UsageError
 
     runs = [Path(each) for each in args.episodes[1:]]
     if not runs or args.out is None:
         raise UsageError(f"{ACTION} wants run folders, or folders of runs, and --out DIR for the files")
-    rows, damage = write_tables("parquet", flown_runs(runs), args.out)
+    rows, damage = write_tables("parquet", recorded_runs(runs), args.out)
     for said in damage:
         print(f"dronecats bench: left out but for its row in episodes: {said}", file=sys.stderr)
     if args.json:

@@ -24,10 +24,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Write the files; status 0, episodes that are left out named on standard error."""
     from dronecats.report.export.formats import export
-    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.recorded.run import recorded_runs
 
     out = args.out or Path(f"{args.runs[0].resolve().name}-{args.to}")
-    done = export(args.to, flown_runs(args.runs), out, args.overwrite)
+    done = export(args.to, recorded_runs(args.runs), out, args.overwrite)
     for said in done.left_out:
         print(f"dronecats export: left out: {said}", file=sys.stderr)
     if args.json:

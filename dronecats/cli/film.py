@@ -36,8 +36,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dronecats.view.film.encoders import said
     from dronecats.view.film.film import make
-    from dronecats.view.film.flown import told
-    from dronecats.view.film.plan import plan
+    from dronecats.view.film.plan import filmable, plan
     from foundation.errors import UsageError
 
     suffix = args.out.suffix.lower()
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--jobs wants 1 or more, got {args.jobs}")
     gif = suffix == ".gif"
     wanted = plan(
-        told(args.episode),
+        filmable(args.episode),
         size=args.size or (GIF_SIZE if gif else SIZE),
         fps=args.fps if args.fps is not None else GIF_FPS if gif else FPS,
         speed=args.speed,

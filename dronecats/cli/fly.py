@@ -150,8 +150,8 @@ def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:
     from dronecats.flight.run.fly import fly
 
     if spec.connected and not spec.connected.truth:
-        from dronecats.report.afterflight.rejudge import rejudge
         from dronecats.report.afterflight.surveyed_target import target_from
+        from dronecats.report.afterflight.trace import rejudge
 
         target = target_from(args.target, args.target_std) if args.target else None
         return _report(rejudge(fly(spec, out, _say), target, say=_say), args.json)
@@ -187,9 +187,9 @@ def _verdict(result: dict[str, Any]) -> str:
 def _incidents(run: Path) -> list[str]:
     """Return a line about what the drones flew into, and one about estimator resets; none for what did not happen."""
     from dronecats.judge.incidents import contacts, estimator_resets, hits_of, resets_of
-    from dronecats.judge.metrics.flown_episode import flown_episode
+    from dronecats.judge.judged_flight import JudgedFlight
 
-    flown = flown_episode(run)
+    flown = JudgedFlight.read(run)
     lines, hardest = [], dict[str, float]()
     for hit in hits_of(flown.logs, flown.cap_s) or []:
         hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
     from dronecats.judge.metrics.judging import JudgedEpisode
     from dronecats.judge.metrics.metric import MetricValue
-    from dronecats.report.results.flown_run import FlownRun
+    from dronecats.report.recorded.run import RecordedRun
     from dronecats.report.table import CellValue, ReportTable
 
 DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
@@ -38,11 +38,11 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Print the verdicts; status 0 whatever they are, and 4 when something stored does not agree with them."""
     from dronecats.judge.metrics.judging import Judging, judged_episodes
-    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.recorded.run import recorded_runs
 
     how = Judging(delta_m=args.delta, cap_s=args.cap, measured=args.json, own=tuple(args.metric))
     how.check()
-    runs = flown_runs(args.runs)
+    runs = recorded_runs(args.runs)
     folders = [folder for each in runs for folder in each.episodes]
     names = _names([(each.folder, folder) for each in runs for folder in each.episodes])
     told = zip(names, judged_episodes(folders, how), strict=True)
@@ -77,7 +77,7 @@ def _doubtful(told: dict[str, Any]) -> bool:
     return bool(told["contradictions"]) or told["stored_agrees"] is False
 
 
-def _table(judged: "Sequence[tuple[FlownRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
+def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
     """Return a row per episode, a block per run; beneath them a line for each remark about an episode."""
     from dronecats.report.table import ReportTable, TableBlock, numbers, rows_of, words
 

@@ -56,11 +56,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _answer(args: argparse.Namespace) -> "Selected":
+    from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import query
-    from dronecats.report.results.flown_run import flown_runs
 
     try:
-        answer = query(args.sql, flown_runs(args.runs or [Path("runs")]), args.parquet)
+        answer = query(args.sql, recorded_runs(args.runs or [Path("runs")]), args.parquet)
     except OSError as error:
         raise UsageError(f"{args.parquet} cannot be written: {error.strerror}") from None
     for said in answer.damage:

@@ -36,14 +36,14 @@ def run(args: argparse.Namespace) -> int:
     port, hosts = page_of(args)
     if not (math.isfinite(args.at) and args.at >= 0.0):
         raise UsageError(f"--at wants seconds since the episode began, 0 or more, got {args.at:g}")
-    from dronecats.view.replay.clock import check_speed
+    from dronecats.view.replay.moments import flight_moments
     from dronecats.view.replay.page import ReplayPage
-    from dronecats.view.replay.recorded import playable_flight
+    from dronecats.view.replay.player import check_speed
     from dronecats.view.scene.page import reach
 
     check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)
-    page = ReplayPage([playable_flight(path) for path in args.runs], port, args.speed, args.at, hosts)
+    page = ReplayPage([flight_moments(path) for path in args.runs], port, args.speed, args.at, hosts)
     try:
         print(f"replay at {page.url} ({reach(hosts)}) · space plays, ? shows the keys · Ctrl-C ends", flush=True)
         if not args.no_browser:

@@ -28,13 +28,13 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.report.archive.scrubbing import secrets_of
     from dronecats.report.archive.submission import submit
     from dronecats.report.archive.verification import verify
-    from dronecats.report.results.flown_run import flown_runs
+    from dronecats.report.recorded.run import recorded_runs
 
     if not args.out.name.endswith(".tar.xz"):
         raise UsageError(f"--out wants the name of a file that ends with .tar.xz, got {args.out.name}")
     with whole_file(args.out) as draft:
         submit(
-            flown_runs(args.runs), draft, name=args.name, note=args.note, partial=args.partial,
+            recorded_runs(args.runs), draft, name=args.name, note=args.note, partial=args.partial,
             with_frames=args.with_frames, secrets=secrets_of(os.environ),
         )  # fmt: skip
         told = verify(draft, reread)

@@ -11,17 +11,14 @@ from collections.abc import Mapping, Sequence
 
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
-from foundation.measurement import LARGE
-from foundation.protocol import CAP_S, GO, POINT_SPAN, STRIDE_MAX_M
+from foundation.protocol import CAP_S, POINT_SPAN, STRIDE_MAX_M
 from foundation.run_folder.reading import Logs
 from foundation.run_folder.results import CommandedStep, CommandingDiagnostics
-from foundation.run_folder.rows import Decision, FrameTruth
+from foundation.run_folder.rows import Decision, FrameTruth, PointedGo
 
 COMMANDING = "commanding"  # the cell
 _CAMERA = CameraModel()
 _FOCAL_PX = _CAMERA.focal_px
-
-GoTold = tuple[float, float, float]  # a go: x, y on 0 … 1000, depth in m
 
 
 def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None:
@@ -58,11 +55,11 @@ def _step(
     candidates: Sequence[Vec3],
 ) -> CommandedStep:
     """Return what one question had its drones do."""
-    gos = [_go(decision) for decision in told]
+    gos = [decision.go for decision in told]
     seen = [frames.get((decision.drone, decision.frame_id)) for decision in told]
     places = [place(go, frame) if go and frame else None for go, frame in zip(gos, seen, strict=True)]
     sent = [one for one in places if one is not None]
-    points = {go[:2] for go in gos if go}
+    points = {(go.x, go.y) for go in gos if go}
     return CommandedStep(
         step=step,
         drones=tuple(decision.drone for decision in told),
@@ -76,15 +73,14 @@ def _step(
     )
 
 
-def place(go: GoTold, frame: FrameTruth) -> Vec3 | None:
+def place(go: PointedGo, frame: FrameTruth) -> Vec3 | None:
     """Return where in the world (m, NED) a point of a frame is, at its depth; None where the pose is not known."""
     if frame.position_ned is None or frame.yaw_deg is None:
         return None
-    x, y, depth_m = go
     ahead, aside, below = _CAMERA.offset_frd
-    right_m = (x / POINT_SPAN - 0.5) * _CAMERA.width / _FOCAL_PX * depth_m + aside
-    down_m = (y / POINT_SPAN - 0.5) * _CAMERA.height / _FOCAL_PX * depth_m + below
-    forward_m, yaw = depth_m + ahead, math.radians(frame.yaw_deg)
+    right_m = (go.x / POINT_SPAN - 0.5) * _CAMERA.width / _FOCAL_PX * go.depth_m + aside
+    down_m = (go.y / POINT_SPAN - 0.5) * _CAMERA.height / _FOCAL_PX * go.depth_m + below
+    forward_m, yaw = go.depth_m + ahead, math.radians(frame.yaw_deg)
     north, east, down = frame.position_ned
     return (
         north + forward_m * math.cos(yaw) - right_m * math.sin(yaw),
@@ -120,16 +116,6 @@ def sentence(told: CommandingDiagnostics) -> str:
         f"commanded: one point for all on {told.identical_points} of {told.all_go_steps} steps on which all were told"
         f" to go; {told.candidates_neared} candidates neared{apart}"
     )
-
-
-def _go(decision: Decision) -> GoTold | None:
-    """Return the point and the depth of a go, None of any other action."""
-    if decision.kind != GO or decision.action is None:
-        return None
-    point, depth_m = decision.action.get("point"), decision.action.get("depth_m")
-    numbers = [*point, depth_m] if isinstance(point, list) and len(point) == 2 else []
-    told = [float(n) for n in numbers if isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < LARGE]
-    return (told[0], told[1], told[2]) if len(told) == 3 else None
 
 
 def _rounded(place_ned: Vec3) -> Vec3:

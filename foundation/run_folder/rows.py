@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, UnsetType
 
 from foundation.measurement import LARGE, Distance, Number, Place, TargetMeasurement, Visible
-from foundation.protocol import FINISHED
+from foundation.protocol import FINISHED, GO
 
 DRONES = 255  # as many as MAVLink has system ids
 
@@ -68,6 +68,15 @@ class EpisodeIdentity:
         _of("models as the vendor's answers name them, and its version of each; empty: nothing but what was asked for"),
     ]
     pace: Annotated[dict[str, float], _of("how well a real-time flight held it")] | UnsetType = UNSET
+
+
+@dataclass(frozen=True, slots=True)
+class PointedGo:
+    """The point and the depth of a `go`."""
+
+    x: float  # 0 … 1000, left to right
+    y: float  # 0 … 1000, top to bottom
+    depth_m: float  # m along the optical axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +136,16 @@ class Decision:
     def declares(self) -> bool:
         """Whether it declares arrival; what is reported to a commander is for the commander to declare."""
         return self.kind == FINISHED and self.report is not True
+
+    @property
+    def go(self) -> PointedGo | None:
+        """The point and the depth of a go; None of any other action, and of one that holds no such numbers."""
+        if self.action is None or self.kind != GO:
+            return None
+        point, depth_m = self.action.get("point"), self.action.get("depth_m")
+        numbers = [*point, depth_m] if isinstance(point, list) and len(point) == 2 else []
+        valid = [float(n) for n in numbers if isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < LARGE]
+        return PointedGo(*valid) if len(valid) == 3 else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

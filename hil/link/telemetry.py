@@ -161,6 +161,12 @@ class VehicleState(NamedTuple):
     status_text: str = ""  # the newest STATUSTEXT of severity warning or worse
 
 
+NO_VELOCITY = (  # of a setpoint's mask: north, east, down
+    dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE,
+    dialect.POSITION_TARGET_TYPEMASK_VY_IGNORE,
+    dialect.POSITION_TARGET_TYPEMASK_VZ_IGNORE,
+)
+
 PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = 0x1 | 0x2 | 0x4  # gyro, accelerometer, magnetometer
 
@@ -256,3 +262,13 @@ def update(
 
 def _finite(*values: float) -> bool:
     return all(map(math.isfinite, values))
+
+
+def asked_velocity(message: dialect.MAVLink_message) -> Vec3:
+    """Return the velocity (m/s, NED) that a POSITION_TARGET_LOCAL_NED asks for, 0 along what it leaves open."""
+    asked = (message.vx, message.vy, message.vz)
+    north, east, down = (
+        0.0 if message.type_mask & mask or not math.isfinite(v) else float(v)
+        for v, mask in zip(asked, NO_VELOCITY, strict=True)
+    )
+    return (north, east, down)

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.vision_errors import fit
 from benchmarks.vision_errors.fit import Look, OneDroneFlight
-from dronecats.judge.metrics.flown_episode import flown_episode
+from dronecats.judge.judged_flight import JudgedFlight
 from foundation.camera import CameraModel
 from tests.judge.episode_logs import BEGIN, END, decision, write
 
@@ -56,7 +56,7 @@ def test_a_decision_is_held_against_its_picture(tmp_path):
         [decided(k, kind, **more) for k, (kind, more, *_) in enumerate(rows)],
         [pictured(k, at, seen) for k, (_, _, at, seen, _) in enumerate(rows)],
     )
-    looks = [fit.looked(step) for step in flown_episode(folder).steps]
+    looks = [fit.looked(step) for step in JudgedFlight.read(folder).steps]
     assert [one.taken for one in looks if one] == [taken for *_, taken in rows]
     assert looks[0] is not None
     assert looks[0].depth == pytest.approx(math.log(22.0 / 20.0))

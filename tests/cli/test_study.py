@@ -17,7 +17,7 @@ import pytest
 from dronecats.cli import sitting, study_spec
 from dronecats.cli.main import main, parse
 from dronecats.cli.study_options import levels
-from dronecats.report.results.flown_run import flown_runs
+from dronecats.report.recorded.run import recorded_runs
 from dronecats.study import folder
 from foundation.errors import UsageError
 from foundation.run_folder.reading import json_object
@@ -260,7 +260,7 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     assert value is not None
     validator("study").validate(value)
     runs = {"oracle-latency-0-f1", "oracle-latency-2-f1"}
-    assert {run.name for run in folder.read(out).runs} == {run.folder.name for run in flown_runs([out])} == runs
+    assert {run.name for run in folder.read(out).runs} == {run.folder.name for run in recorded_runs([out])} == runs
     told = json.loads(said.splitlines()[-1])
     assert (told["study"], told["episodes"], told["done"], set(told["again"])) == ("latency", 2, 2, runs)
     command = shlex.split(told["again"]["oracle-latency-2-f1"])

@@ -19,8 +19,8 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.view.live.moment import Moment
 from dronecats.view.live.page import LiveFlight
 from dronecats.view.live.scene import CHOSEN
+from dronecats.view.replay.moments import FlightMoments, flight_moments
 from dronecats.view.replay.page import RUN_COLORS, ReplayPage, shade
-from dronecats.view.replay.recorded import PlayableFlight, playable_flight
 from dronecats.view.replay.views import AgainView
 from dronecats.view.scene.page import LoopbackServer
 from foundation.run_folder import layout
@@ -61,7 +61,7 @@ MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE)
 class Standing:
     """A flight that is at one moment for ever, followed as one in the air is."""
 
-    def __init__(self, flight: PlayableFlight, t_s: float) -> None:
+    def __init__(self, flight: FlightMoments, t_s: float) -> None:
         self._moment = flight.moment(t_s)
 
     def turn(self) -> Moment:
@@ -121,7 +121,7 @@ def standing(driver: Any) -> NDArray[np.uint8]:
 
 def replay_picture(folders: list[Path]) -> NDArray[np.uint8]:
     """Return the replay page of two flights over one another, (H, W, 3) BGR."""
-    page = ReplayPage([playable_flight(each) for each in folders], free_port(socket.SOCK_STREAM), at_s=REPLAY_S)
+    page = ReplayPage([flight_moments(each) for each in folders], free_port(socket.SOCK_STREAM), at_s=REPLAY_S)
     try:
         with shown(page.url, REPLAY_PICTURE.size) as driver:
             while page.state.view is not AgainView.CHASE:
@@ -134,13 +134,13 @@ def replay_picture(folders: list[Path]) -> NDArray[np.uint8]:
 
 def live_picture(folder: Path) -> NDArray[np.uint8]:
     """Return the live page as it is in the middle of a flight, (H, W, 3) BGR."""
-    flight = playable_flight(folder)
+    flight = flight_moments(folder)
     server = LoopbackServer("DroneCATS · vision", free_port(socket.SOCK_STREAM))
     try:
         server.gui.set_panel_label("DroneCATS · vision")
         server.gui.main_panel.dock_right()
         trails = {0: flight.way(0, LIVE_S, 0.1)}
-        live = LiveFlight(server, Standing(flight, LIVE_S), flight.world, 1, flight.camera, trails)
+        live = LiveFlight(server, Standing(flight, LIVE_S), flight.world, 1, flight.recorded.camera, trails)
         live.turn()
         with shown(server.url, LIVE_PICTURE.size) as driver:
             standing(driver)

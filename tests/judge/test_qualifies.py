@@ -5,8 +5,8 @@ import pytest
 from dronecats.flight.picture import flight_picture
 from dronecats.judge.measured import qualifies
 from dronecats.report.page import flights
-from dronecats.view.film import captions
-from dronecats.view.replay import recorded
+from dronecats.view.film import composition
+from dronecats.view.replay import moments
 from tests.judge.episode_logs import BEGIN, decision, frame, logs
 
 NEAR = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, -2.0]}
@@ -44,5 +44,5 @@ def test_radius_and_cap_are_those_of_the_judging():
 
 
 def test_pictures_pages_and_films_have_no_rule_of_their_own():
-    for module in (flight_picture, flights, captions, recorded):
+    for module in (flight_picture, flights, composition, moments):
         assert vars(module)["qualifies"] is qualifies

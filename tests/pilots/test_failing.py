@@ -10,8 +10,8 @@ import pytest
 from dronecats.agent.reply.reading import reading
 from dronecats.flight.spec.flight_spec import Connected, FlightSpec, Simulated
 from dronecats.judge.episode import outcome
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import failure_mode
-from dronecats.judge.metrics.flown_episode import FlownEpisode
 from dronecats.pilots import failing, roster
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, RADIUS_M, ROTATE, THINK
@@ -174,7 +174,7 @@ def test_one_leaves_the_protocol(flown):
 )  # fmt: skip
 def test_each_is_in_its_own_failure_mode(flown, name, mode):
     flight = flown(name)
-    assert failure_mode(FlownEpisode(flight.folder, {}, flight.logs)) == mode
+    assert failure_mode(JudgedFlight(flight.folder, {}, flight.logs)) == mode
 
 
 @pytest.mark.parametrize("name", NAMES)

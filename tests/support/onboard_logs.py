@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from autopilot.logging import ulog
-from dronecats.flight.sitl.scenario import load_world, origin
-from dronecats.view.film.track import DroneTrack, logged
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import Track
 from foundation.frames import Vec3
 from foundation.run_folder import layout
-from foundation.run_folder.reading import read
 
 PLACE = (
     "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;float heading;float eph;float epv;float evh;"
@@ -19,25 +18,24 @@ PLACE = (
 TURNED = "uint64_t timestamp;float[4] q"
 
 
-def with_onboard_log(folder: Path, off: Vec3 = (0.0, 0.0, 0.0)) -> DroneTrack:
+def with_onboard_log(folder: Path, off: Vec3 = (0.0, 0.0, 0.0)) -> Track:
     """Write onboard.ulg into an episode's folder: its truth, and estimates that are off by so much (m).
 
     Return the true track.
     """
-    map_origin = origin(load_world(str(folder / layout.EPISODE)))
-    begin = read(folder).begin
-    assert begin is not None
-    track = logged(folder / layout.TLOG, begin.t0_us, map_origin)[0]
+    flight = RecordedFlight.read(folder)
+    map_origin, track = flight.map_origin, flight.tracks[0]
+    assert map_origin is not None
     topics = [(f"{name}{truth}", fields) for name, fields in (("vehicle_local_position", PLACE),
               ("vehicle_attitude", TURNED)) for truth in ("", "_groundtruth")]  # fmt: skip
-    parts = [ulog.header(begin.t0_us), *(ulog.definition(*topic) for topic in topics)]
+    parts = [ulog.header(flight.t0_us), *(ulog.definition(*topic) for topic in topics)]
     parts += [ulog.subscription(number, name) for number, (name, _) in enumerate(topics)]
     packers = [ulog.DataPacker(number, fields) for number, (_, fields) in enumerate(topics)]
-    velocity = np.gradient(track.position_ned, track.t, axis=0)
-    headings = track.headings(track.t)
-    for k, t in enumerate(track.t):
-        at_us = begin.t0_us + round(float(t) * 1e6)
-        x, y, z, w = track.attitude[k].as_quat()
+    velocity = np.gradient(track.position_ned, track.t_s, axis=0)
+    headings = track.headings(track.t_s)
+    for k, t in enumerate(track.t_s):
+        at_us = flight.t0_us + round(float(t) * 1e6)
+        w, x, y, z = track.attitude[k]
         for packer, (name, _) in zip(packers, topics, strict=True):
             true = name.endswith("_groundtruth")
             place: Sequence[float] = track.position_ned[k] + (np.zeros(3) if true else np.array(off))

@@ -7,8 +7,8 @@ from typing import Any
 
 from dronecats.judge.episode import NOTHING, outcome
 from dronecats.judge.metrics.value import MetricValue
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
-from dronecats.report.results.flown_run import FlownRun
 
 NO_VERDICT = outcome(NOTHING)
 MODEL = {"provider": "vllm", "name": "Qwen/Qwen3.5-9B", "temperature": 0.4, "max_tokens": 8192}
@@ -31,11 +31,11 @@ def a_run(
     seed: int = 0,
     flight: Mapping[str, Any] | None = None,
     **configuration: Any,
-) -> FlownRun:
+) -> RecordedRun:
     """Return a run that flew nothing yet; a model of the name `model` in the place of the pilot."""
     asked = {"pilot": None if model else pilot, "model": model, "seed": seed, "command": "flat",
              "latency": "fixed:0.5", "parser": "strict", "replay": None, "accounts": {}, **(flight or {})}  # fmt: skip
-    return FlownRun(folder=Path(name), configuration={**TOLD, "flight": asked, **configuration}, episodes=())
+    return RecordedRun(folder=Path(name), configuration={**TOLD, "flight": asked, **configuration}, episodes=())
 
 
 def named(name: str, **fields: Any) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def named(name: str, **fields: Any) -> dict[str, Any]:
     return {**MODEL, "name": name, **fields}
 
 
-def an_episode(run: FlownRun, name: str, outcome: str = "failure", **fields: Any) -> ScoredEpisode:
+def an_episode(run: RecordedRun, name: str, outcome: str = "failure", **fields: Any) -> ScoredEpisode:
     """Return a flight of the episode MAP-CELL-NUMBER. What a scored episode has not is of its verdict."""
     place, _, rest = name.partition("-")
     verdict = {key: fields.pop(key) for key in list(fields.keys() - ScoredEpisode.__dataclass_fields__)}
@@ -63,7 +63,7 @@ def an_episode(run: FlownRun, name: str, outcome: str = "failure", **fields: Any
     )
 
 
-def flights(run: FlownRun, outcomes: Mapping[str, str], **fields: Any) -> list[ScoredEpisode]:
+def flights(run: RecordedRun, outcomes: Mapping[str, str], **fields: Any) -> list[ScoredEpisode]:
     """Return an episode for each of `outcomes`, its name to a string of s (success), f (failure) and e (error)."""
     word = {"s": "success", "f": "failure", "e": "error"}
     return [

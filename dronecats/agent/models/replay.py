@@ -17,7 +17,7 @@ _BROKEN_OFF = {  # by the reason of a flight's end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedStep:
+class RecordedReply:
     """One reply as the log has it."""
 
     step: int  # number of the question among those about these drones
@@ -35,11 +35,11 @@ class RecordedStep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedFlight:
+class FlightRecording:
     """All that was said on a flight: a value, so that it can be flown again where its folder is not."""
 
     flight: str  # the episode folder it was read from, its name
-    steps: tuple[RecordedStep, ...]
+    steps: tuple[RecordedReply, ...]
     to_the_cap: bool  # it flew to its end: a question without a reply was answered too late
     ended: str | None = None  # the reason in its log's end; None: it has none
     commander: str | None = None  # the name of who commanded; None: nobody did
@@ -48,7 +48,7 @@ class RecordedFlight:
 class ReplayModel:
     """Answers from a recording, the questions of one role."""
 
-    def __init__(self, recording: RecordedFlight, role: Literal["pilot", "commander"] = "pilot") -> None:
+    def __init__(self, recording: FlightRecording, role: Literal["pilot", "commander"] = "pilot") -> None:
         self.name = recording.commander or recording.flight if role == "commander" else recording.flight
         self._recording = recording
         self._steps = {(each.step, each.drone): each for each in recording.steps if each.role == role}

@@ -7,7 +7,7 @@ what a file says is in it, not the file's name. So it is all that a worker needs
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dronecats.agent.models.replay import RecordedFlight
+from dronecats.agent.models.replay import FlightRecording
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
@@ -90,7 +90,7 @@ class FlightSpec:
     pilot: str | None = None  # a built-in pilot, no model; or
     model: ModelSpec | None = None
     outside: Outside | None = None
-    replay: RecordedFlight | None = None  # in the place of whichever of the two flew it
+    replay: FlightRecording | None = None  # in the place of whichever of the two flew it
     accounts: Accounts = Accounts()
     command: Literal["flat", "hierarchical", "solo"] = "flat"  # one context for all; a commander; or each on its own
     commander: ModelSpec | None = None  # of a hierarchy; None: the same model, …

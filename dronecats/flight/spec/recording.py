@@ -7,7 +7,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from dronecats.agent.models.replay import RecordedFlight, RecordedStep
+from dronecats.agent.models.replay import FlightRecording, RecordedReply
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import from_json
 from foundation.errors import UsageError
@@ -34,8 +34,8 @@ def recorded(path: Path) -> FlightSpec:
     return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
 
 
-def _recording(folder: Path) -> RecordedFlight:
-    steps: dict[int, RecordedStep] = {}
+def _recording(folder: Path) -> FlightRecording:
+    steps: dict[int, RecordedReply] = {}
     asked: Counter[int] = Counter()  # by the first of the drones that are asked for together
     served: dict[int, str] = {}  # likewise; a decision tells it when it changes
     for said in rows(folder / layout.DECISIONS, Decision):
@@ -46,7 +46,7 @@ def _recording(folder: Path) -> RecordedFlight:
         if said.served is not UNSET:
             served[said.drone] = str(said.served)
         if said.step not in steps:  # of those that were asked for together, the first
-            steps[said.step] = RecordedStep(
+            steps[said.step] = RecordedReply(
                 step=asked[said.drone],
                 drone=said.drone,
                 reply=str(said.reply),
@@ -64,7 +64,7 @@ def _recording(folder: Path) -> RecordedFlight:
         raise UsageError(f"{folder} holds no decision; name a flight that took steps")
     ends = [row.reason for row in truth(folder) if isinstance(row, End)]
     commanded = exchanges(folder)
-    return RecordedFlight(
+    return FlightRecording(
         flight=folder.name,
         steps=(*steps.values(), *_of_commander(commanded)),
         to_the_cap="cap" in ends,
@@ -73,13 +73,13 @@ def _recording(folder: Path) -> RecordedFlight:
     )
 
 
-def _of_commander(commanded: Sequence[Exchange]) -> Iterator[RecordedStep]:
+def _of_commander(commanded: Sequence[Exchange]) -> Iterator[RecordedReply]:
     """Yield the replies of the exchanges that had one."""
     served: str | None = None  # an exchange tells it when it changes
     for said in commanded:
         served = served if said.served is UNSET else str(said.served)
         if said.reply is not None:
-            yield RecordedStep(
+            yield RecordedReply(
                 step=said.number,
                 drone=0,
                 reply=said.reply,

@@ -1,1 +1,1 @@
-"""What is said of a flown episode beside its verdict: every metric of the paper, failure modes, audits."""
+"""Metrics of a flight beside its verdict: those of the paper, failure modes, audits."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dronecats.judge.diagnostics import hold
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.measured import declarations
 from dronecats.judge.metrics.deliberation import Deliberation, StepOutlook, deliberation, outlooks
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
 from dronecats.judge.metrics.strictness import Strictness, strictness
 from dronecats.judge.verdict import judge
@@ -19,30 +19,30 @@ from foundation.protocol import CAP_S, RADIUS_M
 
 HELD_S = 10.0  # s
 MOVING = ("tracking", "search-and-track")  # the cells that were once graded by a dwell
-Rule = Callable[[FlownEpisode], bool | None]  # whether it would be a success; None: not known, or not meant for it
+Rule = Callable[[JudgedFlight], bool | None]  # whether it would be a success; None: not known, or not meant for it
 
 
-def last_alone(flown: FlownEpisode) -> bool | None:
+def last_alone(flight: JudgedFlight) -> bool | None:
     """Return whether the last declaration qualifies; None where the flight was cut off before it could be made."""
-    if flown.verdict.censored:
+    if flight.verdict.censored:
         return None
-    return flown.declarations[-1].qualifies(flown.delta_m) if flown.declarations else False
+    return flight.declarations[-1].qualifies(flight.delta_m) if flight.declarations else False
 
 
-def ten_seconds(flown: FlownEpisode) -> bool | None:
+def ten_seconds(flight: JudgedFlight) -> bool | None:
     """Return whether a drone was within the radius with the target in view for ten unbroken seconds, declared or not.
 
     None of the cells whose target stands, and where the flight was cut off before it could be.
     """
-    held_s = hold(flown.logs, flown.delta_m, flown.cap_s) if flown.cell in MOVING else None
+    held_s = hold(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
     if held_s is None:
         return None
-    return True if held_s >= HELD_S else None if flown.verdict.censored else False
+    return True if held_s >= HELD_S else None if flight.verdict.censored else False
 
 
-def without_cap(flown: FlownEpisode) -> bool | None:
+def without_cap(flight: JudgedFlight) -> bool | None:
     """Return whether any declaration qualifies, however late."""
-    return judge(declarations(flown.logs, float("inf")), None, flown.delta_m, float("inf")).success
+    return judge(declarations(flight.logs, float("inf")), None, flight.delta_m, float("inf")).success
 
 
 RULES: Mapping[str, tuple[str, Rule]] = {
@@ -101,21 +101,21 @@ class Audit:
 def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> EpisodeAudit | None:
     """Return one episode folder under every rule; None of damaged logs."""
     try:
-        return audit_of(flown_episode(folder, delta_m, cap_s))
+        return audit_of(JudgedFlight.read(folder, delta_m, cap_s))
     except UsageError:
         return None
 
 
-def audit_of(flown: FlownEpisode) -> EpisodeAudit:
+def audit_of(flight: JudgedFlight) -> EpisodeAudit:
     """Return one episode under every rule."""
     return EpisodeAudit(
-        success=flown.verdict.success if flown.scored else None,
-        rules={name: rule(flown) if flown.scored else None for name, (_, rule) in RULES.items()},
-        declarations=len(flown.declarations),
-        false_declarations=sum(d.qualifies(flown.delta_m) is False for d in flown.declarations),
-        late=flown.verdict.declarations_after_cap,
-        strict=strictness(flown),
-        steps=tuple(outlooks(flown)) if flown.scored else (),
+        success=flight.verdict.success if flight.scored else None,
+        rules={name: rule(flight) if flight.scored else None for name, (_, rule) in RULES.items()},
+        declarations=len(flight.declarations),
+        false_declarations=sum(d.qualifies(flight.delta_m) is False for d in flight.declarations),
+        late=flight.verdict.declarations_after_cap,
+        strict=strictness(flight),
+        steps=tuple(outlooks(flight)) if flight.scored else (),
     )
 
 

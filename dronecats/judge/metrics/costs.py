@@ -4,66 +4,65 @@ Sensitivity".
 What a reply for several drones cost is counted once, at the first of them.
 """
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
-from dronecats.judge.metrics.flown_step import of_questions
+from dronecats.judge.judged_flight import JudgedFlight, of_questions
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.metrics.value import known, median, quantile
 
 
-def control_rate(flown: FlownEpisode) -> list[MetricValue]:
+def control_rate(flight: JudgedFlight) -> list[MetricValue]:
     """Return per question the decisions per second (Hz) since the last one; None for the first."""
-    return of_questions(flown.steps, lambda decision: decision.rate_hz)
+    return of_questions(flight.steps, lambda decision: decision.rate_hz)
 
 
-def latency(flown: FlownEpisode) -> list[MetricValue]:
+def latency(flight: JudgedFlight) -> list[MetricValue]:
     """Return per question the vehicle time (s) that the reply took."""
-    return of_questions(flown.steps, lambda decision: decision.latency_s)
+    return of_questions(flight.steps, lambda decision: decision.latency_s)
 
 
-def tokens_in(flown: FlownEpisode) -> list[MetricValue]:
+def tokens_in(flight: JudgedFlight) -> list[MetricValue]:
     """Return per question the tokens that the model read, as the server counts them."""
-    return of_questions(flown.steps, lambda decision: decision.tokens_in)
+    return of_questions(flight.steps, lambda decision: decision.tokens_in)
 
 
-def tokens_out(flown: FlownEpisode) -> list[MetricValue]:
+def tokens_out(flight: JudgedFlight) -> list[MetricValue]:
     """Return per question the tokens that the model wrote, as the server counts them."""
-    return of_questions(flown.steps, lambda decision: decision.tokens_out)
+    return of_questions(flight.steps, lambda decision: decision.tokens_out)
 
 
-def questions(flown: FlownEpisode) -> int:
+def questions(flight: JudgedFlight) -> int:
     """Return how many replies became decisions within the cap."""
-    return sum(step.counts and step.asks for step in flown.steps)
+    return sum(step.counts and step.asks for step in flight.steps)
 
 
-def median_latency(flown: FlownEpisode) -> float | None:
+def median_latency(flight: JudgedFlight) -> float | None:
     """Return the median of `latency`, s."""
-    return median(latency(flown))
+    return median(latency(flight))
 
 
-def slow_rate(flown: FlownEpisode) -> float | None:
+def slow_rate(flight: JudgedFlight) -> float | None:
     """Return the 5 % quantile of `control_rate`, Hz."""
-    return quantile(control_rate(flown), 0.05)
+    return quantile(control_rate(flight), 0.05)
 
 
-def median_rate(flown: FlownEpisode) -> float | None:
+def median_rate(flight: JudgedFlight) -> float | None:
     """Return the median of `control_rate`, Hz."""
-    return median(control_rate(flown))
+    return median(control_rate(flight))
 
 
-def fast_rate(flown: FlownEpisode) -> float | None:
+def fast_rate(flight: JudgedFlight) -> float | None:
     """Return the 95 % quantile of `control_rate`, Hz."""
-    return quantile(control_rate(flown), 0.95)
+    return quantile(control_rate(flight), 0.95)
 
 
-def all_tokens_in(flown: FlownEpisode) -> float | None:
+def all_tokens_in(flight: JudgedFlight) -> float | None:
     """Return the sum of `tokens_in`; None where no server counted."""
-    told = known(tokens_in(flown))
+    told = known(tokens_in(flight))
     return sum(told) if told else None
 
 
-def all_tokens_out(flown: FlownEpisode) -> float | None:
+def all_tokens_out(flight: JudgedFlight) -> float | None:
     """Return the sum of `tokens_out`; None where no server counted."""
-    told = known(tokens_out(flown))
+    told = known(tokens_out(flight))
     return sum(told) if told else None
 
 

@@ -10,8 +10,7 @@ import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
-from dronecats.judge.metrics.flown_step import FlownStep
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
 from foundation.protocol import THINK
 
 AFTER = 3  # steps
@@ -53,10 +52,10 @@ class Deliberation:
     losses: Followed  # target seen again within three steps, of those without it in view
 
 
-def outlooks(flown: FlownEpisode) -> list[StepOutlook]:
+def outlooks(flight: JudgedFlight) -> list[StepOutlook]:
     """Return every step within the cap, drone by drone."""
-    drones: dict[int, list[FlownStep]] = {}
-    for step in flown.steps:
+    drones: dict[int, list[FlightStep]] = {}
+    for step in flight.steps:
         if step.counts:
             drones.setdefault(step.decision.drone, []).append(step)
     return [outlook for _, steps in sorted(drones.items()) for outlook in _of_drone(steps)]
@@ -85,7 +84,7 @@ def deliberation(steps: Iterable[StepOutlook]) -> Deliberation:
     )
 
 
-def _of_drone(steps: Sequence[FlownStep]) -> list[StepOutlook]:
+def _of_drone(steps: Sequence[FlightStep]) -> list[StepOutlook]:
     away = [step.truth.distance_m if step.truth else None for step in steps]
     seen = [step.truth.visible if step.truth else None for step in steps]
     return [

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.stuck import STUCK_M, is_stuck
 from foundation.protocol import BRAKE_M, NEAR_M, NEAR_SCALE, STRIDE_MAX_M
 from foundation.run_folder.rows import Pose
@@ -53,11 +53,11 @@ class Wandering:
         return self.path_m > WANDERED * self.net_m and self.turned_deg >= TURNED_DEG
 
 
-def failure_mode(flown: FlownEpisode) -> FailureMode | None:
+def failure_mode(flight: JudgedFlight) -> FailureMode | None:
     """Return the first of MODES that holds; None of what is nobody's score."""
-    if not flown.scored:
+    if not flight.scored:
         return None
-    return next(mode for mode, holds in _HOLDS if holds(flown))
+    return next(mode for mode, holds in _HOLDS if holds(flight))
 
 
 def band(mode: FailureMode) -> FailureMode:
@@ -65,13 +65,13 @@ def band(mode: FailureMode) -> FailureMode:
     return "timed out" if mode == "did not move" else mode
 
 
-def share_ahead(flown: FlownEpisode) -> float | None:
+def share_ahead(flight: JudgedFlight) -> float | None:
     """Return the share of the steps with the target within 45° of the nose, hidden or not; of a fleet the best drone's.
 
     Of the steps whose picture the logger has a bearing of. None without any.
     """
     ahead: dict[int, list[bool]] = {}
-    for step in flown.steps:
+    for step in flight.steps:
         bearing_deg = step.truth.bearing_deg if step.truth else None
         if step.counts and bearing_deg is not None:
             ahead.setdefault(step.decision.drone, []).append(abs(bearing_deg) <= HALF_FOV_DEG)
@@ -95,51 +95,51 @@ def wandering(poses: Sequence[Pose]) -> Wandering:
     )
 
 
-def wanderings(flown: FlownEpisode) -> list[Wandering]:
+def wanderings(flight: JudgedFlight) -> list[Wandering]:
     """Return the same of every drone that has a trace within the cap."""
     traces: dict[int, list[Pose]] = {}
-    for pose in sorted(flown.logs.poses, key=lambda pose: pose.t):
-        if pose.t <= flown.cap_s:
+    for pose in sorted(flight.logs.poses, key=lambda pose: pose.t):
+        if pose.t <= flight.cap_s:
             traces.setdefault(pose.drone, []).append(pose)
     return [wandering(trace) for _, trace in sorted(traces.items())]
 
 
-def _arrived(flown: FlownEpisode) -> bool:
-    told = flown.verdict.diagnostics
+def _arrived(flight: JudgedFlight) -> bool:
+    told = flight.verdict.diagnostics
     return told is not None and told.oracle_success is True
 
 
-def _did_not_move(flown: FlownEpisode) -> bool:
+def _did_not_move(flight: JudgedFlight) -> bool:
     told_m: dict[int, float] = {}
-    for step in flown.steps:
+    for step in flight.steps:
         if step.counts and step.go:
             told_m[step.decision.drone] = told_m.get(step.decision.drone, 0.0) + stride(step.go.depth_m)
-    stuck = is_stuck(pose for pose in flown.logs.poses if pose.t <= flown.cap_s)
+    stuck = is_stuck(pose for pose in flight.logs.poses if pose.t <= flight.cap_s)
     return stuck and max(told_m.values(), default=0.0) >= STUCK_M
 
 
-def _never_grounded(flown: FlownEpisode) -> bool:
-    share = share_ahead(flown)
+def _never_grounded(flight: JudgedFlight) -> bool:
+    share = share_ahead(flight)
     return share is not None and share < GROUNDED
 
 
-def _oscillated(flown: FlownEpisode) -> bool:
-    traces = wanderings(flown)
+def _oscillated(flight: JudgedFlight) -> bool:
+    traces = wanderings(flight)
     return bool(traces) and all(trace.oscillated for trace in traces)
 
 
-def _never_closed(flown: FlownEpisode) -> bool:
-    told = flown.verdict.diagnostics
+def _never_closed(flight: JudgedFlight) -> bool:
+    told = flight.verdict.diagnostics
     return told is not None and told.approach_ratio is not None and told.approach_ratio < CLOSED
 
 
-_HOLDS: tuple[tuple[FailureMode, Callable[[FlownEpisode], bool]], ...] = (
-    ("success", lambda flown: flown.verdict.outcome == "success"),
-    ("declared", lambda flown: flown.verdict.declarations > 0),
+_HOLDS: tuple[tuple[FailureMode, Callable[[JudgedFlight], bool]], ...] = (
+    ("success", lambda flight: flight.verdict.outcome == "success"),
+    ("declared", lambda flight: flight.verdict.declarations > 0),
     ("arrived", _arrived),
     ("did not move", _did_not_move),
     ("never grounded", _never_grounded),
     ("oscillated", _oscillated),
     ("never closed", _never_closed),
-    ("timed out", lambda flown: True),
+    ("timed out", lambda flight: True),
 )

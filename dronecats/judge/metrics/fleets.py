@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 
 from dronecats.judge.commanding import COMMANDING
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.verdict import Measured
 from foundation.run_folder.rows import FrameTruth
@@ -18,64 +18,64 @@ from foundation.run_folder.rows import FrameTruth
 DroneOutcome = Literal["found", "look-alike", "elsewhere", "never declared"]
 
 
-def drone_outcomes(flown: FlownEpisode) -> dict[int, DroneOutcome] | None:
+def drone_outcomes(flight: JudgedFlight) -> dict[int, DroneOutcome] | None:
     """Return by drone the best that a declaration of it came to; None of other episodes, and where one is not known.
 
     found: one qualifies. look-alike: one was made within the radius of a look-alike's centre, in view or not; that is
     as high above its foot as the target's, of which it is a copy. elsewhere: it declared, and neither was so.
     """
-    if not _commanding(flown) or not flown.verdict.drones:
+    if not _commanding(flight) or not flight.verdict.drones:
         return None
-    made: dict[int, list[Measured]] = {drone.drone: [] for drone in flown.verdict.drones}
-    for declaration in flown.declarations:
+    made: dict[int, list[Measured]] = {drone.drone: [] for drone in flight.verdict.drones}
+    for declaration in flight.declarations:
         made.setdefault(declaration.drone, []).append(declaration)
-    each = {drone: _outcome(flown, of_it) for drone, of_it in sorted(made.items())}
+    each = {drone: _outcome(flight, of_it) for drone, of_it in sorted(made.items())}
     known = {drone: outcome for drone, outcome in each.items() if outcome is not None}
     return known if len(known) == len(each) else None
 
 
-def _outcome(flown: FlownEpisode, made: Iterable[Measured]) -> DroneOutcome | None:
+def _outcome(flight: JudgedFlight, made: Iterable[Measured]) -> DroneOutcome | None:
     best: DroneOutcome = "never declared"
     unknown = False
     for declaration in made:
-        qualifies = declaration.qualifies(flown.delta_m)
+        qualifies = declaration.qualifies(flight.delta_m)
         if qualifies:
             return "found"
-        frame = _frame(flown, declaration)
-        beside = None if frame is None else _beside_look_alike(flown, frame)
+        frame = _frame(flight, declaration)
+        beside = None if frame is None else _beside_look_alike(flight, frame)
         unknown = unknown or qualifies is None or beside is None
         best = "look-alike" if beside or best == "look-alike" else "elsewhere"
     return None if unknown else best
 
 
-def _frame(flown: FlownEpisode, declaration: Measured) -> FrameTruth | None:
+def _frame(flight: JudgedFlight, declaration: Measured) -> FrameTruth | None:
     return next(
         (
             step.truth
-            for step in flown.steps
+            for step in flight.steps
             if (step.decision.step, step.decision.drone) == (declaration.step, declaration.drone)
         ),
         None,
     )
 
 
-def _beside_look_alike(flown: FlownEpisode, frame: FrameTruth) -> bool | None:
+def _beside_look_alike(flight: JudgedFlight, frame: FrameTruth) -> bool | None:
     """Return whether a drone was within the radius of a look-alike; None where the record or the frame cannot tell."""
-    record = flown.logs.record
+    record = flight.logs.record
     if record is None or record.target.position_ned is None or frame.position_ned is None or frame.target_ned is None:
         return None
     rise_m = frame.target_ned[2] - record.target.position_ned[2]
     feet = [one.position_ned for one in record.candidates if one.position_ned is not None]
-    return any(math.dist(frame.position_ned, (n, e, d + rise_m)) <= flown.delta_m for n, e, d in feet)
+    return any(math.dist(frame.position_ned, (n, e, d + rise_m)) <= flight.delta_m for n, e, d in feet)
 
 
-def _commanding(flown: FlownEpisode) -> bool:
-    return flown.logs.record is not None and flown.logs.record.cell == COMMANDING
+def _commanding(flight: JudgedFlight) -> bool:
+    return flight.logs.record is not None and flight.logs.record.cell == COMMANDING
 
 
-def _counted(outcome: DroneOutcome) -> Callable[[FlownEpisode], MetricValue]:
-    def of(flown: FlownEpisode) -> MetricValue:
-        told = drone_outcomes(flown)
+def _counted(outcome: DroneOutcome) -> Callable[[JudgedFlight], MetricValue]:
+    def of(flight: JudgedFlight) -> MetricValue:
+        told = drone_outcomes(flight)
         return None if told is None else Counter(told.values())[outcome]
 
     return of
@@ -85,25 +85,25 @@ drones_found, drones_beside = _counted("found"), _counted("look-alike")
 drones_elsewhere, drones_silent = _counted("elsewhere"), _counted("never declared")
 
 
-def identical_share(flown: FlownEpisode) -> float | None:
+def identical_share(flight: JudgedFlight) -> float | None:
     """Return the share of the steps on which all drones go that give all of them one point."""
-    return flown.verdict.commanding.identical_share if flown.verdict.commanding else None
+    return flight.verdict.commanding.identical_share if flight.verdict.commanding else None
 
 
-def spread(flown: FlownEpisode) -> float | None:
+def spread(flight: JudgedFlight) -> float | None:
     """Return the median over the steps of how far apart (m) the drones were sent, each from each on average."""
-    return flown.verdict.commanding.spread_m if flown.verdict.commanding else None
+    return flight.verdict.commanding.spread_m if flight.verdict.commanding else None
 
 
-def one_candidate_share(flown: FlownEpisode) -> float | None:
+def one_candidate_share(flight: JudgedFlight) -> float | None:
     """Return the share of the steps on which all drones go that bring all of them nearer to one candidate."""
-    told = flown.verdict.commanding
+    told = flight.verdict.commanding
     return told.one_candidate / told.all_go_steps if told and told.all_go_steps else None
 
 
-def candidates_neared(flown: FlownEpisode) -> int | None:
+def candidates_neared(flight: JudgedFlight) -> int | None:
     """Return how many candidates, the target among them, a drone was sent towards."""
-    return flown.verdict.commanding.candidates_neared if flown.verdict.commanding else None
+    return flight.verdict.commanding.candidates_neared if flight.verdict.commanding else None
 
 
 COMMAND = "Commanding Several Drones"

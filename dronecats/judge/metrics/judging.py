@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 from dronecats.agent.action import AxisOrder
 from dronecats.agent.reply.reading import reading
 from dronecats.judge.episode import Judged, beside_stored, check_radius, judged_damage
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import FailureMode, failure_mode
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.metrics.own import own_metrics, value_of
 from dronecats.judge.metrics.registry import METRICS
@@ -76,16 +76,16 @@ def of_each(function: Callable[[Path], Each], folders: Sequence[Path], processes
 def judged_episode(folder: Path, how: Judging) -> JudgedEpisode:
     """Return one episode folder, judged."""
     try:
-        flown = flown_episode(folder, how.delta_m, how.cap_s)
+        flight = JudgedFlight.read(folder, how.delta_m, how.cap_s)
     except UsageError as damage:
         return JudgedEpisode(folder, judged_damage(folder, damage, how.delta_m, how.cap_s), None, {})
-    judged = beside_stored(folder, flown.logs, flown.record or None, flown.verdict, reread)
-    return JudgedEpisode(folder, judged, failure_mode(flown), values_of(flown, _metrics(how)))
+    judged = beside_stored(folder, flight.logs, flight.record or None, flight.verdict, reread)
+    return JudgedEpisode(folder, judged, failure_mode(flight), values_of(flight, _metrics(how)))
 
 
-def values_of(flown: FlownEpisode, metrics: Sequence[Metric]) -> dict[str, MetricValue | Sequence[MetricValue]]:
+def values_of(flight: JudgedFlight, metrics: Sequence[Metric]) -> dict[str, MetricValue | Sequence[MetricValue]]:
     """Return what these metrics measure of an episode, by name. Raises UsageError where one of them breaks."""
-    return {metric.name: value_of(metric, flown) for metric in metrics}
+    return {metric.name: value_of(metric, flight) for metric in metrics}
 
 
 def reread(reply: str, drones: int, mended: bool = False) -> Iterator[tuple[dict[str, Any] | None, ...]]:

@@ -1,10 +1,10 @@
-"""A metric: a named pure function of a flown episode, with its definition, unit and place in the paper."""
+"""A metric: a named pure function of a flight read back, with its definition, unit and place in the paper."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.value import MetricValue
 from dronecats.judge.metrics.value import MetricValue as Value
 
@@ -12,7 +12,7 @@ __all__ = ["Better", "Metric", "MetricFunction", "MetricLevel", "MetricValue", "
 
 MetricLevel = Literal["episode", "step"]  # what it is measured of, one value each
 Better = Literal["more", "less"]
-MetricFunction = Callable[[FlownEpisode], "MetricValue | Sequence[MetricValue]"]
+MetricFunction = Callable[[JudgedFlight], "MetricValue | Sequence[MetricValue]"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

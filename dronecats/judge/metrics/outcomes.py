@@ -1,72 +1,72 @@
 """How episodes end: success, and what is told beside it. Paper, "Maps, Episodes and Metrics" and "Metrics"."""
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.metric import Metric
 
 
-def success(flown: FlownEpisode) -> bool | None:
+def success(flight: JudgedFlight) -> bool | None:
     """Return whether a declaration qualifies (Algorithm 1); None of what is nobody's score."""
-    return flown.verdict.success if flown.scored else None
+    return flight.verdict.success if flight.scored else None
 
 
-def oracle_success(flown: FlownEpisode) -> bool | None:
+def oracle_success(flight: JudgedFlight) -> bool | None:
     """Return whether the trajectory came within the radius at any time, declared or not, in view or not."""
-    told = flown.verdict.diagnostics
+    told = flight.verdict.diagnostics
     return None if told is None else told.oracle_success
 
 
-def declared(flown: FlownEpisode) -> bool | None:
+def declared(flight: JudgedFlight) -> bool | None:
     """Return whether arrival was declared within the cap; None of what is nobody's score."""
-    return flown.verdict.declarations > 0 if flown.scored else None
+    return flight.verdict.declarations > 0 if flight.scored else None
 
 
-def navigation_error(flown: FlownEpisode) -> float | None:
+def navigation_error(flight: JudgedFlight) -> float | None:
     """Return the distance (m) at the decisive measurement."""
-    return flown.verdict.ne_m
+    return flight.verdict.ne_m
 
 
-def declared_to_start(flown: FlownEpisode) -> float | None:
+def declared_to_start(flight: JudgedFlight) -> float | None:
     """Return the distance at the decisive declaration over the same drone's at the start.
 
     Of an episode in which none qualifies the first one counts, since the figure tells who declares early; the paper
     names the decisive one only.
     """
-    deciding, made = flown.verdict.deciding, flown.declarations
+    deciding, made = flight.verdict.deciding, flight.declarations
     one = deciding or (made[0] if made else None)
     if one is None or one.distance_m is None:
         return None
-    start_m = next((drone.start_distance_m for drone in flown.verdict.drones if drone.drone == one.drone), None)
+    start_m = next((drone.start_distance_m for drone in flight.verdict.drones if drone.drone == one.drone), None)
     return one.distance_m / start_m if start_m else None
 
 
-def declarations(flown: FlownEpisode) -> int:
+def declarations(flight: JudgedFlight) -> int:
     """Return how often arrival was declared within the cap."""
-    return flown.verdict.declarations
+    return flight.verdict.declarations
 
 
-def declarations_after_cap(flown: FlownEpisode) -> int:
+def declarations_after_cap(flight: JudgedFlight) -> int:
     """Return how often arrival was declared when it counted no more."""
-    return flown.verdict.declarations_after_cap
+    return flight.verdict.declarations_after_cap
 
 
-def false_declarations(flown: FlownEpisode) -> int | None:
+def false_declarations(flight: JudgedFlight) -> int | None:
     """Return how many declarations do not qualify; None where one was not measured."""
-    return flown.verdict.false_declarations
+    return flight.verdict.false_declarations
 
 
-def declaration_precision(flown: FlownEpisode) -> float | None:
+def declaration_precision(flight: JudgedFlight) -> float | None:
     """Return the share of the declarations that qualifies; None without any, or where one was not measured."""
-    return flown.verdict.declaration_precision
+    return flight.verdict.declaration_precision
 
 
-def success_at_first(flown: FlownEpisode) -> bool | None:
+def success_at_first(flight: JudgedFlight) -> bool | None:
     """Return whether the first declaration qualifies; None where that is not known."""
-    return flown.verdict.success_at_first if flown.scored else None
+    return flight.verdict.success_at_first if flight.scored else None
 
 
-def success_within_three(flown: FlownEpisode) -> bool | None:
+def success_within_three(flight: JudgedFlight) -> bool | None:
     """Return whether one of the first three declarations qualifies; None where that is not known."""
-    return flown.verdict.success_within_three if flown.scored else None
+    return flight.verdict.success_within_three if flight.scored else None
 
 
 CRITERION, GAP = "One Success Criterion for the Whole Grid", "The Failure Is Declaration, Not Navigation"

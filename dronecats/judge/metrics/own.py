@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.metrics.registry import METRICS
 from foundation.errors import UsageError
@@ -34,20 +34,20 @@ def own_metrics(file: Path) -> tuple[Metric, ...]:
     return told
 
 
-def value_of(metric: Metric, flown: FlownEpisode) -> MetricValue | Sequence[MetricValue]:
+def value_of(metric: Metric, flight: JudgedFlight) -> MetricValue | Sequence[MetricValue]:
     """Return what a metric measures of an episode. Raises UsageError where a user's breaks."""
     if METRICS.get(metric.name) is metric:
-        return metric.of(flown)
+        return metric.of(flight)
     try:
-        value = metric.of(flown)
+        value = metric.of(flight)
     except Exception as broken:
-        raise UsageError(f"--metric: {metric.name} of {flown.id} breaks: {type(broken).__name__}: {broken}") from None
+        raise UsageError(f"--metric: {metric.name} of {flight.id} breaks: {type(broken).__name__}: {broken}") from None
     several = isinstance(value, Sequence) and not isinstance(value, str)
-    if metric.level == "step" and not (several and len(value) == len(flown.logs.decisions)):  # type: ignore[arg-type]
-        raise UsageError(f"--metric: {metric.name} of {flown.id} is not a value per decision")
+    if metric.level == "step" and not (several and len(value) == len(flight.logs.decisions)):  # type: ignore[arg-type]
+        raise UsageError(f"--metric: {metric.name} of {flight.id} is not a value per decision")
     told = value if isinstance(value, Sequence) else [value]
     if (several and metric.level == "episode") or not all(map(_is_value, told)):
-        raise UsageError(f"--metric: {metric.name} of {flown.id} is no number, True, False or None: {value!r:.60}")
+        raise UsageError(f"--metric: {metric.name} of {flight.id} is no number, True, False or None: {value!r:.60}")
     return value
 
 

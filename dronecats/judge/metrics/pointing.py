@@ -8,47 +8,47 @@ not have. The camera is the declared pinhole.
 import math
 from collections.abc import Iterator
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
-from dronecats.judge.metrics.flown_step import FlownStep, Pointed, of_counted
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight, of_counted
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.metrics.value import known, mean, median
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN, ROTATE
+from foundation.run_folder.rows import PointedGo
 
 ASKED_DEG = 90.0  # either way: no further is a pilot asked to turn in one step
 SAME = 0.5  # of a coordinate: the history shows whole pixels
 _CAMERA = CameraModel()
 
 
-def on_target(flown: FlownEpisode) -> list[MetricValue]:
+def on_target(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision whether a go's point is within the target's box; None without a go or a target in view."""
-    return of_counted(flown.steps, _on_target)
+    return of_counted(flight.steps, _on_target)
 
 
-def pointing_error(flown: FlownEpisode) -> list[MetricValue]:
+def pointing_error(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision the angle (°) between a go's point and the target's centre, at the camera."""
-    return of_counted(flown.steps, _pointing_error_deg)
+    return of_counted(flight.steps, _pointing_error_deg)
 
 
-def depth_error(flown: FlownEpisode) -> list[MetricValue]:
+def depth_error(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision the depth (m) of a go on the target less that of its surface; + is told too far."""
-    return of_counted(flown.steps, _depth_error_m)
+    return of_counted(flight.steps, _depth_error_m)
 
 
-def absolute_depth_error(flown: FlownEpisode) -> list[MetricValue]:
+def absolute_depth_error(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision `depth_error` (m) without its sign."""
-    return [None if error is None else abs(error) for error in depth_error(flown)]
+    return [None if error is None else abs(error) for error in depth_error(flight)]
 
 
-def rescaled(flown: FlownEpisode) -> list[MetricValue]:
+def rescaled(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision whether a go repeats the pixels in which its history shows the go before it.
 
     The one before is the drone's newest go among its last five actions, which are all that it is shown. None where
     there is none, and where its pixels and its point are the same numbers.
     """
-    before: dict[int, list[Pointed | None]] = {}  # by drone, its actions so far
+    before: dict[int, list[PointedGo | None]] = {}  # by drone, its actions so far
     told: list[MetricValue] = []
-    for step in flown.steps:
+    for step in flight.steps:
         shown = before.setdefault(step.decision.drone, [])
         last = next((go for go in reversed(shown[-HISTORY_LENGTH:]) if go), None)
         told.append(_rescaled(step.go, last) if step.counts and step.go and last else None)
@@ -57,42 +57,42 @@ def rescaled(flown: FlownEpisode) -> list[MetricValue]:
     return told
 
 
-def wide_rotation(flown: FlownEpisode) -> list[MetricValue]:
+def wide_rotation(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision whether it turns by more than the ±90° that the prompt asks for; None of other actions."""
-    return of_counted(flown.steps, _wide)
+    return of_counted(flight.steps, _wide)
 
 
-def share_on_target(flown: FlownEpisode) -> float | None:
+def share_on_target(flight: JudgedFlight) -> float | None:
     """Return the share of `on_target`."""
-    return mean(on_target(flown))
+    return mean(on_target(flight))
 
 
-def median_pointing_error(flown: FlownEpisode) -> float | None:
+def median_pointing_error(flight: JudgedFlight) -> float | None:
     """Return the median of `pointing_error`, °."""
-    return median(pointing_error(flown))
+    return median(pointing_error(flight))
 
 
-def median_depth_error(flown: FlownEpisode) -> float | None:
+def median_depth_error(flight: JudgedFlight) -> float | None:
     """Return the median of `depth_error`, m."""
-    return median(depth_error(flown))
+    return median(depth_error(flight))
 
 
-def median_absolute_depth_error(flown: FlownEpisode) -> float | None:
+def median_absolute_depth_error(flight: JudgedFlight) -> float | None:
     """Return the median of `absolute_depth_error`, m."""
-    return median(absolute_depth_error(flown))
+    return median(absolute_depth_error(flight))
 
 
-def share_rescaled(flown: FlownEpisode) -> float | None:
+def share_rescaled(flight: JudgedFlight) -> float | None:
     """Return the share of `rescaled`."""
-    return mean(rescaled(flown))
+    return mean(rescaled(flight))
 
 
-def wide_rotations(flown: FlownEpisode) -> int:
+def wide_rotations(flight: JudgedFlight) -> int:
     """Return how many of `wide_rotation` there were."""
-    return int(sum(known(wide_rotation(flown))))
+    return int(sum(known(wide_rotation(flight))))
 
 
-def _on_target(step: FlownStep) -> bool | None:
+def _on_target(step: FlightStep) -> bool | None:
     frame = step.in_view
     if step.go is None or frame is None or frame.target_box is None:
         return None
@@ -100,7 +100,7 @@ def _on_target(step: FlownStep) -> bool | None:
     return x0 <= step.go.x <= x1 and y0 <= step.go.y <= y1
 
 
-def _pointing_error_deg(step: FlownStep) -> float | None:
+def _pointing_error_deg(step: FlightStep) -> float | None:
     frame = step.in_view
     if step.go is None or frame is None or frame.target_frd is None:
         return None
@@ -109,28 +109,28 @@ def _pointing_error_deg(step: FlownStep) -> float | None:
     return math.degrees(math.atan2(across, sum(a * b for a, b in zip(told, true, strict=True))))
 
 
-def _depth_error_m(step: FlownStep) -> float | None:
+def _depth_error_m(step: FlightStep) -> float | None:
     frame = step.in_view
     if step.go is None or frame is None or frame.oracle_depth_m is None or not _on_target(step):
         return None
     return step.go.depth_m - frame.oracle_depth_m
 
 
-def _rescaled(go: Pointed, last: Pointed) -> bool | None:
+def _rescaled(go: PointedGo, last: PointedGo) -> bool | None:
     pixels = (last.x * _CAMERA.width / POINT_SPAN, last.y * _CAMERA.height / POINT_SPAN)
     if abs(pixels[0] - last.x) <= SAME and abs(pixels[1] - last.y) <= SAME:
         return None
     return abs(go.x - pixels[0]) <= SAME and abs(go.y - pixels[1]) <= SAME
 
 
-def _wide(step: FlownStep) -> bool | None:
+def _wide(step: FlightStep) -> bool | None:
     if step.decision.kind != ROTATE or step.decision.action is None:
         return None
     angle_deg = step.decision.action.get("angle_deg")
     return abs(angle_deg) > ASKED_DEG if isinstance(angle_deg, int | float) else None
 
 
-def _ray(go: Pointed) -> tuple[float, float, float]:
+def _ray(go: PointedGo) -> tuple[float, float, float]:
     """Return the direction of a point in camera axes: forward, right, down."""
     right = (go.x / POINT_SPAN - 0.5) * _CAMERA.width / _CAMERA.focal_px
     return (1.0, right, (go.y / POINT_SPAN - 0.5) * _CAMERA.height / _CAMERA.focal_px)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.metric import Metric
 from foundation.run_folder.rows import Decision
 
@@ -25,28 +25,28 @@ def is_cut_off(decision: Decision) -> bool:
     return is_unreadable(decision) and decision.finish in CUT_OFF
 
 
-def decisions(flown: FlownEpisode) -> int:
+def decisions(flight: JudgedFlight) -> int:
     """Return how many decisions were made within the cap, of each drone."""
-    return _count(flown, lambda decision: True)
+    return _count(flight, lambda decision: True)
 
 
-def unreadable(flown: FlownEpisode) -> int:
+def unreadable(flight: JudgedFlight) -> int:
     """Return how many of `decisions` are unreadable."""
-    return _count(flown, is_unreadable)
+    return _count(flight, is_unreadable)
 
 
-def refused(flown: FlownEpisode) -> int:
+def refused(flight: JudgedFlight) -> int:
     """Return how many of `decisions` are refused."""
-    return _count(flown, is_refused)
+    return _count(flight, is_refused)
 
 
-def cut_off(flown: FlownEpisode) -> int:
+def cut_off(flight: JudgedFlight) -> int:
     """Return how many of `decisions` are cut off."""
-    return _count(flown, is_cut_off)
+    return _count(flight, is_cut_off)
 
 
-def _count(flown: FlownEpisode, counts: Callable[[Decision], bool]) -> int:
-    return sum(step.counts and counts(step.decision) for step in flown.steps)
+def _count(flight: JudgedFlight, counts: Callable[[Decision], bool]) -> int:
+    return sum(step.counts and counts(step.decision) for step in flight.steps)
 
 
 METRICS = (

@@ -11,7 +11,7 @@ from msgspec import UNSET
 
 from dronecats.judge.contradictions import asked_together
 from dronecats.judge.episode import outcome
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.judging import reread
 from foundation.run_folder.rows import Decision
 
@@ -27,25 +27,25 @@ class Strictness:
     success: bool | None  # under strict reading; None: nobody's score
 
 
-def strictness(flown: FlownEpisode) -> Strictness:
+def strictness(flight: JudgedFlight) -> Strictness:
     """Return what the strict reading leaves of an episode."""
-    group = asked_together(flown.logs)
-    counted = [d for d in flown.logs.decisions if d.t_decided <= flown.cap_s]
+    group = asked_together(flight.logs)
+    counted = [d for d in flight.logs.decisions if d.t_decided <= flight.cap_s]
     mended = [d for d in counted if d.mended is not UNSET]
     read = {(d.step, d.drone): strictly(d, group[d.drone]) for d in mended}
     changed = [d for d in mended if read[d.step, d.drone] != d.action]
-    success = flown.verdict.success
+    success = flight.verdict.success
     if any(d.declares for d in changed):
         left = tuple(
-            replace(d, action=read[d.step, d.drone]) if (d.step, d.drone) in read else d for d in flown.logs.decisions
+            replace(d, action=read[d.step, d.drone]) if (d.step, d.drone) in read else d for d in flight.logs.decisions
         )
-        success = outcome(replace(flown.logs, decisions=left), flown.delta_m, flown.cap_s).success
+        success = outcome(replace(flight.logs, decisions=left), flight.delta_m, flight.cap_s).success
     return Strictness(
         steps=len(counted),
         mended=len(mended),
         changed=len(changed),
         declarations=sum(d.declares for d in changed),
-        success=success if flown.scored else None,
+        success=success if flight.scored else None,
     )
 
 

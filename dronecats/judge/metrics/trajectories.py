@@ -6,51 +6,51 @@ Of a fleet each is the best drone's, and the paths are added up (`dronecats/judg
 from collections.abc import Callable
 
 from dronecats.judge.incidents import contacts, estimator_resets
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from foundation.run_folder.results import Diagnostics
 
 
-def min_distance_box(flown: FlownEpisode) -> float | None:
+def min_distance_box(flight: JudgedFlight) -> float | None:
     """Return the least distance (m) from a drone to the target's box, of the frames within the cap; 0 is inside."""
-    told = (row.distance_box_m for row in flown.logs.frames.values() if row.t <= flown.cap_s)
+    told = (row.distance_box_m for row in flight.logs.frames.values() if row.t <= flight.cap_s)
     return min((m for m in told if m is not None), default=None)
 
 
-def hits(flown: FlownEpisode) -> int | None:
+def hits(flight: JudgedFlight) -> int | None:
     """Return how often a drone flew into something within the cap; None where hits were not written."""
-    found = contacts(flown.logs, flown.cap_s)
+    found = contacts(flight.logs, flight.cap_s)
     return found.hits if found else None
 
 
-def crashes(flown: FlownEpisode) -> int | None:
+def crashes(flight: JudgedFlight) -> int | None:
     """Return how many drones hit something hard enough to break; None where hits were not written."""
-    found = contacts(flown.logs, flown.cap_s)
+    found = contacts(flight.logs, flight.cap_s)
     return found.crashes if found else None
 
 
-def hardest_hit(flown: FlownEpisode) -> float | None:
+def hardest_hit(flight: JudgedFlight) -> float | None:
     """Return the fastest closing speed (m/s) of a hit; None without one."""
-    found = contacts(flown.logs, flown.cap_s)
+    found = contacts(flight.logs, flight.cap_s)
     return found.hardest_hit_mps if found else None
 
 
-def contact_time(flown: FlownEpisode) -> float | None:
+def contact_time(flight: JudgedFlight) -> float | None:
     """Return the seconds in contact with anything, of all drones; None where hits were not written."""
-    found = contacts(flown.logs, flown.cap_s)
+    found = contacts(flight.logs, flight.cap_s)
     return found.contact_s if found else None
 
 
-def resets(flown: FlownEpisode) -> int | None:
+def resets(flight: JudgedFlight) -> int | None:
     """Return how often the drones' estimators were reset; None where the autopilot did not send the counter."""
-    return estimator_resets(flown.logs, flown.cap_s)
+    return estimator_resets(flight.logs, flight.cap_s)
 
 
-def _told(value: Callable[[Diagnostics], MetricValue]) -> Callable[[FlownEpisode], MetricValue]:
+def _told(value: Callable[[Diagnostics], MetricValue]) -> Callable[[JudgedFlight], MetricValue]:
     """Return what reads a diagnostic, None where nothing was measured."""
 
-    def of(flown: FlownEpisode) -> MetricValue:
-        told = flown.verdict.diagnostics
+    def of(flight: JudgedFlight) -> MetricValue:
+        told = flight.verdict.diagnostics
         return None if told is None else value(told)
 
     return of

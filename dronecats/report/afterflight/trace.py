@@ -5,25 +5,50 @@ truth.jsonl when the episode began and ended, and flight.tlog, or the autopilot'
 """
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.report.afterflight.smoothing import SmoothedPath, smooth
-from dronecats.report.afterflight.sources import FlightRecord, from_tlog, from_ulog, kept_ulog
+from dronecats.judge.distances import sentence
+from dronecats.judge.episode import write_verdict
+from dronecats.report.afterflight.smoothing import Estimates, SmoothedPath, smooth
 from dronecats.report.afterflight.surveyed_target import SurveyedTarget, target_of
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.onboard_log import kept_ulog, ulog_topics
+from dronecats.report.recorded.telemetry import DroneTelemetry
 from foundation.errors import UsageError
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
-from foundation.run_folder.reading import Logs, estimate, json_object, read
+from foundation.run_folder.reading import Logs, estimate, read
 from foundation.run_folder.rows import EstimatedFrame, EstimatedPose, EstimateHead
-from foundation.run_folder.writing import write_lines
+from foundation.run_folder.writing import as_json, write_lines
 
+Array = NDArray[np.float64]
+VELOCITY_STD = 0.1  # m/s: MAVLink reports no accuracy of the estimated velocity; PX4's ULogs show about this outdoors
 MARGIN_US = 5e6  # µs of the flight before and after the episode that help to smooth its ends
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorLog:
+    """A flight as the first drone's estimator had it, in its local frame."""
+
+    estimates: Estimates
+    heading_us: Array  # (m,) µs, vehicle clock, rising
+    heading: Array  # (m,) rad, unwrapped
+    origin: Vec3 | None  # lat °, lon °, alt m above mean sea level of the local frame; None: it never told
+    source: str  # name of the file
+
+    def yaw_deg(self, at_us: float) -> float | None:
+        """Return the heading at an instant, −180 to 180°, None when none was told."""
+        if not len(self.heading):
+            return None
+        return (math.degrees(float(np.interp(at_us, self.heading_us, self.heading))) + 180.0) % 360.0 - 180.0
 
 
 def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None = None) -> Path:
@@ -33,12 +58,12 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
 
     Raises UsageError when the logs do not tell enough, or when a target is given and the frame's origin was never told.
     """
-    logs = read(folder)
-    begin = logs.begin
+    flight = RecordedFlight.read(folder)
+    begin = flight.logs.begin
     if begin is None:
         raise UsageError(f"{folder} holds no episode that began")
-    record = from_ulog(ulog) if ulog else _heard(folder)
-    target = target or _target_of_episode(folder)
+    record = from_ulog(ulog) if ulog else _estimator_log(flight)
+    target = target or _surveyed_target(flight)
     target_ned = None
     if target is not None:
         if record.origin is None:
@@ -46,8 +71,8 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
                 f"{record.source} never tells where on Earth its local frame is: GPS_GLOBAL_ORIGIN is missing"
             )
         target_ned = target.ned(record.origin)
-    frames = {(d.drone, d.frame_id): d.t_frame for d in logs.decisions}
-    poses_s = np.arange(0.0, _end_s(logs) + 1e-6, POSE_PERIOD_S)
+    frames = {(d.drone, d.frame_id): d.t_frame for d in flight.logs.decisions}
+    poses_s = np.arange(0.0, flight.end_s + 1e-6, POSE_PERIOD_S)
     t0_us = float(begin.t0_us)
     heard = record.estimates.between(t0_us - MARGIN_US, t0_us + poses_s[-1] * 1e6 + MARGIN_US)
     if len(heard.time_us) < 2:
@@ -70,12 +95,69 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     return file
 
 
-def _heard(folder: Path) -> FlightRecord:
-    kept = kept_ulog(folder)
+def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
+    kept = kept_ulog(flight.folder)
     if kept is not None:
         with suppress(UsageError):  # the log ends before its first estimate
             return from_ulog(kept)
-    return from_tlog(folder / layout.TLOG)
+    path = flight.folder / layout.TLOG
+    if not path.is_file():
+        raise UsageError(f"{path} cannot be read: No such file or directory")
+    return from_telemetry(flight.telemetry.get(0, DroneTelemetry(0)), path)
+
+
+def from_telemetry(telemetry: DroneTelemetry, path: Path) -> EstimatorLog:
+    """Return what an autopilot sent; `path` is where that was logged. Raises UsageError when it sent no positions."""
+    places, angles = telemetry.places, telemetry.angles
+    if len(places) < 2:
+        raise UsageError(f"{path} tells no positions: it holds no LOCAL_POSITION_NED of an autopilot")
+    velocity_std = np.full((len(places), 3), VELOCITY_STD)
+    estimates = Estimates(places[:, 0], places[:, 1:4], places[:, 4:7], places[:, 7:10], velocity_std)
+    return EstimatorLog(estimates, angles[:, 0], np.unwrap(angles[:, 3]), telemetry.origin, path.name)
+
+
+def from_ulog(path: Path) -> EstimatorLog:
+    """Return what PX4's estimator wrote down on board. Raises UsageError when the file is no such log."""
+    log = ulog_topics(path, "vehicle_local_position", "vehicle_gps_position", "sensor_gps")
+    try:
+        local = log["vehicle_local_position"]
+        columns = [[local[name] for name in names] for names in (("x", "y", "z"), ("vx", "vy", "vz"))]
+        estimated = np.column_stack([local["eph"], local["eph"], local["epv"]]).astype(float)
+        velocity_std = np.column_stack([local["evh"], local["evh"], local["evv"]]).astype(float)
+        time_us = local["timestamp"].astype(float)
+        heading, has_origin = local["heading"].astype(float), local["xy_global"].astype(bool)
+        origin = tuple(float(local[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt"))
+    except (KeyError, IndexError) as missing:
+        raise UsageError(f"{path} is no ULog with vehicle_local_position: {missing} is missing") from None
+    receiver = log.get("vehicle_gps_position") or log.get("sensor_gps")
+    if receiver is not None:
+        seen_us = receiver["timestamp"].astype(float)
+        told = [np.interp(time_us, seen_us, receiver[name].astype(float)) for name in ("eph", "eph", "epv")]
+        estimated = np.fmax(estimated, np.column_stack(told))
+    position, velocity = (np.column_stack(column).astype(float) for column in columns)
+    usable = np.isfinite(position).all(1) & np.isfinite(velocity).all(1) & (np.diff(time_us, prepend=-1.0) > 0)
+    if usable.sum() < 2:
+        raise UsageError(f"{path} tells no positions")
+    estimates = Estimates(
+        time_us[usable], position[usable], velocity[usable], estimated[usable], np.fmax(velocity_std[usable], 0.02)
+    )
+    known = origin if has_origin.any() and len(origin) == 3 else None
+    return EstimatorLog(estimates, time_us[usable], np.unwrap(heading[usable]), known, path.name)
+
+
+def rejudge(result: dict[str, Any], target: SurveyedTarget | None, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return what `fly --json` prints, judged anew with estimate.jsonl; as it was where the logs allow no trace."""
+    folder = Path(result["run_dir"])
+    try:
+        derive(folder, target)
+    except UsageError as reason:
+        say(f"no smoothed trace: {reason}")
+        return result
+    verdict = write_verdict(folder)
+    measured = verdict.distances or None
+    if measured:
+        say(sentence(measured, verdict.delta_m))
+    return {**result, "outcome": verdict.outcome, "success": verdict.success, "distances": as_json(measured)}
 
 
 def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
@@ -129,7 +211,7 @@ class _Rows:
 
     def __init__(
         self,
-        record: FlightRecord,
+        record: EstimatorLog,
         path: SmoothedPath,
         t0_us: float,
         target: SurveyedTarget | None,
@@ -169,13 +251,9 @@ class _Rows:
         }
 
 
-def _target_of_episode(folder: Path) -> SurveyedTarget | None:
-    declared = (json_object(folder / layout.EPISODE) or {}).get("surveyed_target")
+def _surveyed_target(flight: RecordedFlight) -> SurveyedTarget | None:
+    declared = flight.record.get("surveyed_target")
     return None if declared is None else target_of(declared)
-
-
-def _end_s(logs: Logs) -> float:
-    return logs.end.t if logs.end else max((p.t for p in logs.poses), default=0.0)
 
 
 def _vector(row: NDArray[np.float64]) -> Vec3:

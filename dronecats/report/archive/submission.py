@@ -24,7 +24,7 @@ from dronecats.report.archive.manifest import (
 )
 from dronecats.report.archive.scrubbing import Scrubber
 from dronecats.report.archive.tar import write
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.identity import Identity, differences, identity, identity_digest
 from episodes.records import catalogue, suites
 from foundation.errors import UsageError
@@ -55,7 +55,7 @@ class _Contents:
 
 
 def submit(
-    runs: Sequence[FlownRun],
+    runs: Sequence[RecordedRun],
     out: Path,
     *,
     name: str | None = None,
@@ -132,12 +132,12 @@ def _suite_of(ids: Sequence[str]) -> str | None:
     return next((suite for suite in suites.NAMES if sorted(ids) == suites.ids(suite)), None)
 
 
-def _suite(runs: Sequence[FlownRun]) -> str | None:
+def _suite(runs: Sequence[RecordedRun]) -> str | None:
     of_each = {_suite_of([episode.name for episode in run.episodes]) for run in runs}
     return of_each.pop() if len(of_each) == 1 else None
 
 
-def _must_be_one_entry(runs: Sequence[FlownRun]) -> None:
+def _must_be_one_entry(runs: Sequence[RecordedRun]) -> None:
     first = runs[0]
     if len(runs) > RUNS_MAX:
         raise UsageError(f"{len(runs)} runs are more than an archive holds, {RUNS_MAX}")
@@ -159,14 +159,14 @@ def _must_be_one_entry(runs: Sequence[FlownRun]) -> None:
         raise UsageError(f"several runs have the seed {twice[0]}; flights of one entry differ in it")
 
 
-def _as_packed(run: FlownRun, scrubber: Scrubber) -> Identity:
+def _as_packed(run: RecordedRun, scrubber: Scrubber) -> Identity:
     """Return a run's identity as its files in the archive tell it."""
     clean = json.loads(scrubber.document(_json(run.configuration)))
     told = identity(replace(run, configuration=clean))
     return {what: frozenset(map(scrubber.text, values)) for what, values in told.items()}
 
 
-def _unscored(run: FlownRun) -> str | None:
+def _unscored(run: RecordedRun) -> str | None:
     for episode, judged in judge_run(run.folder).items():
         if judged.verdict.outcome not in SCORED and any(episode == each.name for each in run.episodes):
             said = judged.verdict.error or f"its outcome is {judged.verdict.outcome}"
@@ -174,7 +174,7 @@ def _unscored(run: FlownRun) -> str | None:
     return None
 
 
-def _contents(runs: Sequence[FlownRun], scrubber: Scrubber, with_frames: bool) -> _Contents:
+def _contents(runs: Sequence[RecordedRun], scrubber: Scrubber, with_frames: bool) -> _Contents:
     contents = _Contents()
     for k, run in enumerate(runs):
         contents.add(f"{_place(k)}/{layout.RUN}", run.folder / layout.RUN, scrubber.document)
@@ -208,12 +208,12 @@ def _json(value: Any) -> bytes:
     return (json.dumps(value) + "\n").encode()
 
 
-def _folders(runs: Sequence[FlownRun]) -> list[PurePosixPath]:
+def _folders(runs: Sequence[RecordedRun]) -> list[PurePosixPath]:
     """Return the folders of this machine by which its paths are likely to begin."""
     return list(_each_folder(runs))
 
 
-def _each_folder(runs: Sequence[FlownRun]) -> Iterator[PurePosixPath]:
+def _each_folder(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
     yield PurePosixPath(os.getcwd())
     with suppress(RuntimeError):  # a user id that has no home
         yield PurePosixPath(Path.home())

@@ -17,7 +17,7 @@ from dronecats.judge.statistics.shares import known_share
 from dronecats.report.archive.manifest import FileDigest, Manifest
 from dronecats.report.archive.submission import incomplete
 from dronecats.report.archive.unpacking import unpack
-from dronecats.report.results.flown_run import FlownRun, flown_run
+from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record
 from foundation.errors import UsageError
@@ -99,7 +99,7 @@ def _verification(
 ) -> Verification:
     for told in manifest.runs:
         _must_be_a_run(place / told.folder / layout.RUN)
-    runs = [flown_run(place / run.folder) for run in manifest.runs]
+    runs = [recorded_run(place / run.folder) for run in manifest.runs]
     verdicts: list[tuple[str, Verdict]] = []  # by cell
     flights: dict[str, list[bool]] = {}  # by episode, whether each scored one succeeded
     for run, told in zip(runs, manifest.runs, strict=True):
@@ -186,7 +186,7 @@ CHECKED = (
 )
 
 
-def _of_record(run: FlownRun, episode: str) -> Iterator[str]:
+def _of_record(run: RecordedRun, episode: str) -> Iterator[str]:
     """Yield that a record is not the one that ships, if so."""
     path = run.folder / episode / layout.EPISODE
     try:
@@ -198,7 +198,7 @@ def _of_record(run: FlownRun, episode: str) -> Iterator[str]:
         yield "its record is not the one that ships under its id"
 
 
-def _of_verdict(run: FlownRun, episode: str, judged: Judged) -> Iterator[str]:
+def _of_verdict(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]:
     """Yield where the stored verdict differs, and where the logs contradict themselves."""
     stored = json_object(run.folder / episode / layout.VERDICT)
     if stored is None:
@@ -213,7 +213,7 @@ def _of_verdict(run: FlownRun, episode: str, judged: Judged) -> Iterator[str]:
     yield from judged.contradictions
 
 
-def _of_manifest(manifest: Manifest, runs: Sequence[FlownRun]) -> Iterator[str]:
+def _of_manifest(manifest: Manifest, runs: Sequence[RecordedRun]) -> Iterator[str]:
     """Yield where the manifest's words are not those of the runs."""
     first = runs[0]
     if (manifest.pilot, manifest.is_model) != (first.pilot, first.is_model):
@@ -273,7 +273,7 @@ def _shown(value: Any, depth: int = 3) -> Any:
     return _on_one_line(str(value)[:SHOWN_CHARS])
 
 
-def _unchecked(manifest: Manifest, runs: Sequence[FlownRun], frames: int) -> Iterator[str]:
+def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> Iterator[str]:
     """Yield what these files cannot tell, a sentence each."""
     yield "that truth.jsonl was written by the logger in this flight: whoever has the files can write others that agree"
     yield "that flights were not flown until they were good ones, and the others left out"

@@ -1,4 +1,4 @@
-"""From our frames and units to those of other formats, in this file only.
+"""From our names, frames and units to those of other formats, in this file only.
 
 Ours: NED metres in the map's frame; attitudes (w, x, y, z) that rotate FRD into NED; seconds of vehicle time since the
 episode began. Theirs, where they ask for right-handed axes with z up (Foxglove, Rerun, ROS REP 103): ENU metres, bodies
@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_from_euler, quat_multiply
+from dronecats.report.recorded.flight import RecordedFlight
+from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_multiply
 
 Array = NDArray[np.float64]
 
 _ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # half a turn about the axis between north and east
 _FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
+JUDGE = "judge"  # what stands under it was unknown to agent and autopilot: true places, targets, verdicts
 OPTICAL_IN_FLU = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: right-down-forward axes of a camera that looks forward
 
 
@@ -37,11 +39,6 @@ def xyzw_flu_to_enu(attitude: Quat) -> Quat:
     return (x, y, z, w) if w >= 0.0 else (-x, -y, -z, -w)
 
 
-def level(yaw_deg: float) -> Quat:
-    """Return the attitude of a body that is level; yaw in ° from north, + east."""
-    return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
-
-
 def nanoseconds(t_s: float) -> int:
     """Return seconds as whole nanoseconds, exact to the microsecond that the logs tell."""
     return round(t_s * 1e6) * 1000
@@ -60,3 +57,29 @@ def lon_lat_alt(origin: Vec3, ned: Vec3) -> Vec3:
     """
     latitude, longitude, altitude = ned_to_geodetic(*origin, *ned)
     return (longitude, latitude, altitude)
+
+
+def drone_name(number: int) -> str:
+    """Return the name of a drone."""
+    return f"drone_{number}"
+
+
+def about(flight: RecordedFlight) -> dict[str, str]:
+    """Return who flew what, and how, in words."""
+    return {
+        "run": flight.run.folder.resolve().name,
+        "pilot": flight.run.pilot,
+        "agent": flight.run.agent,
+        "seed": str(flight.run.seed),
+        "episode": flight.id,
+        "map": flight.map,
+        "cell": flight.cell,
+        "instruction": flight.instruction,
+    }
+
+
+def judged(flight: RecordedFlight) -> dict[str, str]:
+    """Return the verdict in words, each key under `judge/`."""
+    verdict = flight.verdict
+    values = {"outcome": verdict.outcome, "success": verdict.success, "ne_m": verdict.ne_m, "error": verdict.error}
+    return {f"{JUDGE}/{key}": str(value) for key, value in values.items() if value is not None}

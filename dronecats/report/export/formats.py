@@ -1,32 +1,50 @@
-"""Which formats there are, and how runs become files: one an episode, or one set of files for all."""
+"""Which formats there are, and how runs become files: one an episode, or one set of files for all.
+
+The tables are those of docs/query.md; what the judge knows and the agent did not is in columns under `judge/`. Which
+packages a format needs, its module imports.
+"""
 
 import importlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dronecats.report.export.flight import ExportedFlight, exported_flight
+from dronecats.report.export import layouts
+from dronecats.report.export.conventions import JUDGE
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tabulation
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
+from foundation.run_folder import layout
 from foundation.whole_file import whole_file
 
 FILE_OF_EPISODE = {
-    "mcap": (".mcap", "mcap"),
-    "rerun": (".rrd", "rerun"),
-    "ulog": (".ulg", "ulog"),
-    "kml": (".kml", "kml"),
-    "geojson": (".geojson", "geojson"),
-}  # format → the ending of its files, the module of this room that writes one
-TABLES = ("csv", "parquet")
+    "mcap": (".mcap", "mcap", "write"),
+    "rerun": (".rrd", "rerun", "write"),
+    "ulog": (".ulg", "ulog", "write"),
+    "kml": (".kml", "maps", "write_kml"),
+    "geojson": (".geojson", "maps", "write_geojson"),
+}  # format → the ending of its files, the module of this room that writes one, its function
+FILES_OF_TABLES = ("csv", "parquet")
 DATASETS = ("lerobot",)
-FORMATS = (*FILE_OF_EPISODE, *DATASETS, *TABLES)
-BESIDE = {  # format → what writes the files that go with all of its own
-    "mcap": "dronecats.report.export.foxglove_layout",
-    "ulog": "dronecats.report.export.plotjuggler_layout",
+FORMATS = (*FILE_OF_EPISODE, *DATASETS, *FILES_OF_TABLES)
+OF_EPISODE = frozenset({"run", "episode", "map", "cell", "instruction", "drones", "ended", "ended_s"})
+COSTS = frozenset({"questions", "median_latency_s", "rate_hz_5", "rate_hz_50", "rate_hz_95", "all_tokens_in",
+                   "all_tokens_out", "decisions", "unreadable", "refused", "cut_off"})  # fmt: skip
+OF_STEP = frozenset({"run", "episode", "drone_index", "step", "frame_id", "t_frame_s", "t_decided_s", "action",
+                     "point_x", "point_y", "depth_m", "angle_deg", "reply", "error", "mended", "latency_s", "tokens_in",
+                     "tokens_out", "thinking", "rate_hz", "finish", "rescaled", "wide_rotation"})  # fmt: skip
+# table → columns that anybody could know who had flown the drone; all others of these tables are the judge's
+OPEN: Mapping[str, frozenset[str]] = {
+    "runs": frozenset(column.name for column in TABLES["runs"].columns),
+    "episodes": OF_EPISODE | COSTS | {"wide_rotations"},
+    "steps": OF_STEP,
+    "poses": frozenset({"run", "episode", "drone_index", "t_s"}),
+    "declarations": frozenset({"run", "episode", "number", "drone_index", "step", "t_s", "counts"}),
 }
 
-Writer = Callable[[ExportedFlight, Path], int]  # writes one flight, and returns how much of it there is
+Writer = Callable[[RecordedFlight, Path], int]  # writes one flight, and returns how much of it there is
 
 
 @dataclass(slots=True)
@@ -37,12 +55,12 @@ class Exported:
     left_out: list[str] = field(default_factory=list)  # a sentence an episode that is in none of them
 
 
-def export(kind: str, runs: Sequence[FlownRun], out: Path, overwrite: bool = False) -> Exported:
+def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = False) -> Exported:
     """Write runs in a format into a folder. Raises UsageError, before anything is written where it can tell."""
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file; name a folder")
     try:
-        if kind in TABLES:
+        if kind in FILES_OF_TABLES:
             return _tables(kind, runs, out, overwrite)
         if kind in DATASETS:
             return _dataset(runs, out, overwrite)
@@ -51,16 +69,15 @@ def export(kind: str, runs: Sequence[FlownRun], out: Path, overwrite: bool = Fal
         raise UsageError(f"{out} cannot be written: {error.strerror or error}; choose another --out") from None
 
 
-def _files(kind: str, runs: Sequence[FlownRun], out: Path, overwrite: bool) -> Exported:
-    suffix, module = FILE_OF_EPISODE[kind]
-    write: Writer = importlib.import_module(f"dronecats.report.export.{module}").write
-    wanted = [(run, folder, out / f"{name}{suffix}") for run, folder, name in _named(runs)]
-    beside = importlib.import_module(BESIDE[kind]) if kind in BESIDE else None
-    _refuse([path for _, _, path in wanted] + [out / name for name in (beside.NAMES if beside else ())], overwrite)
+def _files(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exported:
+    suffix, module, function = FILE_OF_EPISODE[kind]
+    write: Writer = getattr(importlib.import_module(f"dronecats.report.export.{module}"), function)
+    wanted = [(folder, out / f"{name}{suffix}") for _, folder, name in _named(runs)]
+    _refuse([path for _, path in wanted] + [out / name for name in layouts.FILES.get(kind, ())], overwrite)
     done = Exported()
     drones: set[int] = set()
-    for run, folder, path in wanted:
-        if (flight := _flight(run, folder, done)) is None:
+    for folder, path in wanted:
+        if (flight := _flight(folder, done)) is None:
             continue
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -70,43 +87,62 @@ def _files(kind: str, runs: Sequence[FlownRun], out: Path, overwrite: bool) -> E
             done.left_out.append(str(said))
             continue
         done.files[path] = count
-        drones.add(len(flight.drones))
-    if beside and drones:
-        for name, count in beside.wanted(drones).items():
-            done.files[out / name] = beside.write(count, out / name)
+        drones.add(len(flight.drone_tracks))
+    if kind in layouts.FILES and drones:
+        for name, count in layouts.wanted(kind, drones).items():
+            done.files[out / name] = layouts.write(out / name, count)
     return _something(done)
 
 
-def _dataset(runs: Sequence[FlownRun], out: Path, overwrite: bool) -> Exported:
+def _dataset(runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exported:
     from dronecats.report.export import lerobot
 
     done = Exported()
-    flights = (flight for run, folder, _ in _named(runs) if (flight := _flight(run, folder, done)) is not None)
+    flights = (flight for _, folder, _ in _named(runs) if (flight := _flight(folder, done)) is not None)
     done.files[out] = lerobot.write(flights, out, overwrite, done.left_out)
     return done
 
 
-def _tables(kind: str, runs: Sequence[FlownRun], out: Path, overwrite: bool) -> Exported:
-    from dronecats.report.export import tables
-    from dronecats.report.results.table_files import TableFormat
+def _tables(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exported:
+    from dronecats.report.results.table_files import TableFormat, table_file, write_tables
 
-    told: TableFormat = "csv" if kind == "csv" else "parquet"
-    _refuse(tables.files(told, out), overwrite)
-    rows, damage = tables.write(told, runs, out)
-    return Exported(rows, damage)
+    ending: TableFormat = "csv" if kind == "csv" else "parquet"
+    _refuse([table_file(ending, table, out) for table in TABLES], overwrite)
+    rows, damage = write_tables(ending, runs, out, column_name)
+    return Exported({table_file(ending, table, out): count for table, count in rows.items()}, damage)
 
 
-def _named(runs: Sequence[FlownRun]) -> Iterator[tuple[FlownRun, Path, str]]:
+def column_name(table: str, column: str) -> str:
+    """Return what a column of a table is called in the files."""
+    return column if column in OPEN[table] else f"{JUDGE}/{column}"
+
+
+def _named(runs: Sequence[RecordedRun]) -> Iterator[tuple[RecordedRun, Path, str]]:
     """Yield (run, episode folder, its name), of several runs the run's name before it."""
     for run, name in zip(runs, tabulation.names(runs), strict=True):
         for folder in run.episodes:
             yield run, folder, f"{name}/{folder.resolve().name}" if len(runs) > 1 else folder.resolve().name
 
 
-def _flight(run: FlownRun, folder: Path, done: Exported) -> ExportedFlight | None:
-    """Return an episode, None where it is left out, which is told."""
+def finished_flight(folder: Path) -> RecordedFlight:
+    """Return the flight of an episode folder, which tells all that a format needs.
+
+    Raises UsageError when it is damaged or was never flown to its end.
+    """
+    flight = RecordedFlight.read(folder)
+    logs = flight.logs
+    if logs.begin is None or logs.end is None:
+        missing = "has no beginning" if logs.begin is None else "has no end"
+        raise UsageError(f"{folder} is unfinished: its {layout.TRUTH} {missing}")
+    assert flight.frames is not None
+    assert flight.drone_tracks  # read here, so that what is damaged is told before anything is written
+    return flight
+
+
+def _flight(folder: Path, done: Exported) -> RecordedFlight | None:
+    """Return a flight, None where it is left out, which is told."""
     try:
-        return exported_flight(run, folder)
+        return finished_flight(folder)
     except UsageError as said:
         done.left_out.append(str(said))
         return None

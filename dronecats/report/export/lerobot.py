@@ -2,12 +2,17 @@
 
 A frame is a decision, on the picture that it was made on: `timestamp` counts decisions (1 a second), as LeRobot wants
 frames of an even rate, and `time.frame_s` is when the picture was taken. An episode is one drone's part of a flight.
-`observation.state` is what its autopilot thought; what the judge knew is in `judge.success` alone.
+`observation.state` is what its autopilot thought; what the judge knew is in `judge.success` alone. The four-action form
+keeps the units of the log. The body velocity is what the paper's controller (`dronecats/agent/controller.py`) makes of
+the action: the constant velocity along the axes of the heading at the picture that ends, after as long, at the same
+place, and the constant yaw rate that ends at the same heading.
 """
 
 import json
+import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +20,23 @@ import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from dronecats.report.export.action_vectors import ACTION, BODY_VELOCITY, STATE, body_velocity, four_action, state
-from dronecats.report.export.dataset_statistics import Moments, image_moments, merged, moments
-from dronecats.report.export.flight import ExportedDrone, ExportedFlight
+from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, action_from
+from dronecats.agent.controller import plan
+from dronecats.report.export.conventions import about
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import DroneTracks, Track
+from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.frames import quat_to_euler
+from foundation.run_folder.rows import Decision
+from foundation.setpoints import Turn, Velocity
 
+STATE = ("north_m", "east_m", "down_m", "forward_m_s", "right_m_s", "down_m_s", "roll_rad", "pitch_rad", "yaw_rad")
+ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", "angle_deg")
+BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
+EVERY_PX = 4  # pixels of a picture that are counted, a row and a column
 FPS = 1
 FILE_BYTES = 100_000_000  # of a data file, after which another is begun
 IMAGE = "observation.images.front"
@@ -31,9 +47,10 @@ SCALARS = {
     "timestamp": "float32", "frame_index": "int64", "episode_index": "int64", "index": "int64", "task_index": "int64",
 }  # fmt: skip
 ARROW = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
+Vector = NDArray[np.float32]
 
 
-def write(flights: Iterator[ExportedFlight], out: Path, overwrite: bool, left_out: list[str]) -> int:
+def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_out: list[str]) -> int:
     """Write a dataset, there whole or not at all; return how many frames it has.
 
     Flights that it cannot hold are told in `left_out`. Raises UsageError when something else is there, or none is left.
@@ -51,7 +68,7 @@ def write(flights: Iterator[ExportedFlight], out: Path, overwrite: bool, left_ou
             if said := _unfit(flight, dataset):
                 left_out.append(said)
                 continue
-            for drone in flight.drones:
+            for drone in flight.drone_tracks:
                 dataset.add(flight, drone)
         if not dataset.episodes:
             raise UsageError(f"nothing was exported: {'; '.join(left_out) or 'there is no episode'}")
@@ -65,16 +82,16 @@ def write(flights: Iterator[ExportedFlight], out: Path, overwrite: bool, left_ou
     return dataset.frames
 
 
-def _unfit(flight: ExportedFlight, dataset: "_Dataset") -> str | None:
+def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
     """Return why a flight cannot be in a dataset; None where it can."""
-    folder = flight.episode.folder
+    folder = flight.folder
     if not flight.frames:
         return f"{folder} holds no pictures"
-    if any(drone.held is None for drone in flight.drones):
+    if any(drone.held is None for drone in flight.drone_tracks):
         return f"{folder} holds no telemetry of where an autopilot thought it was"
     if flight.verdict.success is None:
         return f"{folder} is nobody's score: {flight.verdict.error or flight.verdict.outcome}"
-    if any(not _steps(flight, drone) for drone in flight.drones):
+    if any(not _steps(flight, drone) for drone in flight.drone_tracks):
         return f"{folder} has a drone that nothing was decided for"
     sizes = {_picture(frame.jpeg).shape for frame in flight.frames}
     if len(sizes | ({dataset.shape} if dataset.shape else set())) > 1:
@@ -89,7 +106,7 @@ def _picture(path: Path) -> Any:
     return picture
 
 
-def _steps(flight: ExportedFlight, drone: ExportedDrone) -> list[Any]:
+def _steps(flight: RecordedFlight, drone: DroneTracks) -> list[Any]:
     return [step.decision for step in flight.steps if step.decision.drone == drone.number]
 
 
@@ -106,7 +123,7 @@ class _Dataset:
         self._writer: pq.ParquetWriter | None = None
         self._file, self._bytes = 0, 0
 
-    def add(self, flight: ExportedFlight, drone: ExportedDrone) -> None:
+    def add(self, flight: RecordedFlight, drone: DroneTracks) -> None:
         """Append a drone's part of a flight."""
         assert drone.held is not None
         decisions = _steps(flight, drone)
@@ -138,7 +155,7 @@ class _Dataset:
             "data/chunk_index": 0, "data/file_index": self._file,
             "dataset_from_index": self.frames, "dataset_to_index": self.frames + count,
             "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
-            "flight.run": flight.about()["run"], "flight.episode": flight.id, "flight.drone_index": drone.number,
+            "flight.run": about(flight)["run"], "flight.episode": flight.id, "flight.drone_index": drone.number,
             "judge.success": bool(flight.verdict.success),
             **{f"stats/{name}/{key}": value for name, one in told.items() for key, value in one.as_lists().items()},
         })  # fmt: skip
@@ -227,3 +244,96 @@ def _task_table(tasks: dict[str, int]) -> pa.Table:
     }  # fmt: skip
     table = pa.table({"task_index": pa.array(list(tasks.values()), pa.int64()), index: list(tasks)})
     return table.replace_schema_metadata({"pandas": json.dumps(about)})
+
+
+def state(track: Track, t_s: float, first_s: float) -> Vector:
+    """Return what an autopilot thought at a time (9,): place since `first_s`, velocity along its heading, attitude."""
+    now, first = track.newest(t_s), track.newest(first_s)
+    w, x, y, z = (float(value) for value in track.attitude[now])
+    roll, pitch, yaw = quat_to_euler((w, x, y, z))
+    vn, ve, vd = (float(value) for value in track.velocity_ned[now])
+    forward, right = vn * math.cos(yaw) + ve * math.sin(yaw), ve * math.cos(yaw) - vn * math.sin(yaw)
+    moved = track.position_ned[now] - track.position_ned[first]
+    return np.array([*moved, forward, right, vd, roll, pitch, yaw], np.float32)
+
+
+def four_action(decision: Decision) -> Vector:
+    """Return a decision as (8,): which of the four actions, none where the reply held none, and its numbers or 0."""
+    vector = np.zeros(len(ACTION), np.float32)
+    match _action(decision):
+        case Go(x, y, depth_m):
+            vector[[0, 4, 5, 6]] = (1.0, x, y, depth_m)
+        case Rotate(angle_deg):
+            vector[[1, 7]] = (1.0, angle_deg)
+        case Think():
+            vector[2] = 1.0
+        case Finished():
+            vector[3] = 1.0
+    return vector
+
+
+def body_velocity(decision: Decision, camera: CameraModel) -> Vector:
+    """Return what a decision has the drone fly (5,): forward, right, down in m/s, yaw rate in rad/s, for how long."""
+    segments = plan(_action(decision), camera)
+    duration_s = sum(segment.duration_s for segment in segments)
+    ahead = right = down = turned = 0.0
+    for segment in segments:
+        match segment.setpoint:
+            case Turn(_, angle):
+                turned = angle or 0.0
+            case Velocity(forward, up, bearing):
+                turned = bearing or 0.0
+                ahead += forward * math.cos(turned) * segment.duration_s
+                right += forward * math.sin(turned) * segment.duration_s
+                down -= (up or 0.0) * segment.duration_s
+    flown = np.array([ahead, right, down, turned]) / duration_s
+    return np.array([*flown, duration_s], np.float32)
+
+
+def _action(decision: Decision) -> Go | Rotate | Think | Finished | None:
+    try:
+        return action_from(decision.action)
+    except ActionError:
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Of one feature, an entry per number of it; of pictures (3, 1, 1), per colour, on 0 … 1."""
+
+    least: NDArray[np.float64]
+    greatest: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    std: NDArray[np.float64]
+    count: int  # frames
+
+    def as_lists(self) -> dict[str, Any]:
+        """Return them under LeRobot's names."""
+        told = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": self.std}
+        return {**{name: value.tolist() for name, value in told.items()}, "count": [self.count]}
+
+
+def moments(values: NDArray[Any]) -> Moments:
+    """Return those of a feature, (n,) or (n, k)."""
+    table = values.reshape(len(values), -1).astype(np.float64)
+    return Moments(table.min(0), table.max(0), table.mean(0), table.std(0), len(table))
+
+
+def image_moments(pictures: Sequence[NDArray[np.uint8]]) -> Moments:
+    """Return those of pictures (h, w, 3), of which not every pixel is looked at."""
+    seen = np.concatenate([each[::EVERY_PX, ::EVERY_PX].reshape(-1, 3) for each in pictures]) / 255.0
+    least, greatest, mean, std = (
+        part.reshape(3, 1, 1) for part in (seen.min(0), seen.max(0), seen.mean(0), seen.std(0))
+    )
+    return Moments(least, greatest, mean, std, len(pictures))
+
+
+def merged(parts: Sequence[Moments]) -> Moments:
+    """Return those of several episodes together."""
+    weights = np.array([part.count for part in parts], np.float64) / sum(part.count for part in parts)
+    shape = (-1,) + (1,) * parts[0].mean.ndim
+    means, variances = np.array([p.mean for p in parts]), np.array([p.std**2 for p in parts])
+    mean = (weights.reshape(shape) * means).sum(0)
+    variance = (weights.reshape(shape) * (variances + (means - mean) ** 2)).sum(0)
+    least, greatest = np.min([p.least for p in parts], 0), np.max([p.greatest for p in parts], 0)
+    return Moments(least, greatest, mean, np.sqrt(variance), sum(part.count for part in parts))

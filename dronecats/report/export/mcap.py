@@ -13,11 +13,9 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap_protobuf.writer import Writer
 
 from dronecats.report.export import foxglove
-from dronecats.report.export.conventions import lon_lat_alt, nanoseconds
-from dronecats.report.export.flight import ExportedDrone, ExportedFlight, SeenFrame
-from dronecats.report.export.naming import JUDGE, drone_name
-from dronecats.report.export.places import moves
-from dronecats.report.export.tracks import FlownTrack
+from dronecats.report.export.conventions import JUDGE, about, drone_name, judged, lon_lat_alt, nanoseconds
+from dronecats.report.recorded.flight import RecordedFlight, SeenFrame
+from dronecats.report.recorded.tracks import DroneTracks, Track
 from foundation.errors import UsageError
 from foundation.frames import Quat
 from foundation.protocol import POINT_SPAN
@@ -35,7 +33,7 @@ class TimedMessage(NamedTuple):
     message: Any
 
 
-def write(flight: ExportedFlight, path: Path) -> int:
+def write(flight: RecordedFlight, path: Path) -> int:
     """Write a flight; return how many messages there are. Raises UsageError where a picture cannot be read."""
     told = sorted(messages(flight), key=lambda each: each.t_s)
     with path.open("wb") as file:
@@ -43,15 +41,15 @@ def write(flight: ExportedFlight, path: Path) -> int:
         for sequence, (t_s, topic, message) in enumerate(told):
             at = nanoseconds(t_s)
             writer.write_message(topic, message, log_time=at, publish_time=at, sequence=sequence)
-        writer._writer.add_metadata("dronecats", flight.about())  # the wrapper has no call of its own for it
-        writer._writer.add_metadata(f"dronecats/{JUDGE}", flight.judged())
+        writer._writer.add_metadata("dronecats", about(flight))  # the wrapper has no call of its own for it
+        writer._writer.add_metadata(f"dronecats/{JUDGE}", judged(flight))
         writer.finish()
     return len(told)
 
 
-def messages(flight: ExportedFlight) -> Iterator[TimedMessage]:
+def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
     """Yield all that a flight has to tell, topic by topic."""
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         name = drone_name(drone.number)
         if drone.estimate is not None:
             yield from _track(name, name, drone.estimate, flight.origin)
@@ -65,7 +63,7 @@ def messages(flight: ExportedFlight) -> Iterator[TimedMessage]:
     yield from _target(flight)
 
 
-def _track(name: str, frame: str, track: FlownTrack, origin: Origin | None) -> Iterator[TimedMessage]:
+def _track(name: str, frame: str, track: Track, origin: Origin | None) -> Iterator[TimedMessage]:
     """Yield a drone's poses, its places on earth, and its trail."""
     judges = name.startswith(JUDGE)
     scene = f"/{JUDGE}/scene" if judges else "/scene"
@@ -84,13 +82,13 @@ def _track(name: str, frame: str, track: FlownTrack, origin: Origin | None) -> I
             yield TimedMessage(t_s, scene, foxglove.scene([trail]))
 
 
-def _every(track: FlownTrack) -> int:
+def _every(track: Track) -> int:
     """Return which samples a trail is drawn through: ten a second are enough."""
     seconds = float(track.t_s[-1] - track.t_s[0])
     return max(1, int(len(track) / (10.0 * seconds))) if seconds > 0.0 else 1
 
 
-def _pictures(flight: ExportedFlight, drone: ExportedDrone) -> Iterator[TimedMessage]:
+def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessage]:
     """Yield a drone's pictures, each with its calibration, and what was decided on it when that was."""
     name = drone_name(drone.number)
     camera, sizes = f"{name}/camera", {}
@@ -119,7 +117,7 @@ def _size(frame: SeenFrame) -> tuple[int, int]:
     return int(picture.shape[1]), int(picture.shape[0])
 
 
-def _words(flight: ExportedFlight) -> Iterator[TimedMessage]:
+def _words(flight: RecordedFlight) -> Iterator[TimedMessage]:
     """Yield the instruction, every reply, and what the judge made of it."""
     yield TimedMessage(0.0, "/log", foxglove.log(0.0, "instruction", flight.instruction))
     for step in flight.steps:
@@ -128,29 +126,29 @@ def _words(flight: ExportedFlight) -> Iterator[TimedMessage]:
         words = f"step {said.step}: {reply}" + (f" ({said.error})" if said.error else "")
         yield TimedMessage(said.t_decided, "/log",
                     foxglove.log(said.t_decided, drone_name(said.drone), words, said.action is None))  # fmt: skip
-    for one in flight.declarations:
+    for one in flight.all_declarations:
         words = f"declaration of step {one.step} at {one.distance_m} m, in view: {one.visible}"
         yield TimedMessage(one.t, f"/{JUDGE}/log", foxglove.log(one.t, f"{JUDGE}/{drone_name(one.drone)}", words))
-    verdict = ", ".join(f"{key.removeprefix(f'{JUDGE}/')} {value}" for key, value in flight.judged().items())
+    verdict = ", ".join(f"{key.removeprefix(f'{JUDGE}/')} {value}" for key, value in judged(flight).items())
     yield TimedMessage(flight.end_s, f"/{JUDGE}/log", foxglove.log(flight.end_s, JUDGE, verdict))
 
 
-def _target(flight: ExportedFlight) -> Iterator[TimedMessage]:
+def _target(flight: RecordedFlight) -> Iterator[TimedMessage]:
     """Yield where the target was, over and over where it moves, and where arrival was declared."""
-    if flight.target is not None:
-        for index in range(len(flight.target) if moves(flight.target) else 1):
-            t_s, place = float(flight.target.t_s[index]), flight.target.position_ned[index]
+    if flight.target_track is not None:
+        for index in range(len(flight.target_track) if flight.target_track.moves() else 1):
+            t_s, place = float(flight.target_track.t_s[index]), flight.target_track.position_ned[index]
             entity = foxglove.ball(t_s, f"{JUDGE}/target", place, ACROSS_M, True, {})
             yield TimedMessage(t_s, f"/{JUDGE}/scene", foxglove.scene([entity]))
-    for one in flight.declarations:
-        truth = flight.drones[one.drone].truth
+    for one in flight.all_declarations:
+        truth = flight.drone_tracks[one.drone].truth
         if truth is not None:
             told = {"step": one.step, "distance_m": one.distance_m, "visible": one.visible}
-            place = truth.position_ned[truth.at(one.t)]
+            place = truth.position_ned[truth.newest(one.t)]
             entity = foxglove.ball(one.t, f"{JUDGE}/declaration/{one.step}", place, ACROSS_M / 2, True, told)
             yield TimedMessage(one.t, f"/{JUDGE}/scene", foxglove.scene([entity]))
 
 
-def _attitude(track: FlownTrack, index: int) -> Quat:
+def _attitude(track: Track, index: int) -> Quat:
     w, x, y, z = (float(value) for value in track.attitude[index])
     return (w, x, y, z)

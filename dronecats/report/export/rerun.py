@@ -12,10 +12,20 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from dronecats.report.export.conventions import OPTICAL_IN_FLU, enu, flu, lon_lat_alt, microseconds, xyzw_flu_to_enu
-from dronecats.report.export.flight import ExportedDrone, ExportedFlight
-from dronecats.report.export.naming import JUDGE, drone_name
-from dronecats.report.export.tracks import FlownTrack
+from dronecats.report.export.conventions import (
+    JUDGE,
+    OPTICAL_IN_FLU,
+    about,
+    drone_name,
+    enu,
+    flu,
+    judged,
+    lon_lat_alt,
+    microseconds,
+    xyzw_flu_to_enu,
+)
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import DroneTracks, Track
 from foundation.errors import UsageError
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import drone_label
@@ -25,19 +35,19 @@ OWN, JUDGES = (61, 138, 208), (255, 159, 43)
 TARGET_M = 0.4  # m, radius of the ball that stands for a target
 
 
-def write(flight: ExportedFlight, path: Path) -> int:
+def write(flight: RecordedFlight, path: Path) -> int:
     """Write a flight; return how many poses, pictures and texts there are. Raises UsageError for a broken picture."""
-    name = f"{flight.about()['run']}/{flight.id}"
+    name = f"{about(flight)['run']}/{flight.id}"
     recording = rr.RecordingStream("dronecats", recording_id=name, send_properties=False)
     recording.save(str(path), default_blueprint=blueprint(flight))
     rr.set_log_time_enabled(False, recording)
     rr.set_log_tick_enabled(False, recording)
     recording.send_recording_name(name)
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.send_property("flight", rr.AnyValues(**flight.about()))
-    recording.send_property(JUDGE, rr.AnyValues(**{k.partition("/")[2]: v for k, v in flight.judged().items()}))
+    recording.send_property("flight", rr.AnyValues(**about(flight)))
+    recording.send_property(JUDGE, rr.AnyValues(**{k.partition("/")[2]: v for k, v in judged(flight).items()}))
     count = 0
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         count += sum(
             _track(recording, flight, prefix + drone_name(drone.number), track, color)
             for prefix, track, color in (("", drone.estimate, OWN), (f"{JUDGE}/", drone.truth, JUDGES))
@@ -51,11 +61,11 @@ def write(flight: ExportedFlight, path: Path) -> int:
     return count
 
 
-def blueprint(flight: ExportedFlight) -> rrb.Blueprint:
+def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
     """Return how it is shown: the scene without the judge's and with it, pictures, map and log."""
     pictures = [
         rrb.Spatial2DView(origin=f"world/{_body(drone)}/camera/image", name=drone_name(drone.number))
-        for drone in flight.drones
+        for drone in flight.drone_tracks
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -70,14 +80,14 @@ def blueprint(flight: ExportedFlight) -> rrb.Blueprint:
     )
 
 
-def _body(drone: ExportedDrone) -> str:
+def _body(drone: DroneTracks) -> str:
     """Return what carries a drone's camera: what its autopilot thought, or the judge's where nobody tells that."""
     name = drone_name(drone.number)
     return name if drone.estimate is not None else f"{JUDGE}/{name}"
 
 
 def _track(
-    recording: rr.RecordingStream, flight: ExportedFlight, name: str, track: FlownTrack, color: tuple[int, int, int]
+    recording: rr.RecordingStream, flight: RecordedFlight, name: str, track: Track, color: tuple[int, int, int]
 ) -> int:
     times = rr.TimeColumn(TIMELINE, duration=_durations(track))
     turned = np.array([xyzw_flu_to_enu((float(w), float(x), float(y), float(z))) for w, x, y, z in track.attitude])
@@ -95,11 +105,11 @@ def _track(
     return len(track)
 
 
-def _durations(track: FlownTrack) -> Any:
+def _durations(track: Track) -> Any:
     return np.array([microseconds(float(t)) for t in track.t_s], "timedelta64[us]")
 
 
-def _pictures(recording: rr.RecordingStream, flight: ExportedFlight, drone: ExportedDrone) -> int:
+def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: DroneTracks) -> int:
     """Log a drone's pictures as the pilot was shown them, and the chosen points upon them."""
     camera = f"world/{_body(drone)}/camera"
     frames = [frame for frame in flight.frames if frame.drone == drone.number]
@@ -125,7 +135,7 @@ def _pictures(recording: rr.RecordingStream, flight: ExportedFlight, drone: Expo
     return len(frames)
 
 
-def _words(recording: rr.RecordingStream, flight: ExportedFlight) -> int:
+def _words(recording: rr.RecordingStream, flight: RecordedFlight) -> int:
     """Log the instruction, every reply, and apart from them what the judge made of it."""
     _at(recording, 0.0)
     recording.log("log", rr.TextLog(f"instruction: {flight.instruction}", level="INFO"))
@@ -135,17 +145,18 @@ def _words(recording: rr.RecordingStream, flight: ExportedFlight) -> int:
         _at(recording, said.t_decided)
         words = f"{drone_label(said.drone)}, step {said.step}: {reply}"
         recording.log("log", rr.TextLog(words, level="WARN" if said.error else "INFO"))
-    for one in flight.declarations:
+    for one in flight.all_declarations:
         _at(recording, one.t)
         words = f"declaration of step {one.step} at {one.distance_m} m, in view: {one.visible}"
         recording.log(f"{JUDGE}/log", rr.TextLog(words, level="INFO"))
-    return 1 + len(flight.steps) + len(flight.declarations)
+    return 1 + len(flight.steps) + len(flight.all_declarations)
 
 
-def _target(recording: rr.RecordingStream, flight: ExportedFlight) -> None:
-    if flight.target is not None:
-        times = rr.TimeColumn(TIMELINE, duration=_durations(flight.target))
-        balls = rr.Points3D.columns(positions=enu(flight.target.position_ned), radii=[TARGET_M] * len(flight.target))
+def _target(recording: rr.RecordingStream, flight: RecordedFlight) -> None:
+    track = flight.target_track
+    if track is not None:
+        times = rr.TimeColumn(TIMELINE, duration=_durations(track))
+        balls = rr.Points3D.columns(positions=enu(track.position_ned), radii=[TARGET_M] * len(track))
         recording.send_columns(f"world/{JUDGE}/target", [times], balls)
 
 

@@ -13,11 +13,10 @@ import numpy as np
 
 from autopilot.logging import ulog
 from dronecats import __version__
-from dronecats.judge.metrics.flown_step import FlownStep
-from dronecats.report.export.conventions import Array, microseconds
-from dronecats.report.export.flight import ExportedFlight
-from dronecats.report.export.naming import JUDGE
-from dronecats.report.export.tracks import FlownTrack
+from dronecats.judge.judged_flight import FlightStep
+from dronecats.report.export.conventions import JUDGE, Array, about, judged, microseconds
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import Track
 from foundation.frames import quat_yaw
 from foundation.protocol import FINISHED, GO, ROTATE, THINK
 from foundation.run_folder.rows import drone_label
@@ -48,15 +47,15 @@ class Stamped(NamedTuple):
     values: tuple[Any, ...]
 
 
-def write(flight: ExportedFlight, path: Path) -> int:
+def write(flight: RecordedFlight, path: Path) -> int:
     """Write a flight; return how many samples and texts there are. Of a fleet each drone is an instance of a topic."""
     told = sorted(_samples(flight), key=lambda each: each.t_s)
     topics = sorted({(each.topic, each.drone) for each in told if each.topic}, key=lambda one: (one[1], one[0]))
     packers = {one: ulog.DataPacker(number, _fields(one[0])) for number, one in enumerate(topics)}
     parts = [ulog.header(flight.t0_us), ulog.information("sys_name", "DroneCATS")]
     parts += [ulog.information("ver_sw", __version__)]
-    about = {**flight.about(), **flight.judged()}
-    parts += [ulog.information(key.replace("/", "_"), value) for key, value in about.items() if value]
+    properties = {**about(flight), **judged(flight)}
+    parts += [ulog.information(key.replace("/", "_"), value) for key, value in properties.items() if value]
     parts += [ulog.definition(name, _fields(name)) for name in sorted({name for name, _ in topics})]
     parts += [ulog.subscription(number, name, drone) for number, (name, drone) in enumerate(topics)]
     for t_s, drone, topic, values in told:
@@ -70,8 +69,8 @@ def _fields(name: str) -> str:
     return "uint64_t timestamp;" + FIELDS[name]
 
 
-def _samples(flight: ExportedFlight) -> Iterator[Stamped]:
-    for drone in flight.drones:
+def _samples(flight: RecordedFlight) -> Iterator[Stamped]:
+    for drone in flight.drone_tracks:
         if drone.estimate is not None:
             yield from _track(flight, drone.number, drone.estimate, "")
         if drone.truth is not None:
@@ -84,7 +83,7 @@ def _samples(flight: ExportedFlight) -> Iterator[Stamped]:
     yield from _judged(flight)
 
 
-def _track(flight: ExportedFlight, drone: int, track: FlownTrack, suffix: str) -> Iterator[Stamped]:
+def _track(flight: RecordedFlight, drone: int, track: Track, suffix: str) -> Iterator[Stamped]:
     latitude, longitude, altitude = flight.origin or (math.nan,) * 3
     known = bool(np.isfinite(track.velocity_ned).all())
     for index, at in enumerate(track.t_s):
@@ -96,7 +95,7 @@ def _track(flight: ExportedFlight, drone: int, track: FlownTrack, suffix: str) -
         yield Stamped(float(at), drone, f"vehicle_attitude{suffix}", (w, x, y, z))
 
 
-def _decision(flight: ExportedFlight, step: FlownStep) -> Iterator[Stamped]:
+def _decision(flight: RecordedFlight, step: FlightStep) -> Iterator[Stamped]:
     said = step.decision
     angle_deg = (said.action or {}).get("angle_deg")
     point = (step.go.x, step.go.y, step.go.depth_m) if step.go else (math.nan,) * 3
@@ -114,13 +113,13 @@ def _decision(flight: ExportedFlight, step: FlownStep) -> Iterator[Stamped]:
     )
 
 
-def _judged(flight: ExportedFlight) -> Iterator[Stamped]:
-    if flight.target is not None:
-        for t_s, place in zip(flight.target.t_s, flight.target.position_ned, strict=True):
+def _judged(flight: RecordedFlight) -> Iterator[Stamped]:
+    if flight.target_track is not None:
+        for t_s, place in zip(flight.target_track.t_s, flight.target_track.position_ned, strict=True):
             yield Stamped(float(t_s), 0, "judge_target", _floats(place))
-    for one in flight.declarations:
+    for one in flight.all_declarations:
         distance_m = math.nan if one.distance_m is None else one.distance_m
-        answers = (_answer(one.visible), _answer(one.qualifies(flight.episode.delta_m)))
+        answers = (_answer(one.visible), _answer(one.qualifies(flight.delta_m)))
         yield Stamped(one.t, one.drone, "judge_declaration", (one.step, distance_m, *answers))
     yield Stamped(flight.end_s, 0, "", (INFO, f"{JUDGE}: {flight.verdict.outcome}"))
 

@@ -11,10 +11,10 @@ from typing import Any
 
 from dronecats.agent.action import Action, ActionError, action_from, compact
 from dronecats.judge.measured import qualifies
-from dronecats.judge.metrics.flown_episode import FlownEpisode
 from dronecats.report.kit.words import action_words
 from dronecats.report.page.pictures import PictureAddress
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
@@ -139,7 +139,7 @@ class ShownFlight:
     exchanges: tuple[ShownExchange, ...]
 
 
-def shown_flight(run: FlownRun, flown: FlownEpisode, picture: PictureAddress) -> ShownFlight:
+def shown_flight(run: RecordedRun, flown: RecordedFlight, picture: PictureAddress) -> ShownFlight:
     """Return a flight for the page. Raises UsageError when a log of its folder is damaged."""
     logs = flown.logs
     told = exchanges(flown.folder)
@@ -255,7 +255,7 @@ class _Texts:
         return self._numbers[text]
 
 
-def _truth(decision: Decision, flown: FlownEpisode) -> ShownTruth | None:
+def _truth(decision: Decision, flown: RecordedFlight) -> ShownTruth | None:
     at, logs = (decision.drone, decision.frame_id), flown.logs
     frame: FrameTruth | EstimatedFrame | None = logs.frames.get(at)
     if frame is None and logs.estimate is not None:
@@ -326,7 +326,7 @@ def _named(told: Any) -> str:
     return " ".join([*words, *([f"“{inscription}”"] if inscription else [])])
 
 
-def _end(flown: FlownEpisode, poses: Sequence[Pose | EstimatedPose]) -> float:
+def _end(flown: RecordedFlight, poses: Sequence[Pose | EstimatedPose]) -> float:
     times = [*(pose.t for pose in poses), *(decision.t_decided for decision in flown.logs.decisions)]
     return max(times, default=CAP_S)
 

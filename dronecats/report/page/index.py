@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
-from dronecats.judge.metrics.flown_episode import flown_episode
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.metrics.value import MetricValue
 from dronecats.report.kit import shell
@@ -29,9 +28,10 @@ from dronecats.report.page.pictures import (
     rendered,
     within,
 )
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
 from dronecats.report.results.entrants import entrants
-from dronecats.report.results.flown_run import FlownRun
 from dronecats.report.table import ReportTable, TableColumn, TableRow
 from dronecats.report.writers import as_html
 from foundation.errors import UsageError
@@ -234,7 +234,7 @@ def _seen(value: MetricValue | None) -> MetricValue:
     return float(f"{value:.5g}") if math.isfinite(value) else None
 
 
-def _settings(run: FlownRun) -> tuple[tuple[str, str], ...]:
+def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
     """Return a run's settings as words, those that it has."""
     flight, simulated = run.flight, run.flight.get("simulated")
     model, commander = flight.get("model"), flight.get("commander")
@@ -368,7 +368,7 @@ def _named(collection: Collection) -> list[str]:
 
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
     """Return a flight as JSON, its pictures put where the page finds them. Raises UsageError for a damaged log."""
-    flown = flown_episode(scored.folder, delta_m)
+    flown = RecordedFlight.read(scored.folder, delta_m)
     wanted = kept(flown.logs.decisions, every)
     if not rendered(scored.run):
         picture: PictureAddress = nowhere

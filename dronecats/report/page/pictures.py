@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.run import RecordedRun
 from foundation.errors import DronecatsError
 from foundation.protocol import FINISHED
 from foundation.run_folder import layout
@@ -28,13 +28,13 @@ EMBEDDED_QUALITY = 60  # WebP: some 9 kB a picture
 PictureAddress = Callable[[Decision], str | None]  # where a decision's frame can be seen: an address; None: nowhere
 
 
-def rendered(run: FlownRun) -> bool:
+def rendered(run: RecordedRun) -> bool:
     """Return whether a run's frames show anything; those of an unrendered one are grey, and are left out."""
     simulated = run.flight.get("simulated")
     return not isinstance(simulated, dict) or simulated.get("rendered") is not False
 
 
-def every_for(runs: Sequence[FlownRun]) -> int:
+def every_for(runs: Sequence[RecordedRun]) -> int:
     """Return how thin embedded pictures have to be: 1 for each of them, n for each n-th step's."""
     folders = [folder / layout.FRAMES for run in runs if rendered(run) for folder in run.episodes]
     total = sum(len(os.listdir(folder)) for folder in folders if folder.is_dir())

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from dronecats.judge.metrics.deliberation import StepOutlook, outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.own import value_of
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.metrics.value import MetricValue
-from dronecats.report.results.flown_run import FlownRun, flown_runs
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun, recorded_runs
 from dronecats.report.results.identity import record_digest, served
 from dronecats.report.results.usage import NONE_TOLD, Usage, usage
 from foundation.errors import UsageError
@@ -29,7 +29,7 @@ FORKS = "fork" in multiprocessing.get_all_start_methods()  # a metric of the use
 class ScoredEpisode:
     """One flight of one episode, with every metric of the whole episode."""
 
-    run: FlownRun
+    run: RecordedRun
     folder: Path
     episode: str  # id of its record
     map: str
@@ -63,7 +63,7 @@ class ScoredEpisode:
 class Collection:
     """Runs with all of their episodes."""
 
-    runs: tuple[FlownRun, ...]
+    runs: tuple[RecordedRun, ...]
     episodes: tuple[ScoredEpisode, ...]  # in the order of the runs, then by name
 
 
@@ -78,7 +78,7 @@ def collect(
 
     It is read by so many processes; None: by as many as there are cores, where there is enough to read.
     """
-    runs = flown_runs(paths)
+    runs = recorded_runs(paths)
     folders = [(number, folder) for number, run in enumerate(runs) for folder in run.episodes]
     wanted = os.cpu_count() or 1 if processes is None and len(folders) >= MANY else processes or 1
     read = _Reading(runs, delta_m, metrics)
@@ -89,10 +89,10 @@ def collect(
     return Collection(runs=tuple(runs), episodes=tuple(scored))
 
 
-def scored_episode(run: FlownRun, folder: Path, delta_m: float, metrics: Sequence[Metric]) -> ScoredEpisode:
+def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequence[Metric]) -> ScoredEpisode:
     """Return one episode of a run with its metrics. Raises UsageError where one of the user's own breaks."""
     try:
-        flown = flown_episode(folder, delta_m)
+        flown = RecordedFlight.read(folder, delta_m)
     except UsageError as damage:
         return ScoredEpisode(
             run=run, folder=folder, episode=folder.resolve().name, map="", cell="", verdict=None, values={},
@@ -129,20 +129,20 @@ def without_stalled(collection: Collection) -> Collection:
     return replace(collection, episodes=tuple(kept))
 
 
-def _host_stalls(flown: FlownEpisode) -> int | None:
+def _host_stalls(flown: RecordedFlight) -> int | None:
     told = any(isinstance(decision.host_lag_s, float) for decision in flown.logs.decisions)
     stalls = flown.verdict.host_stalls
     return stalls if isinstance(stalls, int) else 0 if told else None
 
 
-def _of_the_whole(flown: FlownEpisode, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
+def _of_the_whole(flown: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
     for metric in metrics:
         value = value_of(metric, flown) if metric.level == "episode" else ()
         if value is None or isinstance(value, bool | float | int):
             yield metric.name, value
 
 
-def _of_steps(flown: FlownEpisode, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
+def _of_steps(flown: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
     for metric in metrics:
         values = value_of(metric, flown) if metric.level == "step" else None
         if isinstance(values, Sequence):
@@ -153,7 +153,7 @@ def _of_steps(flown: FlownEpisode, metrics: Sequence[Metric]) -> Iterator[tuple[
 class _Reading:
     """Reads one episode of some runs, which are known by their numbers."""
 
-    runs: Sequence[FlownRun]
+    runs: Sequence[RecordedRun]
     delta_m: float
     metrics: Sequence[Metric]
 

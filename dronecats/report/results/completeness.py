@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.run import RecordedRun
 from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 
@@ -19,7 +19,7 @@ class Unflown:
     missing: int  # of these, those that no folder here holds
 
 
-def unflown(runs: Iterable[FlownRun]) -> list[Unflown]:
+def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:
     """Return the benchmarks of which flights are missing; one whose bench.json is damaged tells nothing."""
     flown: dict[Path, dict[str, set[str]]] = {}
     for run in runs:

@@ -9,9 +9,9 @@ from typing import Any
 
 import duckdb
 
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tabulation
 from dronecats.report.results.columns import array
-from dronecats.report.results.flown_run import FlownRun
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
 from foundation.whole_file import whole_file
@@ -46,7 +46,7 @@ class Loaded:
     damage: list[str] = field(default_factory=list)
 
 
-def query(sql: str, runs: Sequence[FlownRun], parquet: Path | None = None) -> Selected:
+def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) -> Selected:
     """Return what one SELECT says of the runs; with `parquet` it is written there, too, whole or not at all.
 
     Only the tables that the text names are read, and exist. Raises UsageError with what is wrong in the SQL.
@@ -65,7 +65,7 @@ def named(sql: str) -> list[str]:
     return [table for table in TABLES if re.search(rf"(?<!\w){table}(?!\w)", sql, re.IGNORECASE)]
 
 
-def load(runs: Sequence[FlownRun], wanted: Collection[str]) -> Loaded:
+def load(runs: Sequence[RecordedRun], wanted: Collection[str]) -> Loaded:
     """Return a database in memory with these tables, all else of the runs unread."""
     loaded = Loaded(duckdb.connect(":memory:"))
     for name in wanted:

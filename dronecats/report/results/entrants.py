@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.names import PAPER
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
-from dronecats.report.results.flown_run import FlownRun
 from dronecats.report.results.identity import odd_runs, refusal
 from foundation.errors import UsageError
 
@@ -41,7 +41,7 @@ class Entrant:
 
     label: str
     setting: Setting
-    runs: tuple[FlownRun, ...]
+    runs: tuple[RecordedRun, ...]
     episodes: tuple[ScoredEpisode, ...]  # every flight of every episode, those that are nobody's score too
 
     @property
@@ -70,7 +70,7 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
     records bear one id. `pool_anyway` counts the first two together all the same; the last never can be.
     """
     _one_record_an_id(collection.episodes)
-    runs: dict[Setting, list[FlownRun]] = {}
+    runs: dict[Setting, list[RecordedRun]] = {}
     for run in collection.runs:
         runs.setdefault(setting(run), []).append(run)
     flown: dict[Path, list[ScoredEpisode]] = {}
@@ -90,7 +90,7 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
     return tuple(sorted(found, key=lambda entrant: not entrant.is_model))
 
 
-def setting(run: FlownRun) -> Setting:
+def setting(run: RecordedRun) -> Setting:
     """Return under which setting a run was flown."""
     flight = run.flight
     commander = flight.get("commander")

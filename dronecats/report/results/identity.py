@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.names import FORMER, agent_name
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.run import RecordedRun
 from foundation.run_folder import layout
 from foundation.run_folder.damage import taken
 from foundation.run_folder.reading import json_object
@@ -50,7 +50,7 @@ class Difference:
         return f"{self.what} ({' and '.join(told)})"
 
 
-def identity(run: FlownRun) -> dict[str, frozenset[str]]:
+def identity(run: RecordedRun) -> dict[str, frozenset[str]]:
     """Return all by which a run is of its kind."""
     told = dict(_of_run(run.configuration))
     flown = [one for folder in run.episodes if (one := _of_episode(folder)) is not None]
@@ -83,7 +83,7 @@ def differences(a: Identity, b: Identity) -> list[Difference]:
     return found
 
 
-def odd_runs(runs: Sequence[FlownRun]) -> list[tuple[FlownRun, list[Difference]]]:
+def odd_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Difference]]]:
     """Return the runs that are not of the kind of most of them, each with its differences from the first of most.
 
     Where two kinds have as many runs, the kind of the earlier run stands for most.
@@ -94,7 +94,7 @@ def odd_runs(runs: Sequence[FlownRun]) -> list[tuple[FlownRun, list[Difference]]
     return [(run, found) for run, found in apart if found]
 
 
-def refusal(runs: Sequence[FlownRun]) -> str | None:
+def refusal(runs: Sequence[RecordedRun]) -> str | None:
     """Return why these runs are not of one kind, a sentence that names in what they differ; None when they are."""
     for run in runs:
         codes = identity(run)["the code"]

@@ -6,8 +6,8 @@ from typing import Literal
 
 import duckdb
 
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.database import literal, load, sentence
-from dronecats.report.results.flown_run import FlownRun
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
 from foundation.whole_file import whole_file
@@ -23,7 +23,7 @@ def table_file(kind: TableFormat, table: str, out: Path) -> Path:
 
 
 def write_tables(
-    kind: TableFormat, runs: Sequence[FlownRun], out: Path, called: ColumnNames = lambda table, column: column
+    kind: TableFormat, runs: Sequence[RecordedRun], out: Path, called: ColumnNames = lambda table, column: column
 ) -> tuple[dict[str, int], list[str]]:
     """Write every table into a folder, which is made where it is missing.
 

@@ -10,8 +10,8 @@ from msgspec import UNSET
 
 from dronecats.agent.action import Action, ActionError, Go, Rotate, action_from
 from dronecats.judge.measured import finished, measured
-from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
-from dronecats.report.results.flown_run import FlownRun
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.tables import TABLES, DeclarationRow, EpisodeRow, PoseRow, RunRow, RunTable, StepRow
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
@@ -30,7 +30,7 @@ class Tabulated:
     damage: list[str] = field(default_factory=list)  # what is damaged, a sentence an episode
 
 
-def names(runs: Sequence[FlownRun]) -> list[str]:
+def names(runs: Sequence[RecordedRun]) -> list[str]:
     """Return a name for each run: the end of its folder's path that no other of them ends with."""
     depth = 1
     while True:
@@ -40,7 +40,7 @@ def names(runs: Sequence[FlownRun]) -> list[str]:
         depth += 1
 
 
-def tabulated(run: FlownRun, name: str, wanted: Collection[str]) -> Tabulated:
+def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> Tabulated:
     """Return the rows that a run has in the tables `wanted`. One damaged episode spoils no other.
 
     Of a damaged one there is a row in `episodes`, with its error, and none elsewhere.
@@ -52,7 +52,7 @@ def tabulated(run: FlownRun, name: str, wanted: Collection[str]) -> Tabulated:
         return made
     for folder in run.episodes:
         try:
-            flown = flown_episode(folder)
+            flown = RecordedFlight.read(folder)
         except UsageError as damage:
             made.damage.append(str(damage))
             if "episodes" in wanted:
@@ -71,7 +71,7 @@ def _append(values: Values, row: Any, metrics: Mapping[str, Any] | None = None) 
         told.append(getattr(row, column) if column in own else (metrics or {}).get(column))
 
 
-def _run_row(run: FlownRun, name: str) -> RunRow:
+def _run_row(run: RecordedRun, name: str) -> RunRow:
     configuration, flight = run.configuration, run.flight
     versions = configuration.get("versions")
     return RunRow(
@@ -97,7 +97,7 @@ def _text(value: Any) -> str | None:
 Rows = Iterator[tuple[Any, Mapping[str, Any]]]  # a row, and its metrics
 
 
-def _episode_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
+def _episode_rows(flown: RecordedFlight, run: str, table: RunTable) -> Rows:
     verdict, end = flown.verdict, flown.logs.end
     scored = verdict.outcome in SCORED
     row = EpisodeRow(
@@ -123,7 +123,7 @@ def _damaged_row(run: str, folder: Path, error: str) -> EpisodeRow:
     return EpisodeRow(**{**nothing, "run": run, "episode": folder.resolve().name, "scored": False, "error": error})
 
 
-def _step_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
+def _step_rows(flown: RecordedFlight, run: str, table: RunTable) -> Rows:
     told = {metric.name: metric.of(flown) for metric in table.metrics}
     for number, said in enumerate(flown.logs.decisions):
         action, frame = _action(said), flown.logs.frames.get((said.drone, said.frame_id), UNMEASURED)
@@ -172,7 +172,7 @@ def _action(said: Decision) -> Action | None:
         return None
 
 
-def _pose_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
+def _pose_rows(flown: RecordedFlight, run: str, table: RunTable) -> Rows:
     for pose in flown.logs.poses:
         north_m, east_m, down_m = pose.position_ned
         target_north_m, target_east_m, target_down_m = pose.target_ned or (None, None, None)
@@ -194,7 +194,7 @@ def _pose_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
         yield row, {}
 
 
-def _declaration_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
+def _declaration_rows(flown: RecordedFlight, run: str, table: RunTable) -> Rows:
     told = [measured(decision, flown.logs) for decision in finished(flown.logs)]
     for number, one in enumerate(sorted(told, key=lambda d: (d.t, d.step, d.drone)), 1):
         row = DeclarationRow(
@@ -213,7 +213,7 @@ def _declaration_rows(flown: FlownEpisode, run: str, table: RunTable) -> Rows:
         yield row, {}
 
 
-OF_EPISODE: Mapping[str, Callable[[FlownEpisode, str, RunTable], Rows]] = {
+OF_EPISODE: Mapping[str, Callable[[RecordedFlight, str, RunTable], Rows]] = {
     "episodes": _episode_rows,
     "steps": _step_rows,
     "poses": _pose_rows,

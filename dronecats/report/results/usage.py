@@ -6,7 +6,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.report.recorded.flight import RecordedFlight
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import exchanges, rows
@@ -31,7 +31,7 @@ class Usage:
 NONE_TOLD = Usage()
 
 
-def usage(flown: FlownEpisode) -> Usage:
+def usage(flown: RecordedFlight) -> Usage:
     """Return what an episode took. A joint reply stands in the log of each of its drones, and is counted once."""
     return _usage(flown.logs.decisions, flown.folder)
 

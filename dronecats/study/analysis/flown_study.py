@@ -11,10 +11,10 @@ from dronecats.flight.spec.latency_trace import digest_of
 from dronecats.flight.spec.spec_file import as_kept, from_json
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.registry import METRICS
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import collect
 from dronecats.report.results.entrants import FLAT, Setting, setting
 from dronecats.report.results.exclusion import Exclusion, exclude, exclusion_sentences
-from dronecats.report.results.flown_run import FlownRun
 from dronecats.report.results.identity import Identity, differences, identity
 from dronecats.study import folder as study_folder
 from dronecats.study.analysis.studied import MANY, Studied, StudiedFactor, StudiedFlight, StudiedLevel
@@ -88,7 +88,7 @@ def _level(level: Level) -> StudiedLevel:
     return level if isinstance(level, str) else float(level)
 
 
-def _check_levels(study: Study, runs: Sequence[FlownRun], told: Mapping[str, StudyRun]) -> None:
+def _check_levels(study: Study, runs: Sequence[RecordedRun], told: Mapping[str, StudyRun]) -> None:
     """Raise UsageError where a run was not flown at the levels that study.json tells of it."""
     traces = _traces(runs)
     for run in runs:
@@ -102,7 +102,7 @@ def _check_levels(study: Study, runs: Sequence[FlownRun], told: Mapping[str, Stu
             raise UsageError(f"{run.folder} was not flown at what {layout.STUDY} says of it: {said}")
 
 
-def _traces(runs: Sequence[FlownRun]) -> dict[str, tuple[float, ...]]:
+def _traces(runs: Sequence[RecordedRun]) -> dict[str, tuple[float, ...]]:
     """Return the recorded latencies (s) that travelled with the flights, by the name that they are known by."""
     found = (run.flight.get("latency_trace") for run in runs)
     return {trace_name(trace): tuple(trace) for trace in found if trace}
@@ -115,7 +115,7 @@ def _at_levels(flight: FlightSpec, levels: Mapping[str, Level], traces: Mapping[
 
 
 def _entrants(
-    runs: Sequence[FlownRun], study: Study, told: Mapping[str, StudyRun]
+    runs: Sequence[RecordedRun], study: Study, told: Mapping[str, StudyRun]
 ) -> tuple[dict[Path, str], dict[Path, Identity]]:
     """Return who flew each run, a label, and its identity as if every factor had been at the same level."""
     first = told[runs[0].folder.name].levels  # which was flown, whatever it names
@@ -146,8 +146,8 @@ def _label(one: Setting, every: Sequence[Setting]) -> str:
     return " · ".join([name, *filter(None, said)])
 
 
-def _check_kinds(runs: Sequence[FlownRun], labels: Mapping[Path, str], kinds: Mapping[Path, Identity]) -> None:
-    first: dict[str, FlownRun] = {}
+def _check_kinds(runs: Sequence[RecordedRun], labels: Mapping[Path, str], kinds: Mapping[Path, Identity]) -> None:
+    first: dict[str, RecordedRun] = {}
     for run in runs:
         codes = sorted(kinds[run.folder]["the code"])
         if len(codes) > 1:
@@ -162,8 +162,8 @@ def _check_kinds(runs: Sequence[FlownRun], labels: Mapping[Path, str], kinds: Ma
             )
 
 
-def _check_seeds(runs: Sequence[FlownRun], labels: Mapping[Path, str], told: Mapping[str, StudyRun]) -> None:
-    seeds: dict[tuple[str, int], FlownRun] = {}
+def _check_seeds(runs: Sequence[RecordedRun], labels: Mapping[Path, str], told: Mapping[str, StudyRun]) -> None:
+    seeds: dict[tuple[str, int], RecordedRun] = {}
     for run in runs:
         before = seeds.setdefault((labels[run.folder], told[run.folder.name].flight_number), run)
         if before.seed != run.seed:
@@ -173,7 +173,7 @@ def _check_seeds(runs: Sequence[FlownRun], labels: Mapping[Path, str], told: Map
             )
 
 
-def _check_once(runs: Sequence[FlownRun], labels: Mapping[Path, str], told: Mapping[str, StudyRun]) -> None:
+def _check_once(runs: Sequence[RecordedRun], labels: Mapping[Path, str], told: Mapping[str, StudyRun]) -> None:
     """Raise UsageError where one flight was flown under two names: it would count twice."""
     seen: dict[tuple[str, frozenset[tuple[str, Level]], int], str] = {}
     for run in runs:
@@ -188,9 +188,9 @@ def _check_once(runs: Sequence[FlownRun], labels: Mapping[Path, str], told: Mapp
             )
 
 
-def _notes(runs: Sequence[FlownRun], labels: Mapping[Path, str], kinds: Mapping[Path, Identity]) -> Iterator[str]:
+def _notes(runs: Sequence[RecordedRun], labels: Mapping[Path, str], kinds: Mapping[Path, Identity]) -> Iterator[str]:
     """Yield in what entrants were not flown alike, a sentence each."""
-    first: dict[str, FlownRun] = {}
+    first: dict[str, RecordedRun] = {}
     for run in runs:
         first.setdefault(labels[run.folder], run)
     common = {

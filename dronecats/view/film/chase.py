@@ -1,4 +1,4 @@
-"""From where a drone is looked at: behind it and a little above, around whatever stands in the way.
+"""The camera behind a drone: a little above it, around whatever stands in the way, and what it sees of the world.
 
 The way of the camera is laid out over the whole flight at once, so that it knows of a wall before it is there: at each
 quarter of a second it may stand in one of many places around the drone, blocked ones cost much, others the more the
@@ -8,16 +8,20 @@ programming). What remains is smoothed, and the boom drawn in where the smoothin
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
-from dronecats.view.film.track import DroneTrack
-from episodes.world.visibility import Solids
-from foundation.camera import CameraPose
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import Track
+from episodes.camera.renderer.renderer import Renderer, View
+from episodes.maps.assets.multirotor import multirotor
+from episodes.maps.scene import Instance, Moved
+from episodes.world.visibility import Solids, Together
+from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler
 
 Array = NDArray[np.float64]
@@ -34,6 +38,8 @@ ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
 LENGTHS = (1.0, 0.65, 0.4)
 BLOCKED = 30.0  # what a place costs from which the drone is not seen; more than going all the way round it
 
+HFOV_DEG, VFOV_DEG = 70.0, 50.0  # at most, of a chase view
+
 
 @dataclass(frozen=True)
 class ChaseWay:
@@ -49,7 +55,7 @@ class ChaseWay:
         return CameraPose((north, east, down), quat_from_euler(0.0, pitch, yaw))
 
 
-def chase(track: DroneTrack, end_s: float, standing: Solids) -> ChaseWay:
+def chase(track: Track, end_s: float, standing: Solids) -> ChaseWay:
     """Return the way of a camera behind `track` from t = 0 to `end_s`, among what stands."""
     times = np.arange(0.0, max(end_s, STEP_S) + 2 * STEP_S, STEP_S)
     places = _smooth(track.positions(times), PLACE_S)
@@ -121,3 +127,50 @@ def _cheapest(blocked: NDArray[np.bool_], candidates: Array) -> NDArray[np.intp]
 
 def _vec3(place: Array) -> Vec3:
     return float(place[0]), float(place[1]), float(place[2])
+
+
+def chase_lens(width: int, height: int) -> CameraModel:
+    """Return the camera of a chase view of that size (px): as wide as its larger side allows."""
+    focal = min(0.5 * width / math.tan(math.radians(HFOV_DEG / 2)), 0.5 * height / math.tan(math.radians(VFOV_DEG / 2)))
+    return CameraModel(width, height, math.degrees(2.0 * math.atan(0.5 * width / focal)), (0.0, 0.0, 0.0))
+
+
+class FilmStage:
+    """Draws a flight. Every drone is there, seen from outside; the target is where the record says at that time."""
+
+    def __init__(self, flight: RecordedFlight, lens: CameraModel, threads: int = 1) -> None:
+        self._flight = flight
+        world = flight.world
+        mesh = multirotor(flight.outline)
+        first = max(one.id for one in world.scene.instances) + 1
+        self.ids = {drone: first + k for k, drone in enumerate(flight.drones)}  # drone → id in a view
+        drones = tuple(
+            Instance(number, f"drone-{drone}", "drone", mesh, flight.tracks[drone].at(0.0).position_ned, 0.0, True)
+            for drone, number in self.ids.items()
+        )
+        scene = replace(world.scene, instances=(*world.scene.instances, *drones))
+        self._renderer = Renderer(scene, lens, threads)
+
+    def moved(self, t: float) -> Moved:
+        """Return where everything that moves is at a time of the episode."""
+        poses = {drone: self._flight.tracks[drone].at(t) for drone in self.ids}
+        drones = {self.ids[drone]: (pose.position_ned, pose.attitude) for drone, pose in poses.items()}
+        return {**self._flight.world.moved(max(0.0, t)), **drones}
+
+    def picture(self, pose: CameraPose, t: float) -> NDArray[np.uint8]:
+        """Return what a camera sees at a time, (H, W, 3) RGB."""
+        return self._renderer.picture(pose, self.moved(t))
+
+    def view(self, pose: CameraPose, t: float) -> View:
+        """Return the same picture with depths and the ids of what is seen."""
+        return self._renderer.render(pose, self.moved(t))
+
+    def close(self) -> None:
+        """Let the renderer's threads go."""
+        self._renderer.close()
+
+
+def standing(flight: RecordedFlight) -> Solids:
+    """Return what a camera has to keep clear of: all that stands, a target that does not move included."""
+    world = flight.world
+    return world.solids if world.target.movable else Together(world.solids, Solids((world.target,)))

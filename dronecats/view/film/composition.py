@@ -2,19 +2,40 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 
-from dronecats.view.film import captions, onboard
-from dronecats.view.film.chase import chase
-from dronecats.view.film.flown import FilmedFlight
+from dronecats.flight.picture.flight_picture import describe
+from dronecats.judge.measured import qualifies
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.view.film.chase import FilmStage, chase, chase_lens, standing
+from dronecats.view.film.lettering import (
+    BACKGROUND,
+    GREEN,
+    GREY,
+    PALE,
+    RED,
+    WHITE,
+    YELLOW,
+    Ink,
+    Picture,
+    color_of,
+    fitted,
+    plate,
+    width_px,
+    write,
+)
 from dronecats.view.film.map_pane import MapPane
-from dronecats.view.film.stage import FilmStage, chase_lens, standing
-from dronecats.view.film.words import BACKGROUND, Picture, color_of, plate, write
-from foundation.run_folder.rows import drone_label
+from foundation.protocol import POINT_SPAN
+from foundation.run_folder.rows import Decision, drone_label
 
 REFERENCE_PX = 720  # height at which words are as large as they are written down
 GAP = 4  # px there, between the panes
+COLOR_OF = {"success": GREEN, "failure": RED}
+NONE_YET, NOT_KEPT, NOT_DRAWN = "no picture yet", "no picture was kept", "flown without drawing pictures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +91,7 @@ def _grid(area: Pane, count: int, gap: int) -> tuple[Pane, ...]:
 class Composition:
     """Draws the pictures of a film of one flight, at any time of it."""
 
-    def __init__(self, flight: FilmedFlight, width: int, height: int, drone: int | None = None) -> None:
+    def __init__(self, flight: RecordedFlight, width: int, height: int, drone: int | None = None) -> None:
         """`drone`: the only one that is followed; None: each of the fleet in a pane of its own."""
         self._flight, self._size = flight, (width, height)
         self._followed = flight.drones if drone is None else (drone,)
@@ -89,7 +110,7 @@ class Composition:
             self._kept = t, self._views(t)
         picture = self._kept[1].copy()
         where, unit = self.panes.bar, self.panes.unit
-        _put(picture, where, captions.bar(self._flight, t, speed, over, where.width, where.height, unit))
+        _put(picture, where, caption_bar(self._flight, t, speed, over, where.width, where.height, unit))
         return picture
 
     def _views(self, t: float) -> Picture:
@@ -100,7 +121,7 @@ class Composition:
             if len(self._flight.drones) > 1:
                 self._name(drawn, drone, t)
             _put(picture, view, drawn)
-            _put(picture, seen, onboard.pane(self._flight, drone, t, seen.width, seen.height, self.panes.unit))
+            _put(picture, seen, pilot_view(self._flight, drone, t, seen.width, seen.height, self.panes.unit))
         _put(picture, self.panes.map, self._map.at(t))
         return picture
 
@@ -108,7 +129,7 @@ class Composition:
         """Say on a chase view whose it is and what that one is about."""
         small = max(9, round(15 * self.panes.unit))
         plate(view, 0, 0, view.shape[1], round(1.6 * small))
-        text, color = captions.action(self._flight, drone, t)
+        text, color = action_words(self._flight, drone, t)
         left, top = round(0.5 * small), round(0.15 * small)
         left += write(view, drone_label(drone), (left, top), small, color_of(drone), True) + small
         write(view, text, (left, top), small, color)
@@ -120,3 +141,115 @@ class Composition:
 
 def _put(picture: Picture, pane: Pane, part: Picture) -> None:
     picture[pane.top : pane.top + pane.height, pane.left : pane.left + pane.width] = part
+
+
+def caption_bar(
+    flight: RecordedFlight, t: float, speed: float, over: bool, width: int, height: int, unit: float
+) -> Picture:
+    """Return the bar below the pictures, (height, width, 3) RGB. `over`: the flight is, and its verdict is said."""
+    picture = np.full((height, width, 3), BACKGROUND, np.uint8)
+    large, middle, small = (max(9, round(px * unit)) for px in (23, 21, 14))
+    left, right, y = round(14 * unit), width - round(14 * unit), round(9 * unit)
+    clock = f"{t:5.1f} s" + ("" if speed == 1.0 else f"   {speed:g}×")
+    write(picture, clock, (right, y), middle, WHITE, True, right=True)
+    room = right - left - width_px(f"{'8' * 9}{clock[7:]}", middle, True)
+    lines = fitted(f"“{flight.instruction}”", large, room, 2, True) if flight.instruction else []
+    for line in lines:
+        write(picture, line, (left, y), large, WHITE, True)
+        y += round(1.22 * large)
+    if len(flight.drones) == 1 and height - y > 1.2 * middle + 1.5 * small:
+        text, color = action_words(flight, flight.drones[0], t)
+        write(picture, text, (left, y + round(2 * unit)), middle, color)
+    low = height - round(1.55 * small)
+    who = f"{flight.id}   flown by {flight.run.pilot_title}"
+    write(picture, who, (left, low), small, GREY)
+    if any(track.level for track in flight.tracks.values()):
+        write(picture, "drawn level: no attitudes were kept", (round(0.55 * width), low), small, GREY)
+    if over or is_decided(flight, t):
+        said, color = verdict_words(flight)
+        beside = left + width_px(who, small) < right - width_px(said, middle, True) - middle
+        above = height - round(2.1 * middle) if beside else low - round(1.4 * middle)
+        write(picture, said, (right, above), middle, color, True, right=True)
+    return picture
+
+
+def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink]:
+    """Return what a drone is about at a time, in a few words, and their colour."""
+    asked, flown = flight.latest_decision(drone, t, "t_frame"), flight.latest_decision(drone, t, "t_decided")
+    if asked is None:
+        return "", PALE
+    if asked is not flown and t < asked.t_decided:
+        return f"step {asked.step}   the pilot is asked, {t - asked.t_frame:.1f} s", PALE
+    good = qualifies(asked, flight.logs, flight.delta_m, flight.cap_s)
+    color = {True: GREEN, False: RED, None: YELLOW}[good]
+    rejected = f" · not within {flight.delta_m:g} m and in view" if good is False else ""
+    return f"step {asked.step}   {describe(asked)}{rejected}", color
+
+
+def is_decided(flight: RecordedFlight, t: float) -> bool:
+    """Return whether the declaration that decides has been made by then."""
+    deciding = flight.verdict.deciding
+    return deciding is not None and t >= deciding.t
+
+
+def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
+    """Return the verdict in a few words, derived from the logs anew, and their colour."""
+    found = flight.verdict
+    away = f" · {found.ne_m:.2f} m from the target" if found.ne_m is not None else ""
+    return f"{str(found.outcome).upper()}{away}", COLOR_OF.get(str(found.outcome), PALE)
+
+
+def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height: int, unit: float) -> Picture:
+    """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit` px is what words are measured by.
+
+    The ring is there from when the reply was. Nothing is drawn again: of a frame that the folder lacks this is said.
+    """
+    small = max(9, round(14 * unit))
+    decision = flight.latest_decision(drone, t, "t_frame")
+    path = flight.picture_path(decision) if decision is not None else None
+    picture = _read(path, width, height) if path is not None and flight.run.is_rendered else None
+    if picture is None or decision is None:
+        picture = np.full((height, width, 3), BACKGROUND, np.uint8)
+        said = NOT_DRAWN if not flight.run.is_rendered else NONE_YET if decision is None else NOT_KEPT
+        write(picture, said, (round(0.06 * width), height // 2 - small), small, GREY)
+    else:
+        picture = picture.copy()
+    if decision is not None and (point := chosen(decision)) is not None and t >= decision.t_decided:
+        ring(picture, point)
+    fleet = len(flight.drones) > 1
+    taken = f" at {decision.t_frame:.1f} s" if decision is not None else ""
+    label = f"{drone_label(drone)}{taken}" if fleet else f"what the pilot saw{taken}"
+    high = round(1.5 * small)
+    plate(picture, 0, height - high, width, high)
+    write(
+        picture,
+        label,
+        (round(0.4 * small), height - high + round(0.1 * small)),
+        small,
+        color_of(drone) if fleet else WHITE,
+    )
+    return picture
+
+
+def chosen(decision: Decision) -> tuple[float, float] | None:
+    """Return the point that a decision flies to, (x, y) as shares of width and height; None of other actions."""
+    return None if decision.go is None else (decision.go.x / POINT_SPAN, decision.go.y / POINT_SPAN)
+
+
+def ring(picture: Picture, point: tuple[float, float]) -> None:
+    """Draw a ring around a point, given as shares of width and height."""
+    height, width = picture.shape[:2]
+    middle = (round(16 * (point[0] * width - 0.5)), round(16 * (point[1] * height - 0.5)))
+    radius = max(5.0, 0.05 * width)
+    thick = max(1, round(0.007 * width))
+    for color, more in (((0, 0, 0), thick + 1), (YELLOW, 0)):
+        cv2.circle(picture, middle, round(16 * radius), color, thick + more, cv2.LINE_AA, 4)
+
+
+@lru_cache(8)
+def _read(path: Path, width: int, height: int) -> Picture | None:
+    read = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if read is None:  # the file was cut short
+        return None
+    fitted = cv2.resize(read, (width, height), interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(fitted[..., ::-1], np.uint8)

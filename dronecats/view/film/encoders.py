@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from dronecats.view.film.lettering import BACKGROUND, DRONES, GREEN, MAGENTA, RED, WHITE, YELLOW, Picture
 from dronecats.view.film.plan import FilmPlan
-from dronecats.view.film.words import BACKGROUND, DRONES, GREEN, MAGENTA, RED, WHITE, YELLOW, Picture
 from foundation.errors import InfrastructureError
 from foundation.extras import not_installed
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.view.film.flown import FilmedFlight
-from dronecats.view.film.words import MAGENTA, WHITE, Ink, Picture, color_of, plate, width_px, write
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.view.film.lettering import MAGENTA, WHITE, Ink, Picture, color_of, plate, width_px, write
 from episodes.camera.renderer.renderer import Renderer
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler, quat_yaw
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 class MapPane:
     """Draws one flight's map at one size."""
 
-    def __init__(self, flight: FilmedFlight, width: int, height: int, unit: float) -> None:
+    def __init__(self, flight: RecordedFlight, width: int, height: int, unit: float) -> None:
         """`unit`: px by which words are measured."""
         self._flight, self._size, self._small = flight, (width, height), max(9, round(14 * unit))
         self._times = np.arange(0.0, flight.end_s + SAMPLES_S, SAMPLES_S)

@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import dronecats
-from dronecats.judge.metrics.flown_episode import FlownEpisode
-from dronecats.view.film.flown import end_of
+from dronecats.report import recorded
+from dronecats.report.recorded.flight import RecordedFlight
 from foundation.errors import UsageError
 from foundation.run_folder import layout
+from foundation.run_folder.reading import episode_folder
 
 CLOSING_S = 2.5  # of film in which the last picture stays, with the verdict
 PART = 60  # pictures that are drawn and kept together: what a kill costs at most, times the processes
@@ -19,7 +20,7 @@ RATES = (1, 120)
 SIDES_PX = (120, 3840)
 OF_RUN = (layout.RUN,)
 OF_EPISODE = (layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG)
-SOURCES = (Path(__file__).parent, Path(dronecats.__file__).parents[1] / "episodes")
+SOURCES = (Path(__file__).parent, Path(recorded.__file__).parent, Path(dronecats.__file__).parents[1] / "episodes")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +79,7 @@ class FilmPlan:
 
 
 def plan(
-    episode: FlownEpisode,
+    flight: RecordedFlight,
     *,
     size: tuple[int, int],
     fps: int,
@@ -100,17 +101,17 @@ def plan(
         raise UsageError(f"--fps wants {RATES[0]} to {RATES[1]} pictures a second, got {fps}")
     if not SPEEDS[0] <= speed <= SPEEDS[1]:
         raise UsageError(f"--speed wants a factor from {SPEEDS[0]:g} to {SPEEDS[1]:g}, got {speed:g}")
-    end = end_of(episode)
+    end = flight.end_s
     last = end if to_s is None else min(to_s, end)
     if not (math.isfinite(from_s) and 0.0 <= from_s < last):
         until = "--to" if to_s is not None and to_s < end else "the flight's end"
         raise UsageError(f"--from {from_s:g} wants 0 or more and less than {until}, {last:g} s")
-    flown = sorted({pose.drone for pose in episode.logs.poses})
+    flown = sorted({pose.drone for pose in flight.logs.poses})
     if drone is not None and drone not in flown:
         numbers = ", ".join(str(number + 1) for number in flown)
-        raise UsageError(f"--drone {drone + 1} did not fly in {episode.folder}: {numbers} did")
+        raise UsageError(f"--drone {drone + 1} did not fly in {flight.folder}: {numbers} did")
     return FilmPlan(
-        folder=str(episode.folder.resolve()),
+        folder=str(flight.folder.resolve()),
         width=width,
         height=height,
         fps=fps,
@@ -120,3 +121,21 @@ def plan(
         closing=round(CLOSING_S * fps) if last == end else 0,
         drone=drone,
     )
+
+
+def filmable(path: Path) -> RecordedFlight:
+    """Return the flight of an episode folder, or of a run's only one.
+
+    Raises UsageError where that is no episode, tells no truth, or was flown in no world of ours.
+    """
+    if not path.is_dir():
+        raise UsageError(f"there is no folder {path}")
+    folder = episode_folder(path)
+    flight = RecordedFlight.read(folder)
+    if not flight.logs.true:
+        raise UsageError(f"{folder} tells only what an autopilot said of itself: a film shows what was true")
+    if flight.logs.begin is None or not flight.logs.poses:
+        raise UsageError(f"{folder / layout.TRUTH} tells no place of any drone: there is nothing to film")
+    if not (folder / layout.EPISODE).is_file():
+        raise UsageError(f"{folder} has no {layout.EPISODE}: nobody can tell in which world it was flown")
+    return flight

@@ -1,6 +1,5 @@
 """What flight.tlog tells of each drone: where it truly is, or thinks it is, and what its autopilot says."""
 
-import math
 import struct
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -14,18 +13,13 @@ from foundation.frames import Quat, Vec3, quat_from_euler
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
-from hil.link.telemetry import TOLD, StatusTexts, VehicleState, update
+from hil.link.telemetry import TOLD, StatusTexts, VehicleState, asked_velocity, update
 
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, PLACE = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 KEPT = 3000  # truths of a drone: a minute at 50 Hz, in which a decision's picture was taken
 KEPT_ESTIMATES = 600
-NO_VELOCITY = (  # of a setpoint's mask: north, east, down
-    dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE,
-    dialect.POSITION_TARGET_TYPEMASK_VY_IGNORE,
-    dialect.POSITION_TARGET_TYPEMASK_VZ_IGNORE,
-)
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 
 
@@ -151,16 +145,6 @@ class HeardFlight:
             attitude = quat_from_euler(*state.euler) if state.euler is not None else (1.0, 0.0, 0.0, 0.0)
             velocity = state.velocity_ned or (0.0, 0.0, 0.0)
             drone.estimates.append(HeardPose(state.position_us, state.position_ned, velocity, attitude, true=False))
-
-
-def asked_velocity(message: Any) -> Vec3:
-    """Return the velocity (m/s, NED) that a POSITION_TARGET_LOCAL_NED asks for, 0 along what it leaves open."""
-    asked = (message.vx, message.vy, message.vz)
-    north, east, down = (
-        0.0 if message.type_mask & mask or not math.isfinite(v) else float(v)
-        for v, mask in zip(asked, NO_VELOCITY, strict=True)
-    )
-    return (north, east, down)
 
 
 def _decoded(frame: bytes) -> Any:

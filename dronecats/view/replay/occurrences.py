@@ -7,7 +7,7 @@ from enum import Enum
 from pathlib import Path
 
 from dronecats.flight.picture.flight_picture import describe
-from dronecats.view.replay.onboard import VehicleLog
+from dronecats.report.recorded.telemetry import DroneTelemetry
 from foundation.run_folder.reading import Logs, rows
 from foundation.run_folder.rows import DroneNumber
 
@@ -55,7 +55,7 @@ def envelope_rows(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
 
 
 def occurrences(
-    logs: Logs, vehicles: Mapping[int, VehicleLog], limited: Iterable[Occurrence], end_s: float
+    logs: Logs, vehicles: Mapping[int, DroneTelemetry], limited: Iterable[Occurrence], end_s: float
 ) -> tuple[Occurrence, ...]:
     """Return everything that happened from the beginning to `end_s`, in the order of time."""
     every = [*_decided(logs), *limited, *_end(logs, end_s)]
@@ -86,12 +86,12 @@ def _decided(logs: Logs) -> Iterator[Occurrence]:
             yield Occurrence(one.t_decided, OccurrenceKind.FAULT, one.drone, words)
 
 
-def _warned(vehicle: VehicleLog) -> Iterator[Occurrence]:
+def _warned(vehicle: DroneTelemetry) -> Iterator[Occurrence]:
     for t_s, text in zip(vehicle.warnings.t_s, vehicle.warnings.values, strict=True):
         yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, text)
 
 
-def _left_alone(vehicle: VehicleLog, end_s: float) -> Iterator[Occurrence]:
+def _left_alone(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
     """Yield when the mode was no longer ours although the episode went on: a failsafe, or somebody's hand."""
     before = ""
     for t_s, state in zip(vehicle.states.t_s, vehicle.states.values, strict=True):

@@ -4,15 +4,13 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from dronecats.view.film.words import Picture
+from dronecats.view.film.lettering import Picture
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import COLORS, FlightScene
-from dronecats.view.replay.clock import PlaybackClock
-from dronecats.view.replay.controls import Controls
-from dronecats.view.replay.keys import CHOICES, bind
+from dronecats.view.replay.controls import CHOICES, Controls, bind
+from dronecats.view.replay.moments import FlightMoments, of_one_episode
 from dronecats.view.replay.occurrences import OccurrenceKind, following, preceding
-from dronecats.view.replay.player import Player
-from dronecats.view.replay.recorded import PlayableFlight, of_one_episode
+from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import AgainView, AgainViews, ViewWish
 from dronecats.view.scene.page import LoopbackServer
 from foundation.errors import UsageError
@@ -51,7 +49,7 @@ class ReplayPage:
 
     def __init__(
         self,
-        flights: Sequence[PlayableFlight],
+        flights: Sequence[FlightMoments],
         port: int,
         speed: float = 1.0,
         at_s: float = 0.0,
@@ -66,9 +64,9 @@ class ReplayPage:
         of_one_episode(flights)
         self.flights = tuple(flights)
         clock = PlaybackClock(max(flight.end_s for flight in flights)).at_speed(speed, 0.0)
-        self._server = LoopbackServer(f"DroneCATS · {flights[0].episode.id}", port, hosts)
+        self._server = LoopbackServer(f"DroneCATS · {flights[0].recorded.id}", port, hosts)
         self.url = self._server.url
-        self._server.gui.set_panel_label(f"DroneCATS · {flights[0].episode.id}")
+        self._server.gui.set_panel_label(f"DroneCATS · {flights[0].recorded.id}")
         self._server.gui.configure_theme(
             control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51)
         )
@@ -89,13 +87,13 @@ class ReplayPage:
                 self._server,
                 flight.world.scene if flight.world else None,
                 drones=max(flight.drones) + 1,
-                name=f"{k + 1} {flight.episode.folder.resolve().parent.name}" if several else "",
+                name=f"{k + 1} {flight.recorded.folder.resolve().parent.name}" if several else "",
                 colors=own,
-                camera=flight.camera,
+                camera=flight.recorded.camera,
             )
             for k, (flight, own) in enumerate(zip(flights, colors, strict=True))
         ]
-        self._views = AgainViews([flight.filmed for flight in flights], self._drawn)
+        self._views = AgainViews([flight.recorded if flight.world else None for flight in flights], self._drawn)
         self._controls.on_view(lambda view: self._choose(lambda state: replace(state, view=view)))
         self._choices = "run" if several else "drone" if drones > 1 else ""
         bind(self._server, self, len(flights) if several else drones if drones > 1 else 0)

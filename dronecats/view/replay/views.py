@@ -5,10 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from dronecats.view.film.chase import ChaseWay, chase
-from dronecats.view.film.flown import FilmedFlight
-from dronecats.view.film.stage import FilmStage, chase_lens, standing
-from dronecats.view.film.words import Picture
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.view.film.chase import ChaseWay, FilmStage, chase, chase_lens, standing
+from dronecats.view.film.lettering import Picture
 from episodes.world.fleet import DronePose
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
@@ -41,7 +40,7 @@ class ViewWish:
 class FlightViews:
     """Draws one flight from anywhere. For one thread; what a view needs is made when it is first wanted."""
 
-    def __init__(self, flight: FilmedFlight, size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)) -> None:
+    def __init__(self, flight: RecordedFlight, size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)) -> None:
         self._flight, self._size = flight, size
         self._stages: dict[bool, FilmStage] = {}  # by whether it is through the drone's own camera
         self._ways: dict[int, ChaseWay] = {}
@@ -83,7 +82,7 @@ class FlightViews:
 class AgainViews:
     """Draws the newest wish in the background, and hands the picture on; older ones are forgotten."""
 
-    def __init__(self, flights: list[FilmedFlight | None], shown: Callable[[ViewWish, Picture | str], None]) -> None:
+    def __init__(self, flights: list[RecordedFlight | None], shown: Callable[[ViewWish, Picture | str], None]) -> None:
         """`flights`: None where the world is not known. `shown` gets the picture, or why there is none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.agent.models.replay import RecordedFlight, RecordedStep
+from dronecats.agent.models.replay import FlightRecording, RecordedReply
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.disturbances import Disturbances, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -62,10 +62,10 @@ def test_a_late_picture_is_asked_on_so_much_later_and_measured_where_it_was_take
 TURN, GO = {"action": "rotate", "angle_deg": 60}, {"action": "go", "point": [500, 500], "depth_m": 20}
 
 
-TURNING = RecordedFlight(
+TURNING = FlightRecording(
     flight="made up",
     to_the_cap=True,
-    steps=tuple(RecordedStep(step=step, drone=0, reply=json.dumps((TURN, GO)[step % 2])) for step in range(60)),
+    steps=tuple(RecordedReply(step=step, drone=0, reply=json.dumps((TURN, GO)[step % 2])) for step in range(60)),
 )
 
 

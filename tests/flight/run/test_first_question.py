@@ -8,7 +8,7 @@ import pytest
 from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.model import Reply
-from dronecats.agent.models.replay import RecordedFlight
+from dronecats.agent.models.replay import FlightRecording
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.matrix import BenchEntry, suite_of
@@ -88,7 +88,7 @@ def test_a_commander_of_its_own_is_asked_too_and_one_model_once():
 
 
 def test_a_cache_that_holds_replies_and_a_replay_ask_nothing(tmp_path):
-    recorded = RecordedFlight(flight="f", steps=(), to_the_cap=True)
+    recorded = FlightRecording(flight="f", steps=(), to_the_cap=True)
     path = tmp_path / "replies.sqlite"
     with Recording(THINK) as server:
         ask_first(flight(f"{server.url}/v1", replay=recorded))

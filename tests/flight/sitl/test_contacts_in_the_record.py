@@ -3,7 +3,7 @@
 import pytest
 
 from dronecats.flight.logger.recorder import Recorder
-from dronecats.judge.metrics.flown_episode import flown_episode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.trajectories import contact_time, crashes, hardest_hit, hits
 from foundation.camera import CameraModel
 from foundation.contact_report import SaidHit, clear_text, hit_of, hit_text, seconds_of
@@ -55,7 +55,7 @@ def test_a_press_stands_in_the_record(tmp_path):
     assert logs.hits[0].t == pytest.approx((first_us - begun_us) / 1e6, abs=0.03)
     assert logs.hits[0].closing_speed == pytest.approx(first_speed, abs=0.05)
     assert logs.clears[-1].t == pytest.approx((last_us - begun_us) / 1e6 + 0.5, abs=0.05)
-    flown = flown_episode(tmp_path)
+    flown = JudgedFlight.read(tmp_path)
     assert hits(flown) == len(logs.hits)
     assert crashes(flown) == int(vehicle.plant.state["crashed"])
     assert hardest_hit(flown) == max(each.closing_speed or 0.0 for each in logs.hits)

@@ -8,7 +8,7 @@ from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.logger.telemetry import subscribe
 from dronecats.judge.episode import outcome
-from dronecats.judge.metrics.flown_episode import flown_episode
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.registry import METRICS
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler, rotate_inverse
@@ -100,7 +100,7 @@ def test_a_reset_of_our_estimator_stands_in_the_record(tmp_path):
     assert reset.quantities == ("position",)
     assert reset.position_m == pytest.approx(60.0, abs=3.0)
     assert 7.0 < reset.t < 9.0
-    assert METRICS["estimator_resets"].of(flown_episode(tmp_path)) == 1
+    assert METRICS["estimator_resets"].of(JudgedFlight.read(tmp_path)) == 1
     verdict = outcome(logs)
     assert verdict.estimator_resets == 1
     assert verdict.as_json()["contacts"]["hits"] == 0
@@ -112,5 +112,5 @@ def test_without_odometry_nothing_is_said_of_resets(tmp_path):
     recorder.begin(5, 300.0)
     recorder.end("cap")
     recorder.close()
-    assert METRICS["estimator_resets"].of(flown_episode(tmp_path)) is None
+    assert METRICS["estimator_resets"].of(JudgedFlight.read(tmp_path)) is None
     assert "estimator_resets" not in outcome(read(tmp_path)).as_json()

@@ -1,4 +1,4 @@
-"""Random flights of one drone and of fleets, as rows of the logs and as a FlownEpisode. Times are sixteenths of a s."""
+"""Random flights of one drone and of fleets, as rows of the logs and as a JudgedFlight. Times are sixteenths of a s."""
 
 import math
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from tests.judge.episode_logs import decision, frame, logs, pose
 
 CAP_S = 30.0  # of these flights
@@ -108,8 +108,8 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
     return decisions, truth, record
 
 
-def flown(rows: tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None], end: Any) -> FlownEpisode:
+def flown(rows: tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None], end: Any) -> JudgedFlight:
     """Return the episode that these rows are of."""
     decisions, truth, record = rows
     told = logs(decisions, truth, begin=BEGIN, end=end, record=record)
-    return FlownEpisode(Path("somewhere"), {"id": "e", **(record or {})}, told, 5.0, CAP_S)
+    return JudgedFlight(Path("somewhere"), {"id": "e", **(record or {})}, told, 5.0, CAP_S)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.judge.metrics.flown_episode import FlownEpisode
+from dronecats.judge.judged_flight import JudgedFlight
 from tests.judge.test_diagnostics import Naive
 
 Row = dict[str, Any]
@@ -18,7 +18,7 @@ class Episode:
     decisions: list[Row]
     truth: list[Row]
     record: Row | None
-    flown: FlownEpisode
+    flown: JudgedFlight
     delta_m: float = 5.0
     cap_s: float = 30.0
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import MODES, failure_mode
-from dronecats.judge.metrics.flown_episode import FlownEpisode
 from dronecats.judge.metrics.registry import METRICS
 from tests.judge.episode_logs import logs
 from tests.judge.metrics import naive
@@ -44,7 +44,7 @@ INCIDENTS = ("hits", "crashes", "hardest_hit_mps", "contact_s", "estimator_reset
 
 def test_where_no_hits_and_no_resets_were_written_none_is_told():
     begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
-    episode = FlownEpisode(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
+    episode = JudgedFlight(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
     assert [METRICS[name].of(episode) for name in INCIDENTS] == [None] * len(INCIDENTS)
 
 

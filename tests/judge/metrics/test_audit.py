@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.audit import RULES, audit, audit_of, flips
 from dronecats.judge.metrics.deliberation import Followed, deliberation, outlooks
-from dronecats.judge.metrics.flown_episode import FlownEpisode
 from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, pose, write
 
 INSIDE, OUTSIDE, HIDDEN = (4.0, True), (9.0, True), (4.0, False)
@@ -19,7 +19,7 @@ def scripted(declared, entered=False, end=END, cell="approaching", trace=()):
     decisions = [decision(0, 0, 1.0, "go"), *(decision(k, k, t) for k, (t, _) in enumerate(declared, 1))]
     truth = [frame(0, 0.5, 20.0), *(frame(k, t - 0.5, *where) for k, (t, where) in enumerate(declared, 1))]
     truth += [pose(40.0, 4.9 if entered else 20.0, True), *trace]
-    return FlownEpisode(Path("somewhere"), {"cell": cell}, logs(decisions, truth, end=end))
+    return JudgedFlight(Path("somewhere"), {"cell": cell}, logs(decisions, truth, end=end))
 
 
 def held(seconds, broken_at=None):
@@ -30,7 +30,7 @@ def held(seconds, broken_at=None):
 
 
 BURST = [(502.0 + 5 * k, INSIDE) for k in range(7)]
-Case = tuple[FlownEpisode, bool, dict[str, bool | None]]  # flight, success, and what another rule would make of it
+Case = tuple[JudgedFlight, bool, dict[str, bool | None]]  # flight, success, and what another rule would make of it
 CASES: dict[str, Case] = {
     "declares 0.2 s after the cap": (scripted([(300.2, INSIDE)]), False, {"no_cap": True, "proximity": True}),
     "declares on the cap": (scripted([(300.0, INSIDE)]), True, {}),
@@ -84,7 +84,7 @@ def steps(told):
     """A flight of (action, distance, in view) per step."""
     decisions = [decision(k, k, 2.0 + 2.5 * k, action) for k, (action, *_) in enumerate(told)]
     truth = [frame(k, 1.5 + 2.5 * k, *where) for k, (_, *where) in enumerate(told)]
-    return FlownEpisode(Path("somewhere"), {}, logs(decisions, truth))
+    return JudgedFlight(Path("somewhere"), {}, logs(decisions, truth))
 
 
 def test_the_three_steps_after_a_think_are_compared_with_steps_that_closed_alike():
@@ -126,7 +126,7 @@ FENCED, QUOTED = '```json\n{"action": "finished"}\n```', "{'action': 'finished'}
 )
 def test_mended_declarations_are_lost_under_strict_parsing(reply, mended, changed, success):
     more = {"reply": reply, **({"mended": mended} if mended else {})}
-    flight = FlownEpisode(Path("x"), {}, logs([decision(0, 0, 5.0, **more)], [frame(0, 4.5, 4.0)]))
+    flight = JudgedFlight(Path("x"), {}, logs([decision(0, 0, 5.0, **more)], [frame(0, 4.5, 4.0)]))
     told = audit_of(flight).strict
     assert (told.steps, told.mended, told.changed, told.declarations) == (1, bool(mended), changed, changed)
     assert told.success is success

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import band, failure_mode, share_ahead, stride
-from dronecats.judge.metrics.flown_episode import FlownEpisode
 from tests.judge.episode_logs import END, decision, frame, logs, pose
 
 STRIDE = {"action": "go", "point": [500, 500], "depth_m": 9.0}
@@ -38,7 +38,7 @@ def episode(
             place = [way_m * part, swing, -2.0]
             truth.append(pose(k / 2, FAR_M, True, drone, place, yaw_deg=math.remainder(yaw, 360.0)))
     decisions.sort(key=lambda d: (d["step"], d["drone"]))
-    return FlownEpisode(Path("somewhere"), {}, logs(decisions, truth, end=more.get("end", END)))
+    return JudgedFlight(Path("somewhere"), {}, logs(decisions, truth, end=more.get("end", END)))
 
 
 def test_a_flight_is_in_the_first_mode_that_holds():
@@ -77,7 +77,7 @@ def test_the_papers_bars_have_who_could_not_move_among_the_timed_out():
 
 def test_a_fleet_has_grounded_when_one_drone_has():
     one, other = episode(ahead=0.0), episode(ahead=0.5)
-    both = FlownEpisode(
+    both = JudgedFlight(
         Path("x"), {}, logs(
             [*rows_of(one, 0), *rows_of(other, 1)], [*frames_of(one, 0), *frames_of(other, 1)],
         ),

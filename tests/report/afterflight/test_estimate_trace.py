@@ -15,10 +15,9 @@ from dronecats.flight.logger.estimate import EstimateRecorder
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.scenario import build, load_world, origin
 from dronecats.judge.episode import judge_folder
-from dronecats.report.afterflight.rejudge import rejudge
-from dronecats.report.afterflight.sources import from_tlog, from_ulog
 from dronecats.report.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
-from dronecats.report.afterflight.trace import derive
+from dronecats.report.afterflight.trace import EstimatorLog, derive, from_telemetry, from_ulog, rejudge
+from dronecats.report.recorded.telemetry import telemetry
 from foundation.errors import UsageError
 from foundation.frames import geodetic_to_ned, ned_to_geodetic
 from foundation.mavlink import Packer, Parser, dialect
@@ -111,6 +110,10 @@ def _fly(folder: Path, link: Link) -> None:
     link.wait(1.0)
     link.close()
     recorder.close()
+
+
+def from_tlog(path: Path) -> EstimatorLog:
+    return from_telemetry(telemetry(path, 0)[0], path)
 
 
 def rows(flown: Flown, kind: str) -> list[dict[str, Any]]:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.report.export.flight import ExportedFlight, exported_flight
-from dronecats.report.results.flown_run import FlownRun, flown_runs
+from dronecats.report.export.formats import finished_flight
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun, recorded_runs
 from tests.support.flown_runs import ALONE as ALONE
 from tests.support.flown_runs import FLEET
 
@@ -17,15 +18,15 @@ def run_folder(rendered_run) -> Path:
 
 
 @pytest.fixture(scope="session")
-def run(run_folder) -> FlownRun:
-    return flown_runs([run_folder])[0]
+def run(run_folder) -> RecordedRun:
+    return recorded_runs([run_folder])[0]
 
 
 @pytest.fixture(scope="session")
-def alone(run) -> ExportedFlight:
-    return exported_flight(run, run.folder / ALONE)
+def alone(run) -> RecordedFlight:
+    return finished_flight(run.folder / ALONE)
 
 
 @pytest.fixture(scope="session")
-def fleet(run) -> ExportedFlight:
-    return exported_flight(run, run.folder / FLEET)
+def fleet(run) -> RecordedFlight:
+    return finished_flight(run.folder / FLEET)

@@ -12,7 +12,6 @@ from dronecats.report.export.conventions import (
     OPTICAL_IN_FLU,
     enu,
     flu,
-    level,
     lon_lat_alt,
     microseconds,
     nanoseconds,
@@ -35,7 +34,7 @@ def test_an_attitude_turns_flu_into_enu(roll, pitch, yaw):
 
 
 def test_what_a_drone_sees_ahead_to_its_left_and_above_is_there_in_the_world():
-    east = Rotation.from_quat(xyzw_flu_to_enu(level(90.0)))  # its nose to the east
+    east = Rotation.from_quat(xyzw_flu_to_enu(quat_from_euler(0.0, 0.0, math.radians(90.0))))  # its nose to the east
     np.testing.assert_allclose(east.apply([1.0, 0.0, 0.0]), enu((0.0, 1.0, 0.0)), atol=1e-12)
     np.testing.assert_allclose(east.apply([0.0, 1.0, 0.0]), enu((1.0, 0.0, 0.0)), atol=1e-12)  # left of it is north
     np.testing.assert_allclose(east.apply([0.0, 0.0, 1.0]), enu((0.0, 0.0, -1.0)), atol=1e-12)

@@ -5,8 +5,8 @@ import shutil
 import numpy as np
 import pytest
 
-from dronecats.report.export.flight import exported_flight
-from dronecats.report.export.tracks import FlownTrack
+from dronecats.report.export.formats import finished_flight
+from dronecats.report.recorded.tracks import Track
 from foundation.errors import UsageError
 from foundation.frames import quat_yaw
 from tests.report.export.conftest import ALONE
@@ -15,11 +15,11 @@ from tests.report.export.conftest import ALONE
 @pytest.mark.parametrize("which", ["alone", "fleet"])
 def test_the_judges_track_passes_through_every_place_that_the_logger_measured(which, request):
     flight = request.getfixturevalue(which)
-    rows = [*flight.episode.logs.poses, *flight.episode.logs.frames.values()]
+    rows = [*flight.logs.poses, *flight.logs.frames.values()]
     assert len(rows) > 40
     for row in rows:
-        track = flight.drones[row.drone].truth
-        index = track.at(row.t)
+        track = flight.drone_tracks[row.drone].truth
+        index = track.newest(row.t)
         assert track.t_s[index] == pytest.approx(row.t, abs=2e-6)
         np.testing.assert_allclose(track.position_ned[index], row.position_ned, atol=1e-3)
         turned = np.degrees(quat_yaw(tuple(track.attitude[index]))) - row.yaw_deg
@@ -30,18 +30,18 @@ def test_the_judges_track_passes_through_every_place_that_the_logger_measured(wh
 def test_the_autopilots_own_track_is_near_the_truth_and_is_not_it(which, request):
     """As near as GPS is: a track in a local frame of its own, or of another drone, would be many metres off."""
     flight = request.getfixturevalue(which)
-    for drone in flight.drones:
-        there = drone.truth.position_ned[[drone.truth.at(t) for t in drone.estimate.t_s]]
+    for drone in flight.drone_tracks:
+        there = drone.truth.position_ned[[drone.truth.newest(t) for t in drone.estimate.t_s]]
         off = np.linalg.norm((drone.estimate.position_ned - there)[:, :2], axis=1)
         assert off.max() < 3.0
         assert off.min() > 0.0
         ahead = np.array([quat_yaw(tuple(q)) for q in drone.estimate.attitude])
-        true = np.array([quat_yaw(tuple(drone.truth.attitude[drone.truth.at(t)])) for t in drone.estimate.t_s])
+        true = np.array([quat_yaw(tuple(drone.truth.attitude[drone.truth.newest(t)])) for t in drone.estimate.t_s])
         assert np.abs((ahead - true + np.pi) % (2 * np.pi) - np.pi).max() < np.radians(10.0)
 
 
 def test_velocity_is_the_change_of_place(alone):
-    for track in (alone.drones[0].truth, alone.drones[0].estimate):
+    for track in (alone.drone_tracks[0].truth, alone.drone_tracks[0].estimate):
         moved = np.diff(track.position_ned, axis=0)
         mean = (track.velocity_ned[1:] + track.velocity_ned[:-1]) / 2 * np.diff(track.t_s)[:, None]
         np.testing.assert_allclose(moved.sum(axis=0), mean.sum(axis=0), atol=0.5)
@@ -58,7 +58,7 @@ def test_a_lost_picture_is_damage(run, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     (tmp_path / ALONE / "frames" / "000002.jpg").unlink()
     with pytest.raises(UsageError, match=r"000002\.jpg"):
-        exported_flight(run, tmp_path / ALONE)
+        finished_flight(tmp_path / ALONE)
 
 
 def test_an_unfinished_episode_is_refused(run, tmp_path):
@@ -66,24 +66,24 @@ def test_an_unfinished_episode_is_refused(run, tmp_path):
     truth = tmp_path / ALONE / "truth.jsonl"
     truth.write_text("".join(line for line in truth.open() if '"kind": "end"' not in line))
     with pytest.raises(UsageError, match=ALONE):
-        exported_flight(run, tmp_path / ALONE)
+        finished_flight(tmp_path / ALONE)
 
 
 def test_without_a_tlog_there_is_the_judges_track_alone(run, tmp_path, alone):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     (tmp_path / ALONE / "flight.tlog").unlink()
-    flight = exported_flight(run, tmp_path / ALONE)
-    drone = flight.drones[0]
+    flight = finished_flight(tmp_path / ALONE)
+    drone = flight.drone_tracks[0]
     assert drone.estimate is None
     assert drone.setpoints is None
     assert drone.truth is not None
     assert np.isnan(drone.truth.velocity_ned).all()
-    logs = flight.episode.logs
+    logs = flight.logs
     times = {pose.t for pose in logs.poses} | {frame.t for frame in logs.frames.values()}
     assert list(drone.truth.t_s) == sorted(times)
     assert flight.origin == alone.origin
 
 
 def test_the_newest_sample_at_a_time_is_never_a_later_one():
-    track = FlownTrack(np.array([0.5, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))
-    assert [track.at(t) for t in (0.0, 0.5, 0.9, 1.0, 3.0)] == [0, 0, 0, 1, 1]
+    track = Track(np.array([0.5, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))
+    assert [track.newest(t) for t in (0.0, 0.5, 0.9, 1.0, 3.0)] == [0, 0, 0, 1, 1]

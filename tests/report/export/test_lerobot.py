@@ -16,11 +16,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from dronecats.report.afterflight.sources import tlog_messages
 from dronecats.report.export import lerobot
-from dronecats.report.export.action_vectors import ACTION, BODY_VELOCITY, STATE, body_velocity, four_action, state
-from dronecats.report.export.dataset_statistics import merged, moments
-from dronecats.report.export.flight import exported_flight
+from dronecats.report.export.formats import finished_flight
+from dronecats.report.export.lerobot import (
+    ACTION,
+    BODY_VELOCITY,
+    STATE,
+    body_velocity,
+    four_action,
+    merged,
+    moments,
+    state,
+)
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import quat_yaw
@@ -28,6 +35,7 @@ from foundation.mavlink import dialect
 from foundation.run_folder.rows import Decision
 from tests.needs import needs
 from tests.report.export.conftest import ALONE
+from tests.support.logged_messages import logged_messages
 
 PYTHON = os.environ.get("DRONECATS_LEROBOT_PYTHON")
 
@@ -41,7 +49,7 @@ def dataset(alone, fleet, tmp_path_factory):
     parts = [
         (flight, drone, [s.decision for s in flight.steps if s.decision.drone == drone.number])
         for flight in (alone, fleet)
-        for drone in flight.drones
+        for drone in flight.drone_tracks
     ]
     assert left_out == []
     assert frames == sum(len(decisions) for _, _, decisions in parts)
@@ -72,7 +80,7 @@ def test_every_decision_is_a_frame_with_the_pilots_own_picture(dataset):
 def told_by_the_autopilot(flight, number, decisions):
     """Return the newest LOCAL_POSITION_NED at each picture, less the one at the first picture: (n, 3)."""
     kind = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
-    sent = [m for m in tlog_messages(flight.episode.folder / "flight.tlog", {kind}) if m.get_srcSystem() == number + 1]
+    sent = [m for m in logged_messages(flight.folder / "flight.tlog", {kind}) if m.get_srcSystem() == number + 1]
     at_ms = [(flight.t0_us + round(d.t_frame * 1e6)) // 1000 for d in decisions]
     newest = [max((m for m in sent if m.time_boot_ms <= at), key=lambda m: m.time_boot_ms) for at in at_ms]
     places = np.array([(m.x, m.y, m.z) for m in newest])
@@ -84,22 +92,22 @@ def test_a_state_is_what_the_autopilot_thought_and_not_the_truth(dataset):
     found = np.array([row["observation.state"] for row in rows(out)], np.float64)
     at = 0
     for flight, drone, decisions in parts:
-        true = np.array([drone.truth.position_ned[drone.truth.at(d.t_frame)] for d in decisions])
+        true = np.array([drone.truth.position_ned[drone.truth.newest(d.t_frame)] for d in decisions])
         place = found[at : at + len(decisions), :3]
         np.testing.assert_allclose(place, told_by_the_autopilot(flight, drone.number, decisions), atol=1e-4)
         assert np.abs(place - (true - true[0]))[:, :2].max() < 2.5
         assert (place[0] == 0.0).all()
         for decision, numbers in zip(decisions, found[at:], strict=False):
-            heading = quat_yaw(tuple(drone.truth.attitude[drone.truth.at(decision.t_frame)]))
+            heading = quat_yaw(tuple(drone.truth.attitude[drone.truth.newest(decision.t_frame)]))
             assert abs((numbers[8] - heading + math.pi) % (2 * math.pi) - math.pi) < math.radians(15.0)
-            velocity = drone.truth.velocity_ned[drone.truth.at(decision.t_frame)]
+            velocity = drone.truth.velocity_ned[drone.truth.newest(decision.t_frame)]
             forward = velocity[0] * math.cos(heading) + velocity[1] * math.sin(heading)
             assert numbers[3] == pytest.approx(forward, abs=0.6)
         at += len(decisions)
 
 
 def test_velocity_is_along_the_heading(alone):
-    track = alone.drones[0].estimate
+    track = alone.drone_tracks[0].estimate
     fastest = int(np.argmax(np.linalg.norm(track.velocity_ned[:, :2], axis=1)))
     numbers = state(track, float(track.t_s[fastest]), float(track.t_s[0]))
     north, east, down = track.velocity_ned[fastest]
@@ -166,7 +174,7 @@ def test_what_a_dataset_cannot_hold_is_named(run, alone, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     shutil.rmtree(tmp_path / ALONE / "frames")
     left_out: list[str] = []
-    blind = exported_flight(run, tmp_path / ALONE)
+    blind = finished_flight(tmp_path / ALONE)
     assert lerobot.write(iter([blind, alone]), tmp_path / "out", False, left_out) == len(alone.steps)
     (left,) = left_out
     assert ALONE in left

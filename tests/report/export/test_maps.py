@@ -7,10 +7,9 @@ import numpy as np
 import pyogrio
 import pytest
 
-from dronecats.report.afterflight.sources import tlog_messages
-from dronecats.report.export import geojson, kml
-from dronecats.report.export.places import moves, paths, points
+from dronecats.report.export.maps import paths, points, write_geojson, write_kml
 from foundation.mavlink import dialect
+from tests.support.logged_messages import logged_messages
 
 METRES = np.array([0.6889 * 111195.0, 111195.0, 1.0])  # of a degree of longitude and of latitude at 46.46°
 
@@ -20,7 +19,7 @@ def sent(flight, drone):
     kind = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
     rows = [
         ((m.time_usec - flight.t0_us) / 1e6, m.lon / 1e7, m.lat / 1e7, m.alt / 1e3)
-        for m in tlog_messages(flight.episode.folder / "flight.tlog", {kind})
+        for m in logged_messages(flight.folder / "flight.tlog", {kind})
         if m.get_srcSystem() == drone + 1
     ]
     return {round(row[0], 6): row[1:] for row in rows if 0.0 <= row[0] <= flight.end_s}
@@ -48,12 +47,12 @@ def read(path, layer=None):
 def test_gdal_finds_every_path_and_point_where_it_was(which, form, request, tmp_path):
     flight = request.getfixturevalue(which)
     path = tmp_path / f"flight.{form}"
-    count = {"kml": kml, "geojson": geojson}[form].write(flight, path)
+    count = {"kml": write_kml, "geojson": write_geojson}[form](flight, path)
     layers = ["flight", "judge"] if form == "kml" else [None]
     found = {layer: read(path, layer) for layer in layers}
     assert sum(len(place) for layer in found.values() for places in layer.values() for place in places) == count
     judges = found["judge"] if form == "kml" else found[None]
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         [told] = judges[f"judge/drone_{drone.number}"]
         bus = sent(flight, drone.number)
         line = next(one for one in paths(flight) if one.name == f"judge/drone_{drone.number}")
@@ -64,21 +63,21 @@ def test_gdal_finds_every_path_and_point_where_it_was(which, form, request, tmp_
     assert all(not name.startswith("judge") for name in found.get("flight", {}))
     steps = [name for name in own if name.startswith("step ")]
     assert sum(len(own[name]) for name in steps) == len(flight.steps)
-    assert len([n for n in judges if n.startswith("judge/declaration")]) == len(flight.declarations) > 0
+    assert len([n for n in judges if n.startswith("judge/declaration")]) == len(flight.all_declarations) > 0
 
 
 def test_the_target_is_where_the_record_has_it(alone, tmp_path):
-    kml.write(alone, tmp_path / "flight.kml")
+    write_kml(alone, tmp_path / "flight.kml")
     [[place]] = read(tmp_path / "flight.kml", "judge")["judge/target"]
-    drone = sent(alone, 0)[round(float(alone.drones[0].truth.t_s[0]), 6)]
+    drone = sent(alone, 0)[round(float(alone.drone_tracks[0].truth.t_s[0]), 6)]
     north_m, east_m = ((place - drone) * METRES)[[1, 0]]
-    start = alone.episode.logs.poses[0]
+    start = alone.logs.poses[0]
     assert start.target_ned[0] - start.position_ned[0] == pytest.approx(north_m, abs=0.1)
     assert start.target_ned[1] - start.position_ned[1] == pytest.approx(east_m, abs=0.1)
 
 
 def test_geojson_tells_times_and_whose_knowledge_it_is(alone, tmp_path):
-    geojson.write(alone, tmp_path / "flight.geojson")
+    write_geojson(alone, tmp_path / "flight.geojson")
     told = json.loads((tmp_path / "flight.geojson").read_text())
     lines = {f["properties"]["name"]: f for f in told["features"] if f["geometry"]["type"] == "LineString"}
     for name, line in lines.items():
@@ -89,13 +88,13 @@ def test_geojson_tells_times_and_whose_knowledge_it_is(alone, tmp_path):
 
 
 def test_kml_tells_times_as_a_calendar_from_1970(alone, tmp_path):
-    kml.write(alone, tmp_path / "flight.kml")
+    write_kml(alone, tmp_path / "flight.kml")
     text = (tmp_path / "flight.kml").read_text()
     first = next(one for one in paths(alone)).t_s[0]
     assert f"<when>1970-01-01T00:00:{first:09.6f}Z</when>" in text
 
 
 def test_a_target_that_stands_has_no_path(alone):
-    assert not moves(alone.target)
+    assert not alone.target_track.moves()
     assert "judge/target" not in [one.name for one in paths(alone)]
     assert "judge/target" in [one.name for one in points(alone)]

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from dronecats.report.export import foxglove_layout, mcap
+from dronecats.report.export import layouts, mcap
 from foundation.frames import geodetic_to_ned
 
 
@@ -41,7 +41,7 @@ def place(vector):
 
 def test_every_pose_is_the_tracks_with_its_time_place_and_attitude(told):
     flight, found, schemas, _ = told
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         for topic, track in ((f"/drone_{drone.number}", drone.estimate), (f"/judge/drone_{drone.number}", drone.truth)):
             assert schemas[f"{topic}/pose"] == "foxglove.PoseInFrame"
             poses = found[f"{topic}/pose"]
@@ -57,14 +57,14 @@ def test_every_pose_is_the_tracks_with_its_time_place_and_attitude(told):
 
 def test_the_pictures_are_the_pilots_byte_for_byte_at_their_times(told):
     flight, found, _, _ = told
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         images = found[f"/drone_{drone.number}/camera/image"]
         mine = [frame for frame in flight.frames if frame.drone == drone.number]
         assert [(at, hashlib.sha256(i.data).digest(), i.format, i.frame_id) for at, i in images] == [
             (round(f.t_s * 1e9), hashlib.sha256(f.jpeg.read_bytes()).digest(), "jpeg", f"drone_{drone.number}/camera")
             for f in mine
         ]
-        assert len(mine) == len(list((flight.episode.folder / "frames").glob("*.jpg"))) / len(flight.drones)
+        assert len(mine) == len(list((flight.folder / "frames").glob("*.jpg"))) / len(flight.drone_tracks)
 
 
 def test_the_calibration_puts_the_target_where_the_judge_measured_it(told):
@@ -80,7 +80,7 @@ def test_the_calibration_puts_the_target_where_the_judge_measured_it(told):
     picture: Any = cv2.imread(str(flight.frames[0].jpeg))
     assert (calibration.height, calibration.width) == picture.shape[:2]
     compared = 0
-    for frame in flight.episode.logs.frames.values():
+    for frame in flight.logs.frames.values():
         if frame.drone or frame.target_frd is None:
             continue
         body = poses[round(frame.t * 1e6) * 1000].pose
@@ -113,7 +113,7 @@ def test_the_ring_is_around_the_point_that_was_chosen(told):
 def test_locations_lead_back_to_the_places(told):
     flight, found, schemas, _ = told
     assert schemas["/drone_0/location"] == "foxglove.LocationFix"
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         fixes = found[f"/judge/drone_{drone.number}/location"]
         lat, lon, alt = flight.origin
         back = [geodetic_to_ned(lat, lon, alt, f.latitude, f.longitude, f.altitude) for _, f in fixes]
@@ -129,7 +129,7 @@ def test_the_log_has_every_reply_and_the_judges_lines_are_apart(told):
     at = Counter(at for at, _ in lines[1:])
     assert at == Counter(round(s.decision.t_decided * 1e6) * 1000 for s in flight.steps)
     assert not any("success" in text for _, text in lines)
-    assert len(found["/judge/log"]) == len(flight.declarations) + 1
+    assert len(found["/judge/log"]) == len(flight.all_declarations) + 1
     assert metadata["dronecats"]["instruction"] == flight.instruction
     assert metadata["dronecats/judge"]["judge/outcome"] == flight.verdict.outcome
 
@@ -138,17 +138,17 @@ def test_only_the_judges_scene_has_the_target(told):
     flight, found, _, _ = told
     mine = [entity for _, m in found["/scene"] for entity in m.entities]
     judges = [entity for _, m in found["/judge/scene"] for entity in m.entities]
-    assert {entity.id.split("/")[0] for entity in mine} == {f"drone_{d.number}" for d in flight.drones}
+    assert {entity.id.split("/")[0] for entity in mine} == {f"drone_{d.number}" for d in flight.drone_tracks}
     target = next(entity for entity in judges if entity.id == "judge/target")
-    np.testing.assert_allclose(place(target.spheres[0].pose.position), flight.target.position_ned[0], atol=1e-9)
+    np.testing.assert_allclose(place(target.spheres[0].pose.position), flight.target_track.position_ned[0], atol=1e-9)
     declared = {entity.id for entity in judges if "declaration" in entity.id}
-    assert declared == {f"judge/declaration/{one.step}" for one in flight.declarations}
+    assert declared == {f"judge/declaration/{one.step}" for one in flight.all_declarations}
 
 
 def test_the_layout_names_topics_that_are_there_and_panels_that_are_placed(told, tmp_path):
     flight, found, _, _ = told
-    count = foxglove_layout.write(len(flight.drones), tmp_path / "layout.json")
-    text = (tmp_path / "layout.json").read_text()
+    count = layouts.write(tmp_path / "foxglove-layout.json", len(flight.drone_tracks))
+    text = (tmp_path / "foxglove-layout.json").read_text()
     layout = json.loads(text)
 
     def placed(node):

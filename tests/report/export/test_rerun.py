@@ -38,8 +38,8 @@ def nanos(t_s):
 
 def test_every_pose_is_there_east_north_up(told):
     flight, found, _ = told
-    assert flight.drones
-    for drone in flight.drones:
+    assert flight.drone_tracks
+    for drone in flight.drone_tracks:
         tracks = ((f"drone_{drone.number}", drone.estimate), (f"judge/drone_{drone.number}", drone.truth))
         for name, track in tracks:
             moved = found[f"/world/{name}"]["Transform3D:translation"]
@@ -54,7 +54,7 @@ def test_every_pose_is_there_east_north_up(told):
 
 def test_the_pictures_are_the_pilots_byte_for_byte(told):
     flight, found, _ = told
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         logged = found[f"/world/drone_{drone.number}/camera/image"]["EncodedImage:blob"]
         mine = [frame for frame in flight.frames if frame.drone == drone.number]
         assert [at for at, _ in logged] == [nanos(frame.t_s) for frame in mine]
@@ -69,7 +69,7 @@ def test_the_camera_looks_where_the_target_was_measured(told):
     offset = np.array(camera["Transform3D:translation"][0][1][0])
     body = found["/world/judge/drone_0"]
     places, turns = (dict(body[f"Transform3D:{part}"]) for part in ("translation", "quaternion"))
-    frames = [f for f in flight.episode.logs.frames.values() if not f.drone and f.target_frd]
+    frames = [f for f in flight.logs.frames.values() if not f.drone and f.target_frd]
     assert frames
     for frame in frames:
         at = nanos(frame.t)
@@ -85,7 +85,7 @@ def test_places_on_earth_are_latitude_before_longitude(told):
     latitude, longitude, altitude = flight.origin
     on_earth = [value[0] for _, value in points]
     north_east = [geodetic_to_ned(latitude, longitude, altitude, lat, lon, altitude)[:2] for lat, lon in on_earth]
-    np.testing.assert_allclose(north_east, flight.drones[0].truth.position_ned[:, :2], atol=1e-3)
+    np.testing.assert_allclose(north_east, flight.drone_tracks[0].truth.position_ned[:, :2], atol=1e-3)
 
 
 def test_the_log_has_every_reply_and_the_judges_words_are_apart(told):
@@ -93,13 +93,13 @@ def test_the_log_has_every_reply_and_the_judges_words_are_apart(told):
     lines = found["/log"]["TextLog:text"]
     assert len(lines) == 1 + len(flight.steps)
     assert sorted(at for at, _ in lines[1:]) == sorted(nanos(s.decision.t_decided) for s in flight.steps)
-    assert len(found["/judge/log"]["TextLog:text"]) == len(flight.declarations)
+    assert len(found["/judge/log"]["TextLog:text"]) == len(flight.all_declarations)
 
 
 def test_the_targets_place_stands_with_the_judge_alone(told):
     flight, found, _ = told
     places = [value[0] for _, value in found["/world/judge/target"]["Points3D:positions"]]
-    np.testing.assert_allclose(np.array(places)[:, [1, 0, 2]] * (1, 1, -1), flight.target.position_ned, atol=1e-4)
+    np.testing.assert_allclose(np.array(places)[:, [1, 0, 2]] * (1, 1, -1), flight.target_track.position_ned, atol=1e-4)
     mine = [path for path in found if "judge" not in path and not path.startswith("/__")]
     assert not any("target" in path for path in mine)
 

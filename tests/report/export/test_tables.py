@@ -5,29 +5,29 @@ import csv
 import duckdb
 import pytest
 
-from dronecats.report.export import tables
+from dronecats.report.export import formats
 from dronecats.report.results.database import query
 from dronecats.report.results.tables import TABLES
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_the_files_hold_the_rows_of_the_query(kind, run, tmp_path):
-    rows, damage = tables.write(kind, [run], tmp_path / "out")
-    assert damage == []
-    for name, path in zip(TABLES, tables.files(kind, tmp_path / "out"), strict=True):
+    done = formats.export(kind, [run], tmp_path / "out")
+    assert done.left_out == []
+    for name, path in zip(TABLES, done.files, strict=True):
         asked = query(f"SELECT * FROM {name}", [run])
         reader = "read_csv(?, all_varchar=false)" if kind == "csv" else "read_parquet(?)"
         with duckdb.connect() as connection:
             answer = connection.execute(f"SELECT * FROM {reader}", [str(path)])
             columns, found = [each[0] for each in answer.description], answer.fetchall()
-        assert len(asked.rows) == rows[path]
+        assert len(asked.rows) == done.files[path]
         assert [column.removeprefix("judge/") for column in columns] == [*asked.columns]
         if kind == "parquet":
             assert found == asked.rows
 
 
 def test_csv_is_read_by_anybody(run, tmp_path):
-    tables.write("csv", [run], tmp_path)
+    formats.export("csv", [run], tmp_path)
     with (tmp_path / "steps.csv").open(newline="") as file:
         told = list(csv.DictReader(file))
     decisions = query("SELECT episode, drone_index, t_decided_s, reply, north_m FROM steps", [run]).rows
@@ -45,5 +45,5 @@ def test_what_only_the_judge_knew_is_marked():
     for name, table in TABLES.items():
         for column in table.columns:
             if column.name in true:
-                assert tables.column_name(name, column.name) == f"judge/{column.name}"
-        assert tables.OPEN[name] <= {column.name for column in table.columns}
+                assert formats.column_name(name, column.name) == f"judge/{column.name}"
+        assert formats.OPEN[name] <= {column.name for column in table.columns}

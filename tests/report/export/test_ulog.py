@@ -9,7 +9,7 @@ import pytest
 from pyulog import ULog
 from scipy.spatial.transform import Rotation
 
-from dronecats.report.export import formats, plotjuggler_layout, ulog
+from dronecats.report.export import formats, layouts, ulog
 from foundation.errors import UsageError
 
 
@@ -31,7 +31,7 @@ def topic(log, name, drone=0):
 
 def test_tracks_are_there_in_ned_with_the_vehicles_own_time(told):
     flight, log = told
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         for suffix, track in (("", drone.estimate), ("_groundtruth", drone.truth)):
             place = topic(log, f"vehicle_local_position{suffix}", drone.number)
             assert list(place["timestamp"]) == [flight.t0_us + round(t * 1e6) for t in track.t_s]
@@ -48,7 +48,7 @@ def test_tracks_are_there_in_ned_with_the_vehicles_own_time(told):
 
 def test_every_pose_of_the_logger_is_in_the_ground_truth(told):
     flight, log = told
-    for pose in flight.episode.logs.poses:
+    for pose in flight.logs.poses:
         place = topic(log, "vehicle_local_position_groundtruth", pose.drone)
         [at] = np.flatnonzero(place["timestamp"] == flight.t0_us + round(pose.t * 1e6))
         there = (place["x"][at], place["y"][at], place["z"][at])
@@ -57,7 +57,7 @@ def test_every_pose_of_the_logger_is_in_the_ground_truth(told):
 
 def test_decisions_have_their_numbers_and_texts(told):
     flight, log = told
-    for drone in flight.drones:
+    for drone in flight.drone_tracks:
         mine = [s.decision for s in flight.steps if s.decision.drone == drone.number]
         found = topic(log, "agent_decision", drone.number)
         assert list(found["timestamp"]) == [flight.t0_us + round(d.t_decided * 1e6) for d in mine]
@@ -78,9 +78,9 @@ def test_what_the_judge_knew_is_in_topics_that_say_so(told):
     assert all(name.startswith("judge_") or name.endswith("_groundtruth") for name in others)
     assert log.msg_info_dict["judge_outcome"] == flight.verdict.outcome
     target = topic(log, "judge_target")
-    np.testing.assert_allclose(np.column_stack([target[k] for k in "xyz"]), flight.target.position_ned, atol=1e-4)
+    np.testing.assert_allclose(np.column_stack([target[k] for k in "xyz"]), flight.target_track.position_ned, atol=1e-4)
     declared = sum(len(d.data["step"]) for d in log.data_list if d.name == "judge_declaration")
-    assert declared == len(flight.declarations)
+    assert declared == len(flight.all_declarations)
 
 
 def plotjuggler_names(log):
@@ -95,9 +95,9 @@ def plotjuggler_names(log):
 
 def test_the_layout_names_curves_that_are_there(told, tmp_path):
     flight, log = told
-    drones = len(flight.drones)
-    count = plotjuggler_layout.write(drones, tmp_path / "layout.xml")
-    root = ElementTree.parse(tmp_path / "layout.xml").getroot()
+    drones = len(flight.drone_tracks)
+    count = layouts.write(tmp_path / "plotjuggler-layout.xml", drones)
+    root = ElementTree.parse(tmp_path / "plotjuggler-layout.xml").getroot()
     there = plotjuggler_names(log)
     curves = list(root.iter("curve"))
     assert len(curves) >= count == len(list(root.iter("plot"))) > 10
@@ -120,11 +120,11 @@ def test_the_layout_names_curves_that_are_there(told, tmp_path):
 
 def test_the_layouts_lie_beside_the_logs_that_they_are_for(run, tmp_path):
     done = formats.export("ulog", [run], tmp_path)
-    layouts = {"plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"}
-    assert {path.name for path in done.files} == {f"{folder.name}.ulg" for folder in run.episodes} | layouts
+    named = {"plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"}
+    assert {path.name for path in done.files} == {f"{folder.name}.ulg" for folder in run.episodes} | named
     assert all(path.is_file() for path in done.files)
     (tmp_path / "residential-approaching-01.ulg").unlink()
     (tmp_path / "blocks-commanding-01.ulg").unlink()
     with pytest.raises(UsageError, match=r"plotjuggler-layout\.xml\b.*\b1\b.*--overwrite"):
         formats.export("ulog", [run], tmp_path)  # one that somebody has made his own, say
-    assert plotjuggler_layout.wanted({4}) == {"plotjuggler-layout-fleet.xml": 4}
+    assert layouts.wanted("ulog", {4}) == {"plotjuggler-layout-fleet.xml": 4}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.report.archive.submission import submit
-from dronecats.report.results.flown_run import flown_runs
+from dronecats.report.recorded.run import recorded_runs
 from tests.report.results.archives import QUICK, TWO
 from tests.report.results.synthetic_runs import write_run
 
@@ -18,7 +18,7 @@ def run(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def whole(run) -> Path:
     path = run.parent / "oracle.tar.xz"
-    submit(flown_runs([run]), path)
+    submit(recorded_runs([run]), path)
     return Path(path)
 
 
@@ -26,5 +26,5 @@ def whole(run) -> Path:
 def small(tmp_path_factory) -> Path:
     """An archive of two episodes, to be changed."""
     folder = tmp_path_factory.mktemp("small")
-    submit(flown_runs([write_run(folder / "oracle", TWO)]), folder / "small.tar.xz", partial=True)
+    submit(recorded_runs([write_run(folder / "oracle", TWO)]), folder / "small.tar.xz", partial=True)
     return Path(folder / "small.tar.xz")

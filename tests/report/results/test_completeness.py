@@ -2,8 +2,8 @@
 
 import json
 
+from dronecats.report.recorded.run import recorded_runs
 from dronecats.report.results.completeness import unflown
-from dronecats.report.results.flown_run import flown_runs
 from tests.report.results.synthetic_runs import write_run
 
 IDS = ("campus-searching-01", "residential-approaching-01")
@@ -12,12 +12,12 @@ IDS = ("campus-searching-01", "residential-approaching-01")
 def test_flights_that_belong_and_are_not_there_are_missing(tmp_path):
     write_run(tmp_path / "oracle-1", IDS)
     write_run(tmp_path / "oracle-2", IDS[:1], seed=1)
-    runs = flown_runs([tmp_path])
+    runs = recorded_runs([tmp_path])
     assert unflown(runs) == []
     told = [{"name": f"oracle-{k}", "flight": {}, "episodes": IDS} for k in (1, 2, 3)]
     (tmp_path / "bench.json").write_text(json.dumps({"runs": told}))
     (one,) = unflown(runs)
     assert (one.folder, one.flights, one.missing) == (tmp_path, 6, 3)
-    assert unflown(flown_runs([tmp_path / "oracle-1"]))[0].missing == 4, "whoever names one run alone is told too"
+    assert unflown(recorded_runs([tmp_path / "oracle-1"]))[0].missing == 4, "whoever names one run alone is told too"
     (tmp_path / "bench.json").write_text(json.dumps({"runs": told[:1]}))
     assert unflown(runs) == []

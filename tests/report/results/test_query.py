@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.metrics.flown_episode import flown_episode
+from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.report.recorded.run import recorded_runs
 from dronecats.report.results import database, tabulation
 from dronecats.report.results.columns import array
 from dronecats.report.results.database import Selected, named, query
-from dronecats.report.results.flown_run import flown_runs
 from dronecats.report.results.table_files import write_tables
 from dronecats.report.results.tables import TABLES, markdown
 from foundation.errors import UsageError
@@ -35,12 +35,12 @@ def runs(tmp_path_factory) -> Path:
 
 
 def ask(sql: str, runs: Path, parquet: Path | None = None) -> list[dict[str, object]]:
-    answer = query(sql, flown_runs([runs]), parquet)
+    answer = query(sql, recorded_runs([runs]), parquet)
     return [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
 
 
 def test_the_tables_hold_what_the_logs_do(runs):
-    logs = flown_episode(runs / "oracle" / EPISODES[1]).logs
+    logs = JudgedFlight.read(runs / "oracle" / EPISODES[1]).logs
     where = f"run = 'oracle' AND episode = '{EPISODES[1]}'"
     steps = ask(f"SELECT * FROM steps WHERE {where}", runs)
     assert [(s["drone_index"], s["step"], s["frame_id"], s["tokens_out"]) for s in steps] == [
@@ -66,7 +66,7 @@ def test_a_verdict_is_derived_anew_with_every_metric(runs):
         ("oracle", True, "success"), ("oracle", True, "success"),
         ("silent", False, "failure"), ("silent", False, "failure"),
     ]  # fmt: skip
-    flown = flown_episode(runs / "oracle" / EPISODES[1])
+    flown = JudgedFlight.read(runs / "oracle" / EPISODES[1])
     for metric in TABLES["episodes"].metrics:
         value = metric.of(flown)
         assert told[0][metric.name] == value, metric.name
@@ -78,16 +78,16 @@ def test_what_is_damaged_stands_in_episodes_with_its_error_and_spoils_no_other(t
     log = run / EPISODES[0] / "truth.jsonl"
     log.write_text(log.read_text().replace('"t": 0.0', '"t": "x"', 1))
     sql = "SELECT episode, scored, error, outcome FROM episodes ORDER BY scored"
-    answer = query(sql, flown_runs([run]))
+    answer = query(sql, recorded_runs([run]))
     assert answer.rows[0][:2] == (EPISODES[0], False)
     assert re.search(r"\b1\b", answer.rows[0][2])
     assert answer.rows[1] == (EPISODES[1], True, None, "success")
     assert len(answer.damage) == 1
-    assert query("SELECT DISTINCT episode FROM poses", flown_runs([run])).damage == answer.damage
+    assert query("SELECT DISTINCT episode FROM poses", recorded_runs([run])).damage == answer.damage
 
 
 def test_only_what_is_named_is_read(runs, monkeypatch):
-    monkeypatch.setattr(tabulation, "flown_episode", lambda folder: pytest.fail("an episode was read"))
+    monkeypatch.setattr(tabulation, "judged_flight", lambda folder: pytest.fail("an episode was read"))
     assert ask("SELECT count(*) AS n FROM RUNS", runs) == [{"n": 2}]
     assert ask("SELECT 1 AS one", runs) == [{"one": 1}]
 
@@ -105,7 +105,7 @@ def test_names_are_whole_words():
 
 
 def test_the_examples_run_and_most_have_an_answer(runs):
-    answers = [query(example, flown_runs([runs])) for example in EXAMPLES]
+    answers = [query(example, recorded_runs([runs])) for example in EXAMPLES]
     assert all(answer.columns for answer in answers)
     assert sum(bool(answer.rows) for answer in answers) >= 8  # nothing here is unscored or declared elsewhere
 
@@ -169,7 +169,7 @@ def test_a_select_reaches_nothing_but_its_tables(runs, tmp_path):
 
 def test_every_lock_holds_by_itself(runs):
     """Statements other than SELECT are refused before they are run; the database would refuse them, too."""
-    loaded = database.load(flown_runs([runs]), ["runs"])
+    loaded = database.load(recorded_runs([runs]), ["runs"])
     for setting in database.LOCKED:
         loaded.connection.execute(f"SET {setting}")
     for sql in ("COPY runs TO 'x'", "INSTALL httpfs", "LOAD httpfs", "ATTACH 'x'", "SET threads = 1"):
@@ -211,7 +211,7 @@ def test_an_answer_is_written_as_parquet(runs, tmp_path):
 
 
 def test_an_export_is_a_file_a_table(runs, tmp_path):
-    rows, damage = write_tables("parquet", flown_runs([runs]), tmp_path / "out")
+    rows, damage = write_tables("parquet", recorded_runs([runs]), tmp_path / "out")
     assert damage == []
     assert rows == {"runs": 2, "episodes": 4, "steps": 50, "poses": 490, "declarations": 2}
     for table in TABLES.values():
@@ -219,18 +219,18 @@ def test_an_export_is_a_file_a_table(runs, tmp_path):
         assert [(name, kind) for name, kind, *_ in told] == [(c.name, c.type) for c in table.columns]
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="/file"):
-        write_tables("parquet", flown_runs([runs]), tmp_path / "file")
+        write_tables("parquet", recorded_runs([runs]), tmp_path / "file")
 
 
 def test_runs_of_one_name_are_told_apart(tmp_path):
     for which in ("a", "b"):
         write_run(tmp_path / which / "oracle", EPISODES[:1])
-    found = flown_runs([tmp_path / "a", tmp_path / "b"])
+    found = recorded_runs([tmp_path / "a", tmp_path / "b"])
     assert [row[0] for row in query("SELECT run FROM runs", found).rows] == ["a/oracle", "b/oracle"]
 
 
 def test_columns_of_one_name_are_told_apart(runs):
-    answer = query("SELECT 1 AS a, 2 AS a, 3 AS a_2, 4 AS a FROM runs", flown_runs([runs]))
+    answer = query("SELECT 1 AS a, 2 AS a, 3 AS a_2, 4 AS a FROM runs", recorded_runs([runs]))
     assert isinstance(answer, Selected)
     assert answer.columns == ("a", "a_2", "a_2_2", "a_3")
 

@@ -11,7 +11,7 @@ from dronecats.judge.metrics.judging import reread
 from dronecats.judge.statistics.shares import known_share, wilson
 from dronecats.report.archive.submission import digest, submit
 from dronecats.report.archive.verification import verify
-from dronecats.report.results.flown_run import flown_runs
+from dronecats.report.recorded.run import recorded_runs
 from foundation.errors import UsageError
 from tests.report.results.archives import QUICK, TWO, changed, contents
 from tests.report.results.synthetic_runs import write_run
@@ -29,13 +29,13 @@ def test_a_whole_suite_is_verified_and_says_what_it_cannot_tell(whole):
 
 
 def test_the_same_runs_are_the_same_bytes(run, whole, tmp_path):
-    submit(flown_runs([run]), tmp_path / "again.tar.xz")
+    submit(recorded_runs([run]), tmp_path / "again.tar.xz")
     assert (tmp_path / "again.tar.xz").read_bytes() == whole.read_bytes()
 
 
 def test_several_flights_are_one_entry(run, tmp_path):
     again = write_run(tmp_path / "second", QUICK, seed=7)
-    manifest = submit(flown_runs([again, run]), tmp_path / "two.tar.xz", name="Twice", note="a  note")
+    manifest = submit(recorded_runs([again, run]), tmp_path / "two.tar.xz", name="Twice", note="a  note")
     assert [(each.folder, each.seed) for each in manifest.runs] == [("runs/01", 0), ("runs/02", 7)]
     told = verify(tmp_path / "two.tar.xz", reread)
     assert (told.name, told.note, told.flights, told.verified) == ("Twice", "a note", 2, True)
@@ -51,13 +51,13 @@ def test_left_out_are_telemetry_and_frames_but_for_their_digests(tmp_path):
     for name in ("000000.jpg", "000001_d3.jpg"):
         (run / TWO[0] / "frames" / name).write_bytes(name.encode())
     out = tmp_path / "a.tar.xz"
-    manifest = submit(flown_runs([run]), out, partial=True)
+    manifest = submit(recorded_runs([run]), out, partial=True)
     home = f"runs/01/{TWO[0]}"
     assert manifest.left_out[f"{home}/flight.tlog"] == digest(b"tlog")
     lines = "".join(f"{digest(n.encode()).sha256}  {n}\n" for n in ("000000.jpg", "000001_d3.jpg"))
     assert manifest.left_out[f"{home}/frames/"] == replace(digest(lines.encode()), bytes=23, files=2)
     assert not [name for name in contents(out) if name.endswith((".jpg", ".tlog"))]
-    submit(flown_runs([run]), out, partial=True, with_frames=True)
+    submit(recorded_runs([run]), out, partial=True, with_frames=True)
     assert contents(out)[f"{home}/frames/000001_d3.jpg"] == b"000001_d3.jpg"
     told = verify(out, reread)
     assert told.verified
@@ -77,7 +77,7 @@ def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
     lines[0]["error"] = f"Bearer {key} in {tmp_path}/some body/notes.txt"
     log.write_text("".join(json.dumps(line) + "\n" for line in lines))
     out = tmp_path / "a.tar.xz"
-    manifest = submit(flown_runs([run]), out, partial=True, secrets=[key], note=f"with {key} of /opt/x/y")
+    manifest = submit(recorded_runs([run]), out, partial=True, secrets=[key], note=f"with {key} of /opt/x/y")
     everything = "\n".join([*contents(out), *(data.decode() for data in contents(out).values())])
     for never in (
         key,
@@ -113,10 +113,10 @@ def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
 def test_what_is_not_whole_is_refused_or_marked(change, part, tmp_path):
     change(tmp_path / "run")
     with pytest.raises(UsageError, match=f"{part}.*--partial") as refused:
-        submit(flown_runs([tmp_path / "run"]), tmp_path / "a.tar.xz")
+        submit(recorded_runs([tmp_path / "run"]), tmp_path / "a.tar.xz")
     assert len(str(refused.value).splitlines()) == 1
     assert not list(tmp_path.glob("*.xz*"))
-    manifest = submit(flown_runs([tmp_path / "run"]), tmp_path / "a.tar.xz", partial=True)
+    manifest = submit(recorded_runs([tmp_path / "run"]), tmp_path / "a.tar.xz", partial=True)
     assert manifest.partial is not None
     assert re.search(part, manifest.partial)
     assert verify(tmp_path / "a.tar.xz", reread).partial == manifest.partial
@@ -132,7 +132,7 @@ def test_an_entry_is_one_pilot_under_one_configuration(tmp_path):
         write_run(tmp_path / f"{k}" / "a", TWO)
         write_run(tmp_path / f"{k}" / "b", TWO, **settings)
         with pytest.raises(UsageError, match=parts):
-            submit(flown_runs([tmp_path / f"{k}"]), tmp_path / "x.tar.xz", partial=True)
+            submit(recorded_runs([tmp_path / f"{k}"]), tmp_path / "x.tar.xz", partial=True)
 
 
 FLOWN: dict[str, Any] = {
@@ -157,7 +157,7 @@ def test_flights_by_other_code_or_another_model_are_no_one_entry(told, parts, tm
         for episode in TWO:
             (run / episode / "identity.json").write_text(json.dumps({**FLOWN, **more}))
     with pytest.raises(UsageError, match=parts):
-        submit(flown_runs([tmp_path]), tmp_path / "x.tar.xz", partial=True)
+        submit(recorded_runs([tmp_path]), tmp_path / "x.tar.xz", partial=True)
 
 
 def test_what_was_flown_is_in_the_archive_and_held_to_its_manifest(tmp_path):
@@ -165,7 +165,7 @@ def test_what_was_flown_is_in_the_archive_and_held_to_its_manifest(tmp_path):
     for episode in TWO:
         (run / episode / "identity.json").write_text(json.dumps({**FLOWN, "served": ["/data/models/qwen"]}))
     out = tmp_path / "a.tar.xz"
-    submit(flown_runs([run]), out, partial=True)
+    submit(recorded_runs([run]), out, partial=True)
     name = f"runs/01/{TWO[0]}/identity.json"
     assert json.loads(contents(out)[name])["served"] == ["qwen"]
     assert verify(out, reread).verified

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.film.composition import Composition
 from dronecats.view.film.film import composition
-from dronecats.view.film.flown import FilmedFlight, filmed_flight, told
+from dronecats.view.film.plan import filmable
 from foundation.run_folder import layout
 from tests.support.flown_runs import MOVING as EPISODE
 
@@ -37,9 +38,9 @@ def pictured(flown, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def flight(pictured) -> FilmedFlight:
+def flight(pictured) -> RecordedFlight:
     """That flight with its world."""
-    return filmed_flight(told(pictured))
+    return filmable(pictured)
 
 
 @pytest.fixture(scope="session")

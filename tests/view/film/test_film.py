@@ -17,10 +17,8 @@ from PIL import Image
 
 from dronecats.cli.main import main
 from dronecats.view.film import encoders
-from dronecats.view.film.film import FilmPart, draw_part, make
-from dronecats.view.film.flown import told
-from dronecats.view.film.parts import MANIFEST, folder_beside, opened
-from dronecats.view.film.plan import FilmPlan, plan
+from dronecats.view.film.film import MANIFEST, FilmPart, draw_part, folder_beside, make, opened
+from dronecats.view.film.plan import FilmPlan, filmable, plan
 from foundation.errors import InfrastructureError, UsageError
 
 SMALL = (320, 180)
@@ -28,7 +26,7 @@ SMALL = (320, 180)
 
 def wanted(folder, **options) -> FilmPlan:
     asked = {"size": SMALL, "fps": 10, "speed": 1.0, "from_s": 1.0, "to_s": 2.0, "drone": None, **options}
-    return plan(told(folder), **asked)
+    return plan(filmable(folder), **asked)
 
 
 def pictures(film):

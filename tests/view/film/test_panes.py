@@ -1,15 +1,19 @@
 """What stands beside the chase view: frame, ring, map and words."""
 
+import json
 import math
-from dataclasses import replace
+import shutil
 
 import numpy as np
 import pytest
 
-from dronecats.view.film import captions, onboard
-from dronecats.view.film.composition import panes
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.run import RecordedRun
+from dronecats.view.film import composition
+from dronecats.view.film.composition import action_words, caption_bar, chosen, panes, pilot_view, verdict_words
+from dronecats.view.film.lettering import MAGENTA, YELLOW, fitted, width_px
 from dronecats.view.film.map_pane import MapPane
-from dronecats.view.film.words import MAGENTA, YELLOW, fitted, width_px
+from foundation.run_folder import layout
 from tests.view.film.conftest import GREY
 
 
@@ -21,13 +25,13 @@ def near(picture, x, y, color, reach=1):
 
 @pytest.fixture(scope="module")
 def going(flight):
-    return next(each for each in flight.decisions[0] if onboard.chosen(each) is not None)
+    return next(each for each in flight.logs.decisions if chosen(each) is not None)
 
 
 def test_the_ring_is_around_the_chosen_point_once_it_is_chosen(flight, going, composed):
     x, y = (share / 1000 for share in going.action["point"])
     for picture, pane in (
-        (onboard.pane(flight, 0, going.t_decided, 400, 225, 1.0), None),
+        (pilot_view(flight, 0, going.t_decided, 400, 225, 1.0), None),
         (composed.at(going.t_decided), composed.panes.onboard[0]),
     ):
         left, top, wide, high = (pane.left, pane.top, pane.width, pane.height) if pane else (0, 0, 400, 225)
@@ -36,18 +40,24 @@ def test_the_ring_is_around_the_chosen_point_once_it_is_chosen(flight, going, co
             at = (round(middle[0] - 0.5 + radius * math.cos(turn)), round(middle[1] - 0.5 + radius * math.sin(turn)))
             assert near(picture, *at, YELLOW), at
         assert not near(picture, round(middle[0]), round(middle[1]), YELLOW)
-    asked = onboard.pane(flight, 0, going.t_decided - 0.01, 400, 225, 1.0)
+    asked = pilot_view(flight, 0, going.t_decided - 0.01, 400, 225, 1.0)
     assert not (np.abs(asked.astype(int) - YELLOW).max(axis=-1) < 60).any()
 
 
 def test_the_frame_is_shown_as_it_is_and_one_that_is_missing_is_said_to_be(flight, going, tmp_path):
-    shown = onboard.pane(flight, 0, going.t_frame, 400, 225, 1.0)
+    shown = pilot_view(flight, 0, going.t_frame, 400, 225, 1.0)
     assert np.abs(shown[20:180, 20:380].astype(int) - GREY).max() <= 2
-    without = replace(flight, episode=replace(flight.episode, folder=tmp_path))
-    dark = onboard.pane(without, 0, going.t_frame, 400, 225, 1.0)
+    unrendered = tmp_path / "unrendered" / flight.id
+    shutil.copytree(flight.folder.parent, unrendered.parent)
+    without = RecordedFlight.read(unrendered)
+    shutil.rmtree(unrendered / layout.FRAMES)
+    dark = pilot_view(without, 0, going.t_frame, 400, 225, 1.0)
     assert np.median(dark[20:180]) < 40
     assert dark[100:130].max() > 100  # the words
-    unseen = onboard.pane(replace(flight, pictured=False), 0, going.t_frame, 400, 225, 1.0)
+    configuration = json.loads((unrendered.parent / layout.RUN).read_text())
+    configuration["flight"]["simulated"]["rendered"] = False
+    (unrendered.parent / layout.RUN).write_text(json.dumps(configuration))
+    unseen = pilot_view(RecordedFlight.read(unrendered), 0, going.t_frame, 400, 225, 1.0)
     assert not np.array_equal(unseen, dark)
 
 
@@ -73,24 +83,25 @@ def test_the_map_has_target_ring_and_drone_where_they_are(flight):
 
 
 def test_what_is_said_follows_the_flight(flight, going):
-    said = captions.action(flight, 0, going.t_decided)[0]
+    said = action_words(flight, 0, going.t_decided)[0]
     assert said.startswith(f"step {going.step} ")
     assert "go (" in said
-    assert "go (" not in captions.action(flight, 0, going.t_frame + 0.01)[0]
-    outcome, ne_m = flight.episode.verdict.outcome, flight.episode.verdict.ne_m
-    assert str(outcome) in captions.verdict(flight)[0].lower()
-    assert ne_m is None or f"{ne_m:.2f} m" in captions.verdict(flight)[0]
+    assert "go (" not in action_words(flight, 0, going.t_frame + 0.01)[0]
+    outcome, ne_m = flight.verdict.outcome, flight.verdict.ne_m
+    assert str(outcome) in verdict_words(flight)[0].lower()
+    assert ne_m is None or f"{ne_m:.2f} m" in verdict_words(flight)[0]
 
 
 @pytest.mark.parametrize("size", [(480, 270), (1280, 720)])
 def test_the_verdict_covers_no_other_words(flight, size, monkeypatch):
     width, height = size
-    flight = replace(flight, who="somebody whose name is as long as that, no model")
+    title = property(lambda run: "somebody whose name is as long as that, no model")
+    monkeypatch.setattr(RecordedRun, "pilot_title", title)
     placed = panes(width, height, 1)
     where = (placed.bar.width, placed.bar.height, placed.unit)
-    over = captions.bar(flight, flight.end_s, 1.0, True, *where).astype(int)
-    monkeypatch.setattr(captions, "decided", lambda flight, t: False)
-    before = captions.bar(flight, flight.end_s, 1.0, False, *where).astype(int)
+    over = caption_bar(flight, flight.end_s, 1.0, True, *where).astype(int)
+    monkeypatch.setattr(composition, "is_decided", lambda flight, t: False)
+    before = caption_bar(flight, flight.end_s, 1.0, False, *where).astype(int)
     words, verdict = (before > 60).any(axis=-1), np.abs(over - before).max(axis=-1) > 20
     assert verdict.any()
     assert not (words & verdict).any()

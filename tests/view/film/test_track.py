@@ -8,10 +8,10 @@ import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from dronecats.flight.sitl.scenario import origin
 from dronecats.report.afterflight.trace import derive
-from dronecats.view.film.flown import filmed_flight, told
-from dronecats.view.film.track import logged, traced
+from dronecats.report.recorded.telemetry import telemetry
+from dronecats.report.recorded.tracks import track_of_rows
+from dronecats.view.film.plan import filmable
 from foundation.run_folder import layout
 from foundation.run_folder.reading import estimate, read
 from tests.support.onboard_logs import with_onboard_log
@@ -33,9 +33,7 @@ def angle_deg(a, b):
 
 
 def test_the_drone_is_where_truth_jsonl_has_it(flown, flight):
-    logs = read(flown)
-    assert logs.begin
-    track = logged(flown / layout.TLOG, logs.begin.t0_us, origin(flight.world))[0]
+    logs, track = flight.logs, flight.tracks[0]
     places = [(each.t, each.position_ned) for each in logs.poses]
     places += [(each.t, each.position_ned) for each in logs.frames.values() if each.position_ned]
     assert len(places) > 12
@@ -44,10 +42,7 @@ def test_the_drone_is_where_truth_jsonl_has_it(flown, flight):
 
 
 def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flown, flight, messages):
-    begin = read(flown).begin
-    assert begin
-    begin_us = begin.t0_us
-    track = logged(flown / layout.TLOG, begin_us, origin(flight.world))[0]
+    begin_us, track = flight.t0_us, flight.tracks[0]
     during = [(us, q) for us, q in messages if us >= begin_us]
     assert len(during) > 250
     turned = 0.0
@@ -62,8 +57,10 @@ def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flown, fligh
 
 def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_down(flown, tmp_path):
     logs = read(flown)
-    assert logged(tmp_path / layout.TLOG, 0, (47.0, 8.0, 500.0)) == {}
-    track = traced(logs.poses)[0]
+    assert telemetry(tmp_path / layout.TLOG, 0) == {}
+    rows = track_of_rows(logs.poses)
+    assert rows
+    track = rows.drawn()
     assert track.level
     for pose in logs.poses:
         assert math.dist(track.at(pose.t).position_ned, pose.position_ned) < 0.06
@@ -75,9 +72,11 @@ def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_dow
 
 
 def test_before_the_first_sample_and_after_the_last_it_stays(flown):
-    track = traced(read(flown).poses)[0]
-    assert track.at(-5.0) == track.at(float(track.t[0]))
-    assert track.at(1e6) == track.at(float(track.t[-1]))
+    rows = track_of_rows(read(flown).poses)
+    assert rows
+    track = rows.drawn()
+    assert track.at(-5.0) == track.at(float(track.t_s[0]))
+    assert track.at(1e6) == track.at(float(track.t_s[-1]))
 
 
 def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flown, tmp_path):
@@ -85,14 +84,14 @@ def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flown, tmp_path):
     shutil.copytree(flown.parent, folder.parent)
     true = with_onboard_log(folder)
     (folder / layout.TLOG).unlink()
-    track = filmed_flight(told(folder)).tracks[0]
+    track = filmable(folder).tracks[0]
     assert not track.level
-    for t in np.arange(0.1, float(true.t[-1]) - 0.1, 0.31):
+    for t in np.arange(0.1, float(true.t_s[-1]) - 0.1, 0.31):
         assert math.dist(track.at(t).position_ned, true.at(t).position_ned) < 0.01
         assert angle_deg(track.at(t).attitude, true.at(t).attitude) < 0.1
     torn = folder / layout.onboard_log_name()
     torn.write_bytes(torn.read_bytes()[:40])
-    assert filmed_flight(told(folder)).tracks[0].level
+    assert filmable(folder).tracks[0].level
 
 
 def test_a_trace_is_derived_from_the_log_on_board_where_it_was_kept(flown, tmp_path):

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.view.replay.recorded import PlayableFlight, playable_flight
+from dronecats.view.replay.moments import FlightMoments, flight_moments
 from foundation.run_folder import layout
 from tests.support.flown_runs import MOVING as EPISODE
 
@@ -37,9 +37,9 @@ def folder(runs) -> Path:
 
 
 @pytest.fixture(scope="session")
-def flight(folder) -> PlayableFlight:
+def flight(folder) -> FlightMoments:
     """That flight."""
-    return playable_flight(folder)
+    return flight_moments(folder)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.view.replay.clock import SPEEDS, PlaybackClock
+from dronecats.view.replay.player import SPEEDS, PlaybackClock
 from foundation.errors import UsageError
 
 ORDERS = ("toggled", "faster", "slower", "settled")

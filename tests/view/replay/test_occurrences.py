@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dronecats.view.replay.moments import flight_moments
 from dronecats.view.replay.occurrences import Occurrence, OccurrenceKind, following, preceding
-from dronecats.view.replay.recorded import playable_flight
 from foundation.mavlink import Packer, dialect
 from foundation.px4 import MODES
 from foundation.run_folder import layout
@@ -35,7 +35,7 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
         return {**row, "action": {"action": "finished"}} if row["step"] == last else row
 
     rewrite(copied / layout.DECISIONS, another)
-    flight = playable_flight(copied)
+    flight = flight_moments(copied)
     (declared,), (fault,) = flight.of(DECLARATION), flight.of(FAULT)
     assert str(last) in declared.words
     assert declared.drone == 0
@@ -56,7 +56,7 @@ def test_the_envelope(copied):
     lines = [{"time_us": t0_us + 2_000_000, "drone": 0, "limits": ["ceiling", "speed"]},
              {"time_us": t0_us + 3_000_000, "drone": 0, "limits": []}]  # fmt: skip
     (copied / layout.SAFETY).write_text("".join(json.dumps(line) + "\n" for line in lines))
-    (fault,) = playable_flight(copied).of(FAULT)
+    (fault,) = flight_moments(copied).of(FAULT)
     assert (fault.t_s, fault.drone) == (2.0, 0)
     assert "ceiling, speed" in fault.words
 
@@ -65,19 +65,19 @@ def test_the_envelope(copied):
 def test_warnings_and_collisions(copied, component):
     """Of the autopilot, and of the simulator that says what was hit; a notice is no fault."""
     t_s = added(copied, component, dialect.MAV_SEVERITY_WARNING, "Collision: hit a tree at 1.4 m/s")
-    flight = playable_flight(copied)
+    flight = flight_moments(copied)
     (fault,) = flight.of(FAULT)
     assert (fault.drone, fault.words) == (0, "Collision: hit a tree at 1.4 m/s")
     assert fault.t_s == pytest.approx(t_s, abs=0.05)
     added(copied, component, dialect.MAV_SEVERITY_NOTICE, "all is well")
-    assert len(playable_flight(copied).of(FAULT)) == 1
+    assert len(flight_moments(copied).of(FAULT)) == 1
 
 
 def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
     mode = MODES["RETURN"]
     spliced(copied, 1, dialect.MAVLink_heartbeat_message(2, 12, 128 | 1, mode.custom_mode, 4, 3))
     rewrite(copied / layout.TRUTH, lambda row: {**row, "reason": "takeover"} if row["kind"] == "end" else row)
-    flight = playable_flight(copied)
+    flight = flight_moments(copied)
     mode_left, end = flight.of(FAULT)[0], flight.of(FAULT)[-1]
     assert "RETURN" in mode_left.words
     assert mode_left.drone == 0

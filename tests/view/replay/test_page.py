@@ -7,8 +7,8 @@ import socket
 
 import pytest
 
+from dronecats.view.replay.moments import flight_moments
 from dronecats.view.replay.page import ReplayPage
-from dronecats.view.replay.recorded import playable_flight
 from dronecats.view.replay.views import NO_WORLD, AgainView
 from dronecats.view.scene import display
 from tests.support.ports import free_port
@@ -20,7 +20,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def fleet(tmp_path):
-    return playable_flight(run_folder(tmp_path / "fleet", {"nowhere-commanding-01": "go there"}, drones=3))
+    return flight_moments(run_folder(tmp_path / "fleet", {"nowhere-commanding-01": "go there"}, drones=3))
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_what_is_judged_is_sent_on_demand_only(page, sent):
 
 def test_the_target_is_shown_unasked_where_it_is_then_and_of_the_chosen_flight_alone(flight, runs):
     """Of both it would stand twice where one flight is over and the other goes on."""
-    page = ReplayPage([flight, playable_flight(runs / "other")], free_port(socket.SOCK_STREAM), at_s=3.0)
+    page = ReplayPage([flight, flight_moments(runs / "other")], free_port(socket.SOCK_STREAM), at_s=3.0)
     sent = Sent(page.url)
     try:
         for number in (0, 1):

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from dronecats.view.replay.clock import PlaybackClock
-from dronecats.view.replay.player import RATE_HZ, Player
+from dronecats.view.replay.player import RATE_HZ, PlaybackClock, Player
 
 PATIENCE_S = 60.0
 

@@ -6,10 +6,10 @@ import socket
 
 import pytest
 
-from dronecats.view.replay.clock import SPEEDS
+from dronecats.view.replay.moments import flight_moments
 from dronecats.view.replay.occurrences import OccurrenceKind
 from dronecats.view.replay.page import ReplayPage
-from dronecats.view.replay.recorded import playable_flight
+from dronecats.view.replay.player import SPEEDS
 from dronecats.view.replay.views import AgainView
 from dronecats.view.scene import display
 from foundation.run_folder import layout
@@ -25,7 +25,7 @@ JUDGES = ("target (judge)", "/judge/", "only the judge knows", "verdict:", "to t
 
 @pytest.fixture(scope="module")
 def flights(flight, runs):
-    return [flight, playable_flight(runs / "other")]
+    return [flight, flight_moments(runs / "other")]
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def plain(tmp_path):
 def test_every_key_moves_what_it_should(browser, opened, plain):
     from selenium.webdriver.common.keys import Keys
 
-    flight = playable_flight(plain)
+    flight = flight_moments(plain)
     page, _ = opened([flight])
     decided = [one.t_s for one in flight.of(OccurrenceKind.DECISION)]
     assert len(decided) > 1
@@ -137,7 +137,7 @@ def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, pl
         return {**row, "action": {"action": "finished"}} if row["step"] == steps[-1] else row
 
     rewrite(plain / layout.DECISIONS, another)
-    flight = playable_flight(plain)
+    flight = flight_moments(plain)
     (declared,), (fault,) = flight.of(OccurrenceKind.DECLARATION), flight.of(OccurrenceKind.FAULT)
     page, _ = opened([flight])
     press(browser, "d")
@@ -201,7 +201,7 @@ def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight
     until(browser, lambda: "only the judge knows" in text(browser) and "verdict:" in text(browser))
     assert [word for word in JUDGES if word in sent.text()] == list(JUDGES)
     ring = sent.newest("SetPositionMessage", "/world/flight/judge/name")["position"]
-    target = rows(flight.episode.folder / layout.TRUTH, "pose")[-1]["target_ned"]
+    target = rows(flight.recorded.folder / layout.TRUTH, "pose")[-1]["target_ned"]
     assert math.dist(display.ned_of(tuple(ring))[:2], target[:2]) < 0.5
     press(browser, "j")
     until(browser, lambda: "only the judge knows" not in text(browser))

@@ -11,7 +11,7 @@ SMALL = (320, 180)
 
 @pytest.fixture(scope="module")
 def views(flight):
-    made = FlightViews(flight.filmed, SMALL)
+    made = FlightViews(flight.recorded, SMALL)
     yield made
     made.close()
 
@@ -35,14 +35,14 @@ def test_a_view_shows_the_world_and_who_flies_in_it(views, flight, view):
 
 
 def test_through_its_camera_is_where_the_frame_was_taken(flight):
-    one = flight.episode.logs.decisions[0]
+    one = flight.recorded.logs.decisions[0]
     shown = flight.moment(one.t_decided).drones[0]
     assert shown.lens_ned == pytest.approx(aboard(flight.pose(0, one.t_frame), CameraModel()).position_ned)
 
 
 def test_only_the_newest_wish_is_drawn_and_what_cannot_be_says_why(flight):
     drawn = []
-    made = AgainViews([flight.filmed, None], lambda wish, picture: drawn.append((wish, picture)))
+    made = AgainViews([flight.recorded, None], lambda wish, picture: drawn.append((wish, picture)))
     try:
         wishes = [ViewWish(0, 0, AgainView.TOP, 0.1 * k) for k in range(30)]
         for wish in wishes:

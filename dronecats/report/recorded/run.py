@@ -5,14 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.names import agent_name
+from dronecats.agent.names import PAPER, agent_name
+from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import episodes, run_configuration
 
+DEFAULT_AIRFRAME = "x500"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlownRun:
+class RecordedRun:
     """One run folder: episodes flown by one pilot under one configuration, once each."""
 
     folder: Path
@@ -46,27 +49,69 @@ class FlownRun:
         """What tells flights of the same episodes apart."""
         return int(self.flight.get("seed") or 0)
 
+    @property
+    def camera(self) -> CameraModel:
+        """The camera that was announced, else the benchmark's. Where it sits is not told."""
+        announced, default = self.configuration.get("camera"), CameraModel()
+        try:
+            camera = announced if isinstance(announced, dict) else {}
+            return CameraModel(
+                int(camera.get("width", default.width)),
+                int(camera.get("height", default.height)),
+                float(camera.get("hfov_deg", default.hfov_deg)),
+            )
+        except (TypeError, ValueError):
+            return default
 
-def flown_run(folder: Path) -> FlownRun:
+    @property
+    def airframe(self) -> str:
+        """The airframe that was simulated, the default one's where none was named."""
+        return str(self._simulated.get("airframe") or DEFAULT_AIRFRAME)
+
+    @property
+    def is_rendered(self) -> bool:
+        """Whether its frames show something; those of an unrendered run are grey."""
+        return self._simulated.get("rendered") is not False
+
+    @property
+    def pilot_title(self) -> str:
+        """The pilot in words; a built-in one is said to be none."""
+        return self.pilot if self.is_model else f"built-in pilot {self.pilot}, no model"
+
+    @property
+    def title(self) -> str:
+        """Who flew it and how, in words: the pilot, and what is not as usual of agent, autopilot and seed."""
+        agent = "" if self.agent == PAPER else f", agent {self.agent}"
+        autopilot = self._simulated.get("autopilot")
+        on = f", on {autopilot}" if autopilot not in (None, "", "ours") else ""
+        return f"{self.pilot_title}{agent}{on}{f', seed {self.seed}' if self.seed else ''}"
+
+    @property
+    def _simulated(self) -> dict[str, Any]:
+        simulated = self.flight.get("simulated")
+        return simulated if isinstance(simulated, dict) else {}
+
+
+def recorded_run(folder: Path) -> RecordedRun:
     """Return a run folder, or the run of an episode folder with that episode alone. Raises UsageError."""
     found = episodes(folder)
     if not found:
         raise UsageError(f"{folder} holds no episode: a folder with {layout.DECISIONS} and {layout.TRUTH} is wanted")
     run = found[0].resolve().parent
-    return FlownRun(folder=run, configuration=run_configuration(run) or {}, episodes=tuple(found))
+    return RecordedRun(folder=run, configuration=run_configuration(run) or {}, episodes=tuple(found))
 
 
-def flown_runs(paths: Iterable[Path]) -> list[FlownRun]:
+def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
     """Return every run at or below these folders, in their order, each once.
 
     A folder may be a run, an episode of one, or hold runs, as that of a benchmark does. Raises UsageError.
     """
-    found: dict[Path, FlownRun] = {}
+    found: dict[Path, RecordedRun] = {}
     for path in paths:
         if not path.is_dir():
             raise UsageError(f"there is no folder {path}")
         inside = [path] if episodes(path) else sorted(p.parent for p in path.glob(f"*/{layout.RUN}"))
-        runs = [flown_run(each) for each in inside if episodes(each)]
+        runs = [recorded_run(each) for each in inside if episodes(each)]
         if not runs:
             raise UsageError(f"{path} holds no run: a folder with {layout.RUN} and flown episodes is wanted")
         for run in runs:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
-from dronecats.report.afterflight.sources import tlog_messages
-from dronecats.view.replay import recorded
-from dronecats.view.replay.onboard import KINDS, vehicle_logs
-from dronecats.view.replay.recorded import of_one_episode, playable_flight
+from dronecats.report.recorded.telemetry import KINDS, telemetry
+from dronecats.report.recorded.tracks import estimated_track
+from dronecats.view.replay import moments
+from dronecats.view.replay.moments import flight_moments, of_one_episode
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import quat_conjugate, quat_multiply, quat_to_euler, rotate_inverse
@@ -19,6 +19,7 @@ from foundation.mavlink import Packer, dialect
 from foundation.run_folder import layout
 from foundation.run_folder.writing import TelemetryLog
 from tests.support.json_lines import rows
+from tests.support.logged_messages import logged_messages
 from tests.support.onboard_logs import with_onboard_log
 from tests.support.run_folders import run_folder
 
@@ -74,7 +75,7 @@ def test_pictures_and_decisions_come_when_they_came(flight, folder):
 
 
 def test_the_chosen_place_is_behind_its_pixel_as_deep_as_the_pilot_said(flight):
-    gos = [one for one in flight.episode.logs.decisions if one.kind == "go"]
+    gos = [one for one in flight.recorded.logs.decisions if one.kind == "go"]
     assert gos
     camera = CameraModel()
     for go in gos:
@@ -100,7 +101,7 @@ def test_what_the_autopilot_tells_of_itself(flight):
 def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight):
     assert flight.moment(0.0).judge.said == ()
     end = flight.moment(flight.end_s)
-    assert flight.episode.verdict.outcome in end.judge.said[-1]
+    assert flight.recorded.verdict.outcome in end.judge.said[-1]
     assert "cap" in end.state
     assert "air" in flight.moment(1.0).state
     assert flight.moment(1e6) == end
@@ -110,15 +111,15 @@ def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight)
 
 
 def test_it_needs_nothing_but_the_folder(flight, copied):
-    again = playable_flight(copied)
+    again = flight_moments(copied)
     for t in (0.0, 2.0, flight.end_s):
         assert again.moment(t) == flight.moment(t)
 
 
 def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
     (copied / layout.TLOG).unlink()
-    flight = playable_flight(copied)
-    assert flight.missing == (recorded.NO_TLOG,)
+    flight = flight_moments(copied)
+    assert flight.missing == (moments.NO_TLOG,)
     for t, place, _, _ in places(folder):
         drone = flight.moment(t).drones[0]
         assert drone.position_ned == pytest.approx(place, abs=0.06)
@@ -130,16 +131,16 @@ def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
 def test_a_torn_tlog_is_read_as_far_as_it_goes(copied, flight):
     tlog = copied / layout.TLOG
     tlog.write_bytes(tlog.read_bytes()[: tlog.stat().st_size * 9 // 10 + 1])
-    assert math.dist(playable_flight(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
+    assert math.dist(flight_moments(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
 
 
 def test_pictures_that_are_not_there_are_said(copied, runs):
     shutil.rmtree(copied / layout.FRAMES)
-    flight = playable_flight(copied)
-    assert flight.missing == (recorded.NO_PICTURES,)
+    flight = flight_moments(copied)
+    assert flight.missing == (moments.NO_PICTURES,)
     assert flight.moment(3.0).drones[0].picture is None
     assert flight.moment(3.0).drones[0].decision is not None
-    assert playable_flight(runs / "other").missing == (recorded.NOT_DRAWN,)
+    assert flight_moments(runs / "other").missing == (moments.NOT_DRAWN,)
 
 
 def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(copied, flight, rewrite):
@@ -148,8 +149,8 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
 
     rewrite(copied / layout.TRUTH, unknown)
     (copied / layout.EPISODE).unlink()
-    own = playable_flight(copied)
-    assert own.missing == (recorded.NO_TRUTH,)
+    own = flight_moments(copied)
+    assert own.missing == (moments.NO_TRUTH,)
     assert own.world is None
     for t in (1.0, 3.0, 5.0):
         shown = own.moment(t)
@@ -170,25 +171,23 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
 def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
     """Ours are 1, 2, …; a real one may be any."""
     path = copied / layout.TLOG
-    heard = list(tlog_messages(path, KINDS))
-    packers: dict[int, Packer] = {}
+    autopilot, packer = [m for m in logged_messages(path, KINDS) if m.get_srcComponent() == 1], Packer(42, 1)
     path.unlink()
     log = TelemetryLog(path)
-    for message in heard:
-        packer = packers.setdefault(message.get_srcComponent(), Packer(42, message.get_srcComponent()))
+    for message in autopilot:
         log.write(0, packer.pack(message))
     log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # flies nothing
     log.close()
-    logs = vehicle_logs(path, flight.episode.logs.begin.t0_us)
+    logs = telemetry(path, flight.recorded.t0_us)
     assert list(logs) == [0]
-    assert logs[0].setpoints == flight.vehicles[0].setpoints
-    assert logs[0].states == flight.vehicles[0].states
+    assert logs[0].asked_velocity == flight.recorded.telemetry[0].asked_velocity
+    assert logs[0].states.values == flight.recorded.telemetry[0].states.values
 
 
 def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
     record = json.loads((copied / layout.EPISODE).read_text())
     (copied / layout.EPISODE).write_text(json.dumps({**record, "map": "somebodys-own"}))
-    flight = playable_flight(copied)
+    flight = flight_moments(copied)
     assert flight.world is None
     assert len(flight.missing) == 1
     assert "somebodys-own" in flight.missing[0]
@@ -199,7 +198,7 @@ def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
 
 def test_a_fleet_made_of_rows_alone(tmp_path):
     run = run_folder(tmp_path / "run", {"nowhere-commanding-01": "go there"}, drones=3)
-    flight = playable_flight(run)
+    flight = flight_moments(run)
     assert flight.drones == (0, 1, 2)
     moment = flight.moment(4.0)
     assert [drone.position_ned for drone in moment.drones] == [pytest.approx((5.2, 2.0 * k, -2.0)) for k in range(3)]
@@ -210,7 +209,7 @@ def test_a_fleet_made_of_rows_alone(tmp_path):
 def test_a_flight_that_never_began_is_refused(copied, rewrite):
     rewrite(copied / layout.TRUTH, lambda row: None if row["kind"] == "begin" else row)
     with pytest.raises(UsageError, match=r"truth\.jsonl"):
-        playable_flight(copied)
+        flight_moments(copied)
 
 
 def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied):
@@ -220,40 +219,40 @@ def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied)
         (copied / name).write_bytes(whole[: 2 * len(whole) // 3])
     for name in (layout.VERDICT, layout.IDENTITY):
         (copied / name).unlink(missing_ok=True)
-    killed = playable_flight(copied)
+    killed = flight_moments(copied)
     assert 0.0 < killed.end_s < flight.end_s
-    assert recorded.NO_END in killed.missing
+    assert moments.NO_END in killed.missing
     t = 0.5 * killed.end_s
     assert killed.moment(t).drones[0].position_ned == flight.moment(t).drones[0].position_ned
     last = killed.moment(killed.end_s)
     assert "air" in last.state
-    assert not any(flight.episode.verdict.outcome in said for said in last.judge.said)
+    assert not any(flight.recorded.verdict.outcome in said for said in last.judge.said)
 
 
 def test_what_is_damaged_or_no_flight_is_refused(copied, tmp_path):
     with pytest.raises(UsageError, match="nothing"):
-        playable_flight(tmp_path / "nothing")
+        flight_moments(tmp_path / "nothing")
     with pytest.raises(UsageError, match=str(tmp_path)):
-        playable_flight(tmp_path)
+        flight_moments(tmp_path)
     (copied / layout.SAFETY).write_text('{"time_us": "late", "drone": 0, "limits": []}\n')
     with pytest.raises(UsageError, match=r"safety\.jsonl line 1\b"):
-        playable_flight(copied)
+        flight_moments(copied)
     (copied / layout.SAFETY).unlink()
     text = (copied / layout.TRUTH).read_text().splitlines()
     (copied / layout.TRUTH).write_text("\n".join([text[0], '{"kind": "pose"', *text[1:]]) + "\n")
     with pytest.raises(UsageError, match=r"truth\.jsonl line 2\b"):
-        playable_flight(copied)
+        flight_moments(copied)
 
 
 def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, tmp_path, runs):
-    of_one_episode([flight, playable_flight(runs / "other")])
-    stranger = playable_flight(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
+    of_one_episode([flight, flight_moments(runs / "other")])
+    stranger = flight_moments(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
     with pytest.raises(UsageError, match=r"residential-tracking-01 and .*nowhere-approaching-07"):
         of_one_episode([flight, stranger])
     record = json.loads((copied / layout.EPISODE).read_text())
     (copied / layout.EPISODE).write_text(json.dumps({**record, "instruction": "go elsewhere"}))
     with pytest.raises(UsageError, match="residential-tracking-01"):
-        of_one_episode([flight, playable_flight(copied)])
+        of_one_episode([flight, flight_moments(copied)])
 
 
 def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
@@ -264,10 +263,11 @@ def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
         log.write(0, vehicle.pack(dialect.MAVLink_position_target_local_ned_message(
             time_ms, 1, mask, 0, 0, 0, 1.0, 0.5, down, 0, 0, 0, 0, 0)))  # fmt: skip
     log.close()
-    heard = vehicle_logs(tmp_path / layout.TLOG, 0)[0]
-    assert heard.own_track is not None
-    assert heard.own_track.level  # it never told how it leans
-    told = heard.setpoints
+    heard = telemetry(tmp_path / layout.TLOG, 0)[0]
+    track = estimated_track(heard)
+    assert track is not None
+    assert track.level  # it never told how it leans
+    told = heard.asked_velocity
     assert told.t_s == (1.0, 2.0)
     assert told.values[0] == pytest.approx((1.0, 0.5, 0.3))
     assert told.values[1] == (1.0, 0.5, 0.0)
@@ -275,12 +275,10 @@ def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
 
 def test_the_estimate_is_that_of_the_log_on_board_where_it_was_kept(flight, copied):
     true = with_onboard_log(copied, off=(7.0, 0.0, 0.0))
-    known = playable_flight(copied)
-    own, wire = known.vehicles[0].own_track, flight.vehicles[0].own_track
-    assert own is not None
-    assert wire is not None
-    assert len(own.t) > 5 * len(wire.t)
+    known = flight_moments(copied)
+    own, wire = known.recorded.estimated_tracks[0], flight.recorded.estimated_tracks[0]
+    assert len(own) > 5 * len(wire)
     for t in (1.0, 2.0, 3.0):
         assert own.at(t).position_ned[0] - true.at(t).position_ned[0] == pytest.approx(7.0, abs=0.01)
-        assert known.tracks[0].at(t) == flight.tracks[0].at(t)
-    assert known.vehicles[0].states == flight.vehicles[0].states
+        assert known.recorded.tracks[0].at(t) == flight.recorded.tracks[0].at(t)
+    assert known.recorded.telemetry[0].states == flight.recorded.telemetry[0].states

@@ -1,0 +1,187 @@
+"""Layouts that show what `mcap` and `ulog` write: for Foxglove (Layouts → Import from file) and for PlotJuggler.
+
+`plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) calls a curve
+topic/field, an array's element field.00, and a topic that any drone but the first has topic.00, topic.01, …: so a fleet
+wants a layout of its own. What it does not find in a file it names in a warning, so only what is of every flight that
+was flown to its end is in here.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+from xml.etree import ElementTree as Xml
+
+from dronecats.report.export.conventions import JUDGE, drone_name
+
+FOXGLOVE, ALONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
+FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (ALONE, FLEET)}  # format → all that it may have
+COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of drones, the first ones of PlotJuggler
+TRUTH_COLOUR = "#9467bd"  # of the only drone; a fleet's truth has the drones' own
+ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
+
+
+def wanted(kind: str, drones: set[int]) -> dict[str, int]:
+    """Return the files that go with flights of these numbers of drones, each with the number that it is for."""
+    if kind == "mcap":
+        return {FOXGLOVE: max(drones)}
+    fleets = drones - {1}
+    return ({ALONE: 1} if 1 in drones else {}) | ({FLEET: max(fleets)} if fleets else {})
+
+
+def write(path: Path, drones: int) -> int:
+    """Write the layout of this file's name for flights of so many drones; return how many panels or plots it has."""
+    if path.name == FOXGLOVE:
+        panels = foxglove_layout(drones)
+        path.write_text(json.dumps(panels, indent=2) + "\n", encoding="utf-8")
+        return len(panels["configById"])
+    plots = plotjuggler_layout(drones)
+    Xml.indent(plots)
+    path.write_bytes(Xml.tostring(plots, encoding="utf-8", xml_declaration=True) + b"\n")
+    return sum(1 for _ in plots.iter("plot"))
+
+
+def foxglove_layout(drones: int) -> dict[str, Any]:
+    """Return the layout: scene, picture of each drone, map, heights and log. The judge's panels are hidden at first."""
+    names = [drone_name(number) for number in range(max(1, drones))]
+    images = {f"Image!{name}": _image(name) for name in names}
+    panels = {
+        "3D!scene": _scene(names),
+        **images,
+        "map!places": {
+            "topics": [f"/{name}/location" for name in names],
+            "disabledTopics": [f"/{JUDGE}/{name}/location" for name in names],
+            "layer": "map",
+            "followTopic": f"/{names[0]}/location",
+            "zoomLevel": 18,
+        },
+        "Plot!height": {
+            "title": "height, m",
+            "paths": [
+                {"value": f"/{name}/pose.pose.position.z", "enabled": True, "timestampMethod": "receiveTime"}
+                for name in names
+            ],
+            "xAxisVal": "timestamp",
+            "showLegend": True,
+        },
+        "RosOut!log": {"topicToRender": "/log", "minLogLevel": 1},
+        f"RosOut!{JUDGE}": {"topicToRender": f"/{JUDGE}/log", "minLogLevel": 1},
+    }
+    logs = {"direction": "row", "first": "RosOut!log", "second": f"RosOut!{JUDGE}", "splitPercentage": 65}
+    below = {"direction": "row", "first": "map!places", "second": "Plot!height", "splitPercentage": 50}
+    left = {"direction": "column", "first": "3D!scene", "second": below, "splitPercentage": 65}
+    right = {"direction": "column", "first": _stacked(list(images)), "second": logs, "splitPercentage": 65}
+    return {
+        "configById": panels,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": {"direction": "row", "first": left, "second": right, "splitPercentage": 55},
+    }
+
+
+def _scene(names: list[str]) -> dict[str, Any]:
+    shown: dict[str, dict[str, Any]] = {"/scene": {"visible": True}, f"/{JUDGE}/scene": {"visible": False}}
+    shown |= {f"/{name}/pose": {"visible": True, "type": "axis"} for name in names}
+    shown |= {f"/{JUDGE}/{name}/pose": {"visible": False, "type": "axis"} for name in names}
+    shown |= {f"/{name}/camera/calibration": {"visible": True} for name in names}
+    return {
+        "followTf": names[0],
+        "followMode": "follow-position",
+        "fixedFrame": "map",
+        "cameraState": {"distance": 25, "perspective": True, "phi": 60, "thetaOffset": 45},
+        "topics": shown,
+        "layers": {"grid": {"layerId": "foxglove.Grid", "instanceId": "grid", "visible": True, "size": 200,
+                            "divisions": 40, "frameId": "map"}},
+    }  # fmt: skip
+
+
+def _image(name: str) -> dict[str, Any]:
+    return {
+        "imageMode": {
+            "imageTopic": f"/{name}/camera/image",
+            "calibrationTopic": f"/{name}/camera/calibration",
+            "annotations": {f"/{name}/camera/chosen": {"visible": True}},
+        },
+        "topics": {},
+    }
+
+
+def _stacked(panels: list[str]) -> Any:
+    """Return panels one above the other, of the same height."""
+    if len(panels) == 1:
+        return panels[0]
+    rest = _stacked(panels[1:])
+    return {"direction": "column", "first": panels[0], "second": rest, "splitPercentage": round(100 / len(panels))}
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnCurve:
+    """What is drawn: a field against time, or one against another."""
+
+    colour: str
+    y: str  # PlotJuggler's name of it
+    x: str | None = None  # None: time
+
+
+@dataclass(frozen=True, slots=True)
+class PlotPane:
+    """One pair of axes."""
+
+    title: str
+    curves: tuple[DrawnCurve, ...]
+    style: Literal["Lines", "LinesAndDots", "Sticks"] = "Lines"
+
+
+def plotjuggler_layout(drones: int) -> Xml.Element:
+    """Return the layout: a tab each of path, place, speed and decisions; the judge's tabs come last."""
+    root = Xml.Element("root")
+    window = Xml.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
+    for name, plots in _tabs(drones):
+        _tab(window, name, plots)
+    Xml.SubElement(window, "currentTabIndex", index="0")
+    Xml.SubElement(root, "use_relative_time_offset", enabled="1")
+    return root
+
+
+def _tabs(drones: int) -> Iterator[tuple[str, list[PlotPane]]]:
+    colours = dict(enumerate((COLOURS * drones)[:drones]))
+
+    def curves(topic: str, field: str, against: str | None = None, colour: str | None = None) -> tuple[DrawnCurve, ...]:
+        def named(told: str, drone: int) -> str:
+            return f"{topic}/{told}" if drones == 1 else f"{topic}.{drone:02}/{told}"
+
+        return tuple(
+            DrawnCurve(colour or own, named(field, drone), named(against, drone) if against else None)
+            for drone, own in colours.items()
+        )
+
+    def beside_truth(field: str, against: str | None = None) -> tuple[DrawnCurve, ...]:
+        return curves(ESTIMATED, field, against) + curves(TRUE, field, against, TRUTH_COLOUR if drones == 1 else None)
+
+    yield "path", [PlotPane("north over east, m", curves(ESTIMATED, "x", "y"))]
+    places = (("x", "north, m"), ("y", "east, m"), ("z", "down, m"))
+    yield "place", [PlotPane(title, curves(ESTIMATED, field)) for field, title in places]
+    yield "speed", [PlotPane(f"{title}/s", curves(ESTIMATED, f"v{field}")) for field, title in places]
+    answers = (("action", "1 go, 2 rotate, 3 think, 4 finished"), ("depth_m", "depth, m"), ("latency_s", "latency, s"))
+    yield "decisions", [PlotPane(title, curves("agent_decision", field), "LinesAndDots") for field, title in answers]
+    yield f"{JUDGE}: path", [PlotPane("north over east, m, and the truth", beside_truth("x", "y"))]
+    yield f"{JUDGE}: place", [PlotPane(f"{title}, and the truth", beside_truth(field)) for field, title in places]
+
+
+def _tab(window: Xml.Element, name: str, plots: Sequence[PlotPane]) -> None:
+    """Add a tab with its plots one below the other, of the same height."""
+    container = Xml.SubElement(Xml.SubElement(window, "Tab", tab_name=name, containers="1"), "Container")
+    sizes = ";".join([f"{1 / len(plots):.4f}"] * len(plots))
+    splitter = Xml.SubElement(container, "DockSplitter", orientation="-", count=str(len(plots)), sizes=sizes)
+    for plot in plots:
+        area = Xml.SubElement(splitter, "DockArea", name=plot.title)
+        mode = "XYPlot" if plot.curves[0].x else "TimeSeries"
+        made = Xml.SubElement(area, "plot", mode=mode, style=plot.style, flip_x="false", flip_y="false")
+        for curve in plot.curves:
+            if curve.x is None:
+                Xml.SubElement(made, "curve", name=curve.y, color=curve.colour)
+            else:
+                name = f"{curve.y.split('/')[0]}/[{curve.x.split('/')[1]};{curve.y.split('/')[1]}]"
+                Xml.SubElement(made, "curve", name=name, color=curve.colour, curve_x=curve.x, curve_y=curve.y)

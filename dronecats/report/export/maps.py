@@ -1,0 +1,220 @@
+"""One flight on a map, its paths and points as KML 2.2 (OGC 07-147r2) and as GeoJSON (RFC 7946), both in WGS84.
+
+KML is for Google Earth, QGIS and the like. Altitudes are m above mean sea level (`absolute`). Times: `gx:Track` wants a
+calendar, and the episode's clock has none, so that an episode begins at 1970-01-01T00:00:00Z. In GeoJSON a line's times
+are in its property `t_s`, one per position, as s since the episode began.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from dronecats.report.export.conventions import JUDGE, about, drone_name, judged, lon_lat_alt, microseconds
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import DroneTracks, Track
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+
+SPACING_S = 0.2  # s between two points of a path: as often as an autopilot tells where it is
+KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
+COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # aabbggrr, by whether it is the judge's
+
+
+@dataclass(frozen=True, slots=True)
+class MapPath:
+    """Where something was, over time."""
+
+    name: str  # such as `drone_0`, or `judge/drone_0`
+    judges: bool  # whether only the judge knew it
+    t_s: tuple[float, ...]  # s since the episode began
+    places: tuple[Vec3, ...]  # longitude °, latitude °, altitude m above mean sea level
+
+
+@dataclass(frozen=True, slots=True)
+class MapPoint:
+    """Something that happened, or stood, somewhere."""
+
+    name: str
+    judges: bool
+    t_s: float
+    place: Vec3  # longitude °, latitude °, altitude m above mean sea level
+    told: dict[str, Any]
+
+
+def paths(flight: RecordedFlight) -> Iterator[MapPath]:
+    """Yield the drones' own paths and the judge's, and that of a target that moves. Raises UsageError."""
+    origin = _origin(flight)
+    for drone in flight.drone_tracks:
+        if drone.estimate is not None:
+            yield _path(drone_name(drone.number), False, drone.estimate, origin)
+        if drone.truth is not None:
+            yield _path(f"{JUDGE}/{drone_name(drone.number)}", True, drone.truth, origin)
+    if flight.target_track is not None and flight.target_track.moves():
+        yield _path(f"{JUDGE}/target", True, flight.target_track, origin)
+
+
+def points(flight: RecordedFlight) -> Iterator[MapPoint]:
+    """Yield the target where it stood at first, each decision at its picture, each declaration. Raises UsageError."""
+    origin = _origin(flight)
+    if flight.target_track is not None:
+        place = lon_lat_alt(origin, _at(flight.target_track, 0))
+        yield MapPoint(f"{JUDGE}/target", True, float(flight.target_track.t_s[0]), place, {})
+    for step in flight.steps:
+        said = step.decision
+        track = _known(flight.drone_tracks[said.drone])
+        if track is None:
+            continue
+        place = lon_lat_alt(origin, _at(track, track.newest(said.t_frame)))
+        told = {"step": said.step, "drone": said.drone, "t_decided_s": said.t_decided, **(said.action or {})}
+        judges = track is not flight.drone_tracks[said.drone].estimate
+        yield MapPoint(f"step {said.step}: {said.kind or 'no action'}", judges, said.t_frame, place, told)
+    for one in flight.all_declarations:
+        truth = flight.drone_tracks[one.drone].truth
+        if truth is not None:
+            place = lon_lat_alt(origin, _at(truth, truth.newest(one.t)))
+            told = {"step": one.step, "drone": one.drone, "distance_m": one.distance_m, "visible": one.visible,
+                    "qualifies": one.qualifies(flight.delta_m)}  # fmt: skip
+            yield MapPoint(f"{JUDGE}/declaration of step {one.step}", True, one.t, place, told)
+
+
+def _known(drone: DroneTracks) -> Track | None:
+    return drone.estimate if drone.estimate is not None else drone.truth
+
+
+def _path(name: str, judges: bool, track: Track, origin: Vec3) -> MapPath:
+    kept: list[int] = []
+    for index, t_s in enumerate(track.t_s):
+        if not kept or index == len(track) - 1 or t_s - track.t_s[kept[-1]] >= SPACING_S - 1e-6:
+            kept.append(index)
+    places = tuple(lon_lat_alt(origin, _at(track, index)) for index in kept)
+    return MapPath(name, judges, tuple(float(track.t_s[index]) for index in kept), places)
+
+
+def _at(track: Track, index: int) -> Vec3:
+    north, east, down = (float(value) for value in track.position_ned[index])
+    return (north, east, down)
+
+
+def _origin(flight: RecordedFlight) -> Vec3:
+    if flight.origin is None:
+        raise UsageError(f"{flight.folder} does not tell where on earth it was flown: no map, and no tlog")
+    return flight.origin
+
+
+def write_kml(flight: RecordedFlight, path: Path) -> int:
+    """Write a flight; return how many places it has. Raises UsageError where nobody tells where on earth it was."""
+    ET.register_namespace("", KML)
+    ET.register_namespace("gx", GX)
+    root = ET.Element(f"{{{KML}}}kml")
+    document = _under(root, "Document")
+    _under(document, "name", f"{flight.id}")
+    _under(document, "description", flight.instruction)
+    for judges, color in COLORS.items():
+        style = _under(document, "Style", id=_style(judges))
+        line = _under(style, "LineStyle")
+        _under(line, "color", color)
+        _under(line, "width", "3")
+    _data(document, {**about(flight), **judged(flight)})
+    folders = {judges: _under(document, "Folder") for judges in (False, True)}
+    for judges, folder in folders.items():
+        _under(folder, "name", "judge" if judges else "flight")
+    count = 0
+    for one in paths(flight):
+        _add_path(folders[one.judges], one)
+        count += len(one.places)
+    for point in points(flight):
+        _add_point(folders[point.judges], point)
+        count += 1
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    return count
+
+
+def _add_path(folder: ET.Element, path: MapPath) -> None:
+    placemark = _placemark(folder, path.name, path.judges)
+    track = ET.SubElement(placemark, f"{{{GX}}}Track")
+    _under(track, "altitudeMode", "absolute")
+    for t_s in path.t_s:
+        _under(track, "when", _when(t_s))
+    for place in path.places:
+        ET.SubElement(track, f"{{{GX}}}coord").text = " ".join(_numbers(place))
+
+
+def _add_point(folder: ET.Element, point: MapPoint) -> None:
+    placemark = _placemark(folder, point.name, point.judges, point.t_s)
+    _data(placemark, {key: str(value) for key, value in point.told.items()})
+    geometry = _under(placemark, "Point")
+    _under(geometry, "altitudeMode", "absolute")
+    _under(geometry, "coordinates", ",".join(_numbers(point.place)))
+
+
+def _placemark(folder: ET.Element, name: str, judges: bool, t_s: float | None = None) -> ET.Element:
+    """Return a new placemark, its parts in the order that the schema asks for."""
+    placemark = _under(folder, "Placemark")
+    _under(placemark, "name", name)
+    if t_s is not None:
+        _under(_under(placemark, "TimeStamp"), "when", _when(t_s))
+    _under(placemark, "styleUrl", f"#{_style(judges)}")
+    return placemark
+
+
+def _style(judges: bool) -> str:
+    return "judge" if judges else "flight"
+
+
+def _data(parent: ET.Element, told: dict[str, str]) -> None:
+    extended = _under(parent, "ExtendedData")
+    for key, value in told.items():
+        _under(_under(extended, "Data", name=key), "value", value)
+
+
+def _numbers(place: tuple[float, float, float]) -> Iterator[str]:
+    """Yield degrees to a centimetre's tenth and metres to a millimetre."""
+    yield from (f"{place[0]:.8f}", f"{place[1]:.8f}", f"{place[2]:.3f}")
+
+
+def _when(t_s: float) -> str:
+    at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=microseconds(t_s))
+    return at.isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def _under(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
+    element = ET.SubElement(parent, f"{{{KML}}}{tag}", attributes)
+    element.text = None if text is None else _printable(text)
+    return element
+
+
+def _printable(text: str) -> str:
+    """Return a text without what XML cannot hold."""
+    return "".join(c if c in "\t\n\r" or (c >= " " and not "\ud800" <= c <= "\udfff" and c < "\ufffe") else "�"
+                   for c in text)  # fmt: skip
+
+
+def write_geojson(flight: RecordedFlight, path: Path) -> int:
+    """Write a flight; return how many places it has. Raises UsageError where nobody tells where on earth it was."""
+    lines, dots = list(paths(flight)), list(points(flight))
+    features = [
+        _feature("LineString", [_position(each) for each in line.places] * (2 if len(line.places) == 1 else 1),
+                 {"name": line.name, "judge": line.judges, "t_s": line.t_s})
+        for line in lines
+    ] + [
+        _feature("Point", _position(dot.place),
+                 {"name": dot.name, "judge": dot.judges, "t_s": dot.t_s, **dot.told})
+        for dot in dots
+    ]  # fmt: skip
+    collection = {"type": "FeatureCollection", "features": features, "about": {**about(flight), **judged(flight)}}
+    path.write_text(json.dumps(collection, indent=1) + "\n", encoding="utf-8")
+    return sum(len(line.places) for line in lines) + len(dots)
+
+
+def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+
+def _position(place: Vec3) -> list[float]:
+    """Return a place with degrees to a millimetre and metres likewise."""
+    return [round(place[0], 8), round(place[1], 8), round(place[2], 3)]

@@ -1,0 +1,265 @@
+"""The messages in flight.tlog, by drone: true poses, the autopilot's estimate, setpoints, modes, battery, warnings."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from foundation import wire
+from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.mavlink import Parser, dialect
+from foundation.px4 import mode_name
+from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_sample
+from hil.link.telemetry import WARNING, StatusTexts, VehicleClock, VehicleState, asked_velocity, update
+
+Array = NDArray[np.float64]
+V = TypeVar("V")
+
+AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
+POSE, TEXT = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_STATUSTEXT
+PLACE, ANGLES = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE
+SETPOINT, ORIGIN = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
+RECEIVER, ESTIMATOR = dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+STATES = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT,
+    dialect.MAVLINK_MSG_ID_CURRENT_MODE,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS,
+}
+KINDS = {POSE, TEXT, PLACE, ANGLES, SETPOINT, ORIGIN, RECEIVER, ESTIMATOR, *STATES}
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline(Generic[V]):
+    """Values of rising time, of which the newest counts."""
+
+    t_s: tuple[float, ...] = ()  # s since the episode began
+    values: tuple[V, ...] = ()
+
+    def at(self, t_s: float) -> V | None:
+        """Return the newest value at a time, None before the first."""
+        index = bisect_right(self.t_s, t_s + 1e-6)
+        return self.values[index - 1] if index else None
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotState:
+    """The state that an autopilot reports of itself."""
+
+    mode: str  # as PX4 names it; "": not known
+    armed: bool
+    battery: float | None  # 0 … 1
+
+
+class DroneTelemetry:
+    """The messages of one drone, decoded when they are first needed. Times of arrays are µs of the vehicle's clock."""
+
+    def __init__(self, drone: int, frames: Sequence[bytes] = (), t0_us: int = 0) -> None:
+        """`frames`: of the truth bus and of the autopilot, in their order; `t0_us`: the vehicle's clock at t = 0."""
+        self.drone, self.t0_us, self._frames = drone, t0_us, frames
+
+    @cached_property
+    def _poses(self) -> list[dialect.MAVLink_message]:
+        parser = Parser()
+        truth = (frame for frame in self._frames if _header(frame)[1:] == (TRUTH_COMPONENT, POSE))
+        return [message for frame in truth for message in parser.feed(frame)]
+
+    def truth(self, map_origin: Origin) -> list[TruthSample]:
+        """Return the true poses, in the frame of the map."""
+        return [truth_sample(message, map_origin) for message in self._poses]
+
+    @cached_property
+    def true_velocity(self) -> Timeline[Vec3]:
+        """m/s, NED."""
+        return _timeline([(self._t_s(m.time_usec), (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)) for m in self._poses])
+
+    @cached_property
+    def _autopilot(self) -> "_Autopilot":
+        autopilot, parser = _Autopilot(), Parser()
+        for frame in self._frames:
+            for message in parser.feed(frame):
+                autopilot.take(message)
+        return autopilot
+
+    @cached_property
+    def places(self) -> Array:
+        """(n, 10): µs, place m and velocity m/s in the autopilot's local frame, std m of the place, NaN: not known."""
+        return rising(self._autopilot.places, 7)
+
+    @cached_property
+    def angles(self) -> Array:
+        """(n, 4): µs, roll, pitch, yaw in rad."""
+        return rising(self._autopilot.angles, 4)
+
+    @cached_property
+    def setpoints(self) -> Array:
+        """(n, 12): µs, place m, velocity m/s, yaw and yaw rate as sent, then the asked velocity, 0 where it is open."""
+        return rising(self._autopilot.setpoints)
+
+    @cached_property
+    def asked_velocity(self) -> Timeline[Vec3]:
+        """The velocity that it was told, m/s, NED."""
+        rows = [(self._t_s(row[0]), (float(row[9]), float(row[10]), float(row[11]))) for row in self.setpoints]
+        return _timeline(rows)
+
+    @property
+    def origin(self) -> Vec3 | None:
+        """lat °, lon °, alt m above mean sea level of the autopilot's local frame; None: it never told."""
+        return self._autopilot.origin
+
+    @cached_property
+    def states(self) -> Timeline[AutopilotState]:
+        """One at each change."""
+        return _timeline([(self._t_s(us), state) for us, state in self._autopilot.states])
+
+    @cached_property
+    def warnings(self) -> Timeline[str]:
+        """Texts of severity warning or worse, collisions among them."""
+        return _timeline([(self._t_s(us), text) for us, text in self._autopilot.warnings])
+
+    def _t_s(self, time_us: float) -> float:
+        return float(time_us - self.t0_us) / 1e6
+
+
+def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
+    """Return the telemetry in a tlog by drone; {} where there is none. Raises UsageError when it cannot be read.
+
+    The truth bus numbers the drones: system 1 is drone 0. An autopilot of another number is the next drone.
+    A file that a kill has torn is read as far as it goes.
+    """
+    if not path.is_file():
+        return {}
+    frames: list[tuple[int, bytes]] = []  # (system, frame)
+    kinds: dict[int, set[tuple[int, int]]] = {}  # by system, (component, message)
+    for frame in _frames(path):
+        system, component, kind = _header(frame)
+        if kind in KINDS and component in (AUTOPILOT, TRUTH_COMPONENT) and wire.scan(frame)[0] == [frame]:
+            frames.append((system, frame))
+            kinds.setdefault(system, set()).add((component, kind))
+    true = [system for system in kinds if (TRUTH_COMPONENT, POSE) in kinds[system]]
+    others = [system for system in sorted(kinds) if system not in true and (AUTOPILOT, PLACE) in kinds[system]]
+    number = {system: system - 1 for system in true} | {system: drone for drone, system in enumerate(others)}
+    drones: dict[int, list[bytes]] = {}
+    for system, frame in frames:
+        if system in number:
+            drones.setdefault(number[system], []).append(frame)
+    return {drone: DroneTelemetry(drone, drones[drone], t0_us) for drone in sorted(drones)}
+
+
+def _frames(path: Path) -> Iterator[bytes]:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
+    yield from (frame for _, frame in wire.logged_frames(data)[0])
+
+
+def _header(frame: bytes) -> tuple[int, int, int]:
+    """Return the system, the component and the message id of a frame."""
+    if frame[0] == wire.MARKER_V1:
+        return frame[3], frame[4], frame[5]
+    return frame[5], frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
+
+
+class _Accuracy:
+    """The newest accuracies that were reported: how good a position is in the world, not only within its own frame.
+
+    The receiver's is a bound for the estimator's: no filter sees an error that all of its fixes share.
+    """
+
+    def __init__(self) -> None:
+        self.estimator = self.receiver = (math.nan, math.nan)  # m, horizontal and vertical
+
+    @property
+    def std_ned(self) -> Vec3:
+        """m per axis, the whole horizontal accuracy on each of the two; NaN where neither was reported."""
+        horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
+        return (horizontal, horizontal, vertical)
+
+
+@dataclass
+class _Autopilot:
+    """Collects the messages of one autopilot. Each kind of stamped message has a clock: they overtake one another."""
+
+    places: list[tuple[float, ...]] = field(default_factory=list)
+    angles: list[tuple[float, ...]] = field(default_factory=list)
+    setpoints: list[tuple[float, ...]] = field(default_factory=list)
+    states: list[tuple[int, AutopilotState]] = field(default_factory=list)
+    warnings: list[tuple[int, str]] = field(default_factory=list)
+    origin: Vec3 | None = None
+    _newest_us: int = 0
+    _state: VehicleState = field(default_factory=VehicleState)
+    _clocks: dict[int, VehicleClock] = field(default_factory=dict)
+    _texts: dict[int, StatusTexts] = field(default_factory=dict)  # by component
+    _accuracy: _Accuracy = field(default_factory=_Accuracy)
+
+    def take(self, m: dialect.MAVLink_message) -> None:
+        """Take the next message."""
+        kind, own = m.get_msgId(), m.get_srcComponent() == AUTOPILOT
+        if kind == TEXT:
+            self._text(m)
+        elif kind == POSE and not own:
+            self._newest_us = max(self._newest_us, int(m.time_usec))
+        elif not own:
+            return
+        elif kind == PLACE:
+            self.places.append((self._stamped(m), m.x, m.y, m.z, m.vx, m.vy, m.vz, *self._accuracy.std_ned))
+        elif kind == ANGLES:
+            self.angles.append((self._stamped(m), m.roll, m.pitch, m.yaw))
+        elif kind == SETPOINT:
+            sent = (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.yaw, m.yaw_rate)
+            self.setpoints.append((self._stamped(m), *sent, *asked_velocity(m)))
+        elif kind == ORIGIN:
+            self.origin = (m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3)
+        elif kind == RECEIVER:
+            self._accuracy.receiver = (_positive(m.h_acc / 1e3), _positive(m.v_acc / 1e3))
+        elif kind == ESTIMATOR:
+            self._accuracy.estimator = (_positive(m.pos_horiz_accuracy), _positive(m.pos_vert_accuracy))
+        else:
+            self._take_state(m)
+
+    def _take_state(self, m: dialect.MAVLink_message) -> None:
+        self._state = update(self._state, m, mode_name)
+        now = AutopilotState(self._state.mode, self._state.armed, self._state.battery_remaining)
+        if now.mode and (not self.states or self.states[-1][1] != now):
+            self.states.append((self._newest_us, now))
+
+    def _text(self, m: dialect.MAVLink_message) -> None:
+        texts = self._texts.setdefault(m.get_srcComponent(), StatusTexts())
+        texts.take(m, self._newest_us)
+        texts.since(self._newest_us)  # a last piece that is full waits for no other
+        while texts.newest:
+            text = texts.newest.popleft()
+            if text.severity <= WARNING:
+                self.warnings.append((text.time_us, text.text))
+
+    def _stamped(self, m: dialect.MAVLink_message) -> int:
+        clock = self._clocks.setdefault(m.get_msgId(), VehicleClock())
+        clock.see(m.time_boot_ms)
+        self._newest_us = max(self._newest_us, clock.time_us)
+        return clock.time_us
+
+
+def _positive(value: float) -> float:
+    return value if value > 0.0 and math.isfinite(value) else math.nan
+
+
+def _timeline(rows: Sequence[tuple[float, V]]) -> Timeline[V]:
+    ordered = sorted(rows, key=lambda row: row[0])
+    return Timeline(tuple(t for t, _ in ordered), tuple(value for _, value in ordered))
+
+
+def rising(rows: Sequence[tuple[float, ...]], known: int = 1) -> Array:
+    """Return rows of rising time, what comes late or twice left out, and what is not finite in its first `known`."""
+    if not rows:
+        return np.empty((0, 12))
+    table = np.array(rows, np.float64)
+    table = table[np.isfinite(table[:, :known]).all(axis=1)]
+    newest = np.maximum.accumulate(np.concatenate([[-np.inf], table[:-1, 0]]))
+    return table[table[:, 0] > newest]
