@@ -5,7 +5,7 @@ What is None is left out on the way to the page; numbers are rounded to what can
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,6 @@ from dronecats.report.kit.words import action_words
 from dronecats.report.page.pictures import PictureAddress
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun
-from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
 from foundation.run_folder.prompts import prompts_of, read_prompts
@@ -143,7 +142,7 @@ def shown_flight(run: RecordedRun, flown: RecordedFlight, picture: PictureAddres
     """Return a flight for the page. Raises UsageError when a log of its folder is damaged."""
     logs = flown.logs
     told = exchanges(flown.folder)
-    camera = camera_of(run.configuration)
+    camera = run.camera
     instruction = str(flown.record.get("instruction") or run.flight.get("instruction") or "")
     poses: Sequence[Pose | EstimatedPose] = (
         logs.poses if logs.true else logs.estimate.poses if logs.estimate is not None else ()
@@ -216,20 +215,6 @@ def shown_flight(run: RecordedRun, flown: RecordedFlight, picture: PictureAddres
             for each in told
         ),
     )  # fmt: skip
-
-
-def camera_of(configuration: Mapping[str, Any]) -> CameraModel:
-    """Return the camera of a run, the benchmark's where run.json names none."""
-    told = configuration.get("camera") or {}
-    default = CameraModel()
-    try:
-        return CameraModel(
-            int(told.get("width", default.width)),
-            int(told.get("height", default.height)),
-            float(told.get("hfov_deg", default.hfov_deg)),
-        )
-    except (TypeError, ValueError):
-        return default
 
 
 def action_of(decision: Decision) -> Action | None:
