@@ -221,7 +221,7 @@ def test_where_nothing_can_be_written_is_said(tmp_path):
 
 
 def test_the_program_fetches_nothing_and_makes_no_markup_of_texts():
-    text = program()
+    text = program("main", "dronecats.report.page")
     assert "import" not in re.findall(r"^\w+", text, re.MULTILINE)
     assert "export" not in re.findall(r"^\w+", text, re.MULTILINE)
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "fetch(", "XMLHttpRequest",
