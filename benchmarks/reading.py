@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.cli.exit_status import exit_status
-from dronecats.pilots import inscription, reading, vision
-from dronecats.pilots.inscription import SURE, ReadText
+from dronecats.pilots.vision import inscription, reading
+from dronecats.pilots.vision import pilot as vision
+from dronecats.pilots.vision.inscription import SURE, ReadText
 from episodes.authoring.pictures import probe
 from episodes.authoring.pictures.studio import alone
 from episodes.camera.renderer.renderer import Renderer

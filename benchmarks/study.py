@@ -30,7 +30,7 @@ from dronecats.bench import worker
 from dronecats.cli.exit_status import exit_status
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json
-from dronecats.pilots import reading
+from dronecats.pilots.vision import reading
 from episodes.records import suites
 from foundation.once import expect_more
 

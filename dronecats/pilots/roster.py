@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from dronecats.pilots import inscription
-from dronecats.pilots.failing import FAILURES
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.oracle.failing import FAILURES
+from dronecats.pilots.scripted.patterns import PATTERNS
+from dronecats.pilots.vision import inscription
 from foundation.errors import UsageError
 from foundation.wording import did_you_mean, nearest
 
@@ -40,7 +40,7 @@ def check(name: str) -> str:
 def check_installed(name: str, instructions: Iterable[str]) -> None:
     """Raise UsageError when a pilot needs a package for one of these instructions that is not installed."""
     if name == "vision" and any(map(inscription.named, instructions)):
-        from dronecats.pilots import reading
+        from dronecats.pilots.vision import reading
 
         reading.check_installed()
 
@@ -73,18 +73,18 @@ def answer(name: str) -> Callable[[str, list[bytes]], str]:
     Raises UsageError for a file that holds no flight.
     """
     if name.startswith(RECORDED):
-        from dronecats.pilots.recorded import player
+        from dronecats.pilots.scripted.recorded import player
 
         return player(Path(name.removeprefix(RECORDED)))
     if name in COMMANDERS:
-        from dronecats.pilots.commander import divide
+        from dronecats.pilots.scripted.commander import divide
 
         return divide
     if name == "vision":
-        from dronecats.pilots.vision import answer as vision
+        from dronecats.pilots.vision.pilot import answer as vision
 
         return vision
-    from dronecats.pilots import blind
+    from dronecats.pilots.scripted import blind
 
     return blind.pilot(name.removeprefix(BLIND)) if name.startswith(BLIND) else blind.answer
 

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.pilots import roster
-from dronecats.pilots.failing import FAILURES
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.oracle.failing import FAILURES
+from dronecats.pilots.scripted.patterns import PATTERNS
 from dronecats.report.report_table import TableBlock, TableCell, TableColumn, TableRow
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant

@@ -16,8 +16,8 @@ from dronecats.agent.latency import COMMANDER, KINDS, Circumstance, Question, la
 from dronecats.agent.latency_draws import LONGEST_S
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.pictures import PicturePath
-from dronecats.pilots.noisy import NoisyPilot
-from dronecats.pilots.sight import TrueSight
+from dronecats.pilots.oracle.noisy import NoisyPilot
+from dronecats.pilots.oracle.sight import TrueSight
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from tests.support.refusal import refusal

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dronecats.bench.audit import flights, floor, groups, row, table, text
 from dronecats.cli.main import main
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.scripted.patterns import PATTERNS
 from episodes.records import blind, catalogue, suites
 from episodes.records.blind import BlindFlight
 from foundation.run_folder.results import Result

@@ -6,7 +6,9 @@ from hypothesis import strategies as st
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import NONE_YET, History
 from dronecats.agent.prompt import Prompt, labels
-from dronecats.pilots import blind, briefing, referent
+from dronecats.pilots import briefing
+from dronecats.pilots.scripted import blind
+from dronecats.pilots.vision import referent
 from foundation.camera import CameraModel
 
 

@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.pilots import blind, oracle, vision
+from dronecats.pilots.oracle import oracle
+from dronecats.pilots.scripted import blind
+from dronecats.pilots.vision import pilot as vision
 from episodes.records import catalogue, suites
 from episodes.world import world as worlds
 from foundation.camera import CameraModel

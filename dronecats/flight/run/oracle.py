@@ -10,10 +10,11 @@ from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.parts import TRUTH_HZ
 from dronecats.flight.stages.stage import TruthfulStage
-from dronecats.pilots import failing, oracle, roster
-from dronecats.pilots.noisy import NoisyPilot
-from dronecats.pilots.oracle_model import OracleModel
-from dronecats.pilots.sight import Knowing
+from dronecats.pilots import roster
+from dronecats.pilots.oracle import failing, oracle
+from dronecats.pilots.oracle.noisy import NoisyPilot
+from dronecats.pilots.oracle.oracle_model import OracleModel
+from dronecats.pilots.oracle.sight import Knowing
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.truth import KEPT

@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 
 from dronecats.agent.names import PAPER, agent_name
-from dronecats.pilots.failing import FAILURES
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.roster import BLIND, FAILING, NOISY, ORACLE, RECORDED, SERVED
+from dronecats.pilots.scripted.patterns import PATTERNS
 from dronecats.report.archive.verification import CellScore, Verification
 from episodes.records.record import CELLS
 from foundation.errors import UsageError

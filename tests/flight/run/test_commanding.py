@@ -10,7 +10,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.episode import judge_run
-from dronecats.pilots import places
+from dronecats.pilots.scripted import places
 from foundation.errors import UsageError
 from foundation.run_folder.reading import exchanges
 from tests.foundation.run_folder.published import check

@@ -1,0 +1,118 @@
+"""The fit of the vision pilot's eye for paint, and the pictures that it learns from."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dronecats.pilots.fitting.sightings import __main__ as command
+from dronecats.pilots.fitting.sightings import examples, fit, neighbourhoods, outlines
+from dronecats.pilots.vision import likeness
+from dronecats.pilots.vision.ranging import BoundingBox, Range
+from episodes.records import catalogue
+
+PATCH = likeness.SIDE * likeness.SIDE * likeness.CHANNELS
+
+
+def known(count=500):
+    """Return examples of two looks that noise covers, one of which is the target and half as far again."""
+    rng = np.random.default_rng(3)
+    there = rng.integers(0, 2, count).astype(np.float32)
+    looks = rng.normal(0.0, 0.3, (2, likeness.LENGTH))
+    seen = looks[there.astype(int)] + rng.normal(0.0, 0.2, (count, likeness.LENGTH))
+    return examples.Examples(seen.astype(np.float16), there, there * np.float32(np.log(1.5)))
+
+
+def test_the_fit_learns_what_can_be_learnt_and_learns_it_again():
+    every = known()
+    once, again = fit.fit(every, 25, 1), fit.fit(every, 25, 1)
+    share, factor = once.judge(every.seen.astype(np.float32))
+    assert ((share > 0.5) == (every.there > 0.5)).mean() > 0.97
+    assert np.median(factor[every.there > 0.5]) == pytest.approx(1.5, rel=0.06)
+    assert np.array_equal(once.hidden, again.hidden)
+
+
+def test_its_slopes_are_those_of_the_cost():
+    rng = np.random.default_rng(5)
+    every = known(8)
+    x = every.seen.astype(np.float64)
+    weights = [rng.normal(0.0, 0.02, s) for s in ((likeness.LENGTH, 6), (6,), (6, 2), (2,))]
+
+    def cost():
+        raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
+        entropy = np.log1p(np.exp(raw[:, 0])) - every.there * raw[:, 0]
+        off = np.abs(raw[:, 1] - every.factor / fit.SPREAD)
+        huber = np.where(off <= 3.0, 0.5 * off**2, 3.0 * off - 4.5)
+        return float(np.mean(entropy + 0.1 * fit.FACTOR * every.there * huber))
+
+    slopes = fit.slopes_of(weights, x, every.there, every.factor, np.ones((len(x), 6)))
+    for which, at in ((0, (7, 2)), (1, (3,)), (2, (4, 1)), (3, (0,)), (3, (1,))):
+        before, step = cost(), 1e-6
+        weights[which][at] += step
+        assert slopes[which][at] == pytest.approx((cost() - before) / step, rel=1e-3, abs=1e-7)
+        weights[which][at] -= step
+
+
+def test_a_mirror_shows_the_other_side_and_turned_twice_what_is_there():
+    picture = np.random.default_rng(1).integers(0, 256, (36, 64, 3), dtype=np.uint8)
+    there = Range(6.0, 6.6, 0.5, 0.8)
+
+    def one(image, left, right):
+        layers = likeness.layers(image, image[:, :, 0] > 128)
+        return likeness.example(layers, BoundingBox(left, -0.1, right, 0.2), there, "suv", "red")[None]
+
+    seen = one(picture, -0.25, 0.0)
+    other = fit.mirrored(seen)
+    assert np.allclose(other[:, PATCH:], one(picture[:, ::-1], 0.0, 0.25)[:, PATCH:])
+    assert np.array_equal(fit.mirrored(other), seen)
+
+
+def test_no_record_is_flown_where_it_learns():
+    flown = {catalogue.load(one).map_seed for one in catalogue.ids() if one.startswith("residential")}
+    assert flown
+    assert not flown & set(range(command.LEARNT, command.LEARNT + command.SEEDS))
+    assert not flown & set(range(command.UNSEEN, command.UNSEEN + command.CHECKED))
+
+
+def test_rectangles_share_what_they_have_in_common():
+    for true, union, inside in (
+        ((320, 180, 384, 212), 1.0, 1.0),
+        ((352, 180, 416, 212), 1 / 3, 0.5),
+        ((0, 0, 64, 64), 0.0, 0.0),
+        (None, 0.0, 0.0),
+    ):
+        shares = examples.shares(BoundingBox(0.0, 0.0, 0.1, 0.05), true, (360, 640))
+        assert shares == pytest.approx((union, inside)), true
+
+
+def test_the_outlines_that_ship_are_the_catalogues():
+    for asset in neighbourhoods.NOUNS:
+        with np.load(Path(likeness.__file__).with_name("outlines.npz")) as kept:
+            assert np.array_equal(kept[asset], outlines.points(asset)), asset
+
+
+@pytest.mark.slow
+def test_most_targets_of_a_neighbourhood_that_it_was_not_fitted_to_are_found_and_hardly_anything_else():
+    found = command.look(command.draw(command.UNSEEN + 50, 1, 40), likeness.network())
+    there = [f for f in found if f.target.box is not None and f.target.distance_m < 22.0]
+    absent = [f for f in found if f.target.box is None]
+    ranges = [f.seen_m / f.target.distance_m for f in there if f.right and f.seen_m]
+    assert len(there) >= 15
+    assert len(absent) >= 5
+    assert sum(f.right for f in there) >= 0.75 * len(there)
+    assert sum(f.seen_m is not None for f in absent) <= 1
+    assert np.median(np.abs(np.log(ranges))) < 0.12
+
+
+@pytest.mark.slow
+def test_the_command_runs_and_writes_only_where_it_is_told(tmp_path):
+    shipped = Path(likeness.__file__).with_name("likeness.npz")
+    before = shipped.read_bytes()
+    run = [sys.executable, "-m", "dronecats.pilots.fitting.sightings", "--short", "--out", str(tmp_path)]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=600, cwd=Path(__file__).parents[3])
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["likeness.npz", "outlines.npz"]
+    assert shipped.read_bytes() == before
