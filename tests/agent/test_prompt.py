@@ -6,7 +6,7 @@ from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.command_prompt import CAUSES, CommandPrompt
 from dronecats.agent.history import History
 from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
-from dronecats.pilots import briefing
+from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from tests.agent.paper_words import known, rows
@@ -84,7 +84,6 @@ def test_not_six_words_in_a_row_are_the_papers():
     assert len(known()) > 800
     assert [words for key, words in ours.items() if key in known()] == []
 
-
 ONE_OBJECT = """Fly there: {instruction}
 Say one of {"action":"go","point":{point_fmt},"depth_m":<m>}, {"action":"finished"}. One object only, please.
 Lately ({history_len}):
@@ -106,7 +105,8 @@ def test_a_template_for_one_drone_asks_a_fleet_for_an_array(tmp_path):
     before, _, after = fleet.partition("find the {n} van")
     assert "3" in before
     assert re.search(r"array\D*3", after.rstrip().splitlines()[-1])
-    assert [[p.kind for p in past] for past in briefing.read(fleet).history] == [["think"], ["finished"], ["rotate"]]
+    histories = actions.read_prompt(fleet).history
+    assert [[p.kind for p in past] for past in histories] == [["think"], ["finished"], ["rotate"]]
 
 
 @pytest.mark.parametrize("knowing", ["{answer}", "You fly {drones} drones; answer with an array."])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dronecats.bench.audit import flights, floor, groups, row, table, text
 from dronecats.cli.main import main
-from dronecats.pilots.scripted.patterns import PATTERNS
+from dronecats.pilots.scripted.blind import PATTERNS
 from episodes.records import blind, catalogue, suites
 from episodes.records.blind import BlindFlight
 from foundation.run_folder.results import Result
@@ -153,7 +153,7 @@ def test_only_a_blind_pilots_flights_are_kept_as_such(capsys: pytest.CaptureFixt
     assert main(["episodes", "audit", "--pilot", "vision", "--write-blind"]) == 2
 
 
-UNAWARE = [name for name, pattern in PATTERNS.items() if "16 m" not in pattern.says]
+UNAWARE = [name for name, pattern in PATTERNS.items() if "16 m" not in pattern.description]
 KEPT = blind.load()
 CELLS = sorted({name.rpartition("-")[0] for name in IDS})
 

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import NONE_YET, History
 from dronecats.agent.prompt import Prompt, labels
-from dronecats.pilots import briefing
+from dronecats.pilots import actions
 from dronecats.pilots.scripted import blind
-from dronecats.pilots.vision import referent
+from dronecats.pilots.vision.command import read_referent
 from foundation.camera import CameraModel
 
 
@@ -20,7 +20,7 @@ def test_command_and_history_come_back_as_the_agent_wrote_them():
     history = History(CameraModel())
     for action in (Go(500, 600, 9.5), Rotate(-45), Think(), Finished()):
         history.append(action)
-    told = briefing.read(prompt(history.render()))
+    told = actions.read_prompt(prompt(history.render()))
     assert told.command == "go to the cyan SUV"
     assert [p.kind for p in told.past(0)] == ["go", "rotate", "think", "finished"]
     assert told.past(0)[0].depth_m == 9.5
@@ -28,12 +28,12 @@ def test_command_and_history_come_back_as_the_agent_wrote_them():
 
 
 def test_the_first_step_has_no_history():
-    assert briefing.read(prompt(NONE_YET)).past(0) == ()
+    assert actions.read_prompt(prompt(NONE_YET)).past(0) == ()
 
 
 def test_histories_of_several_drones_follow_the_lines_that_name_them():
     text = "Command: x\nDrone 1:\n1. THINK\n2. FINISHED\nDrone 2:\n(none yet)\nDrone 3:\n1. ROTATE angle=60deg"
-    told = briefing.read(text)
+    told = actions.read_prompt(text)
     assert [[p.kind for p in told.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
 
 
@@ -41,15 +41,15 @@ def test_the_labels_of_pictures_add_no_history_and_take_none():
     """The server joins all texts of a message: a fleet's labels come after its prompt."""
     told = [f"Drone {k}:\n1. {past}  <- latest" for k, past in enumerate(("THINK", "FINISHED", "ROTATE angle=9deg"), 1)]
     text = Prompt.load().render("go to the cyan SUV", "\n".join(told), 5, drones=3)
-    labelled = briefing.read("\n".join((text, *labels(3))))
-    assert labelled == briefing.read(text)
+    labelled = actions.read_prompt("\n".join((text, *labels(3))))
+    assert labelled == actions.read_prompt(text)
     assert [[p.kind for p in labelled.past(k)] for k in range(4)] == [["think"], ["finished"], ["rotate"], []]
 
 
 @given(st.text(max_size=300))
 def test_no_text_breaks_the_reader(text):
-    told = briefing.read(text)
-    referent.read(told.command)
+    told = actions.read_prompt(text)
+    read_referent(told.command)
     assert len(told.history) >= 0
 
 
@@ -64,7 +64,7 @@ def test_colour_and_noun_of_a_command():
         ("the turquoise thing", "cyan", "thing"),
         ("", None, "thing"),
     ):
-        named = referent.read(command)
+        named = read_referent(command)
         assert (named.color, named.noun) == (color, noun), command
 
 

@@ -10,7 +10,7 @@ from dronecats.flight.sitl.flight_conditions import FlightConditions
 from dronecats.flight.sitl.host_stalls import HostStalls
 from dronecats.flight.spec.disturbances import FrameFaults, VehicleFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.pilots.config import PilotConfig
+from dronecats.pilots.pilot_process import PilotConfig
 from foundation.run_folder import layout
 from foundation.truth import KEPT
 

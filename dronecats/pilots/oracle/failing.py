@@ -1,8 +1,8 @@
-"""Pilots that fail on purpose, each in one of the ways that the paper tells models apart by, and in no other.
+"""Pilots that fail on purpose, each in one way of the paper's taxonomy and in no other.
 
-They are there so that what finds and names a failure can be held to one that is known ("The Failure Is Declaration, Not
-Navigation", "Failure Taxonomy", "Commanding Several Drones"). They are told the truth, as the oracle is: to fail in one
-way alone takes knowing where the target is. What they answer is the same for the same truth.
+They test what finds and names a failure ("The Failure Is Declaration, Not Navigation", "Failure Taxonomy", "Commanding
+Several Drones"). They know the truth, as the oracle does: a pilot must know where the target is to fail in one way
+only. The same truth gets the same answer.
 """
 
 import itertools
@@ -10,113 +10,112 @@ import json
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
-from dronecats.pilots import reply
+from dronecats.pilots import actions
 from dronecats.pilots.oracle import oracle
-from dronecats.pilots.oracle.sight import Knowing, TrueSight
+from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
 from foundation.protocol import BRAKE_M, FINISHED, GO, POINT_SPAN, RADIUS_M, STRIDE_MIN_M
 
-EARLY = 1.3  # of the start distance, at which the paper's 2B model declares on average (Table "gap": 1.28)
+EARLY = 1.3  # times the start distance, at which the paper's 2B model declares on average (Table "gap": 1.28)
 _LONG_DEPTH_M = 6.0  # flown as the longest stride
-_STILL_DEPTH_M = 0.5 * BRAKE_M  # flown as none
-_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # nearer to a distance no stride comes
-_AHEAD_DEG = 8.0  # off the nose, within which it need not turn first
-_STUCK_M = 0.3  # less than this, and something stood in the stride's way
-_ARRIVED_M = RADIUS_M - 0.5  # well within what counts as arrival
-_EDGE = 50.0  # 0–1000, a point as near to the picture's edge
-_KEPT_OFF_M = 2.0 * RADIUS_M  # nearer than this it does not stride towards the target even unseen
+_STILL_DEPTH_M = 0.5 * BRAKE_M  # flown as no stride
+_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # strides come no nearer to a given distance
+_AHEAD_DEG = 8.0  # off the nose: within this it does not turn first
+_STUCK_M = 0.3  # a stride that moves less met an obstacle
+_ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
+_EDGE = 50.0  # 0–1000, distance of a point from the picture's edge
+_KEPT_OFF_M = 2.0 * RADIUS_M  # within this it does not stride towards the target, even if it is not in the picture
 
-Way = Generator[str, TrueSight, None]  # yields a drone's next action, and is sent what is true when it has been flown
+Way = Generator[str, TrueState, None]  # yields a drone's next action, and gets its true state after that
 
 
 @dataclass(frozen=True, slots=True)
 class Failing:
-    """One failure."""
+    """One way to fail."""
 
-    says: str  # what it does, in one sentence
-    way: Callable[[TrueSight], Way]  # of one drone
-    together: Callable[[list[str]], str] = reply.fleet  # the drones' actions as one reply
+    description: str  # one sentence
+    way: Callable[[TrueState], Way]  # for one drone
+    together: Callable[[list[str]], str] = actions.join  # joins the drones' actions
 
 
-def pilot(name: str) -> Knowing:
+def pilot(name: str) -> TruthPilot:
     """Return the pilot of one flight. Raises KeyError for an unknown name."""
     failing = FAILURES[name]
     ways: list[Way] = []
 
-    def answer(sights: Sequence[TrueSight]) -> str:
+    def answer(states: Sequence[TrueState]) -> str:
         if not ways:
-            ways.extend(failing.way(sight) for sight in sights)
+            ways.extend(failing.way(state) for state in states)
             return failing.together([next(way) for way in ways])
-        return failing.together([way.send(sight) for way, sight in zip(ways, sights, strict=True)])
+        return failing.together([way.send(state) for way, state in zip(ways, states, strict=True)])
 
     return answer
 
 
-def declares_at_once(sight: TrueSight) -> Way:
+def declares_at_once(state: TrueState) -> Way:
     """Declare in the first step, and hover."""
-    yield reply.finished()
+    yield actions.finished()
     while True:
-        yield reply.think()
+        yield actions.think()
 
 
-def declares_early(sight: TrueSight) -> Way:
-    """Fly away, declare where the distance is 1.3 times that of the start, and hover."""
-    goal_m, aside_deg = EARLY * sight.distance_m, 0.0
-    while (left_m := goal_m - sight.distance_m) > _CLOSE_ENOUGH_M:
-        turn_deg = (sight.bearing_deg + 180.0 + aside_deg + 180.0) % 360.0 - 180.0
+def declares_early(state: TrueState) -> Way:
+    """Fly away, declare at 1.3 times the start distance, and hover."""
+    goal_m, aside_deg = EARLY * state.distance_m, 0.0
+    while (left_m := goal_m - state.distance_m) > _CLOSE_ENOUGH_M:
+        turn_deg = (state.bearing_deg + 180.0 + aside_deg + 180.0) % 360.0 - 180.0
         if abs(turn_deg) > _AHEAD_DEG:
-            sight = yield reply.rotate(max(-90.0, min(90.0, turn_deg)))
+            state = yield actions.rotate(max(-90.0, min(90.0, turn_deg)))
             continue
-        before_m = sight.distance_m
-        sight = yield reply.go(500, 500, oracle.depth_for(left_m, _LONG_DEPTH_M))
-        aside_deg += 30.0 if sight.distance_m - before_m < _STUCK_M else 0.0
-    yield reply.finished()
+        before_m = state.distance_m
+        state = yield actions.go(500, 500, oracle.depth_for(left_m, _LONG_DEPTH_M))
+        aside_deg += 30.0 if state.distance_m - before_m < _STUCK_M else 0.0
+    yield actions.finished()
     while True:
-        yield reply.think()
+        yield actions.think()
 
 
-def never_declares(sight: TrueSight) -> Way:
-    """Fly to the target as the oracle does, and where that is reached go on pointing at it."""
+def never_declares(state: TrueState) -> Way:
+    """Fly to the target as the oracle does; there, point at it without end."""
     while True:
-        told = oracle.of_one(sight)
-        there = sight.distance_m <= _ARRIVED_M or json.loads(told)["action"] == FINISHED
-        sight = yield _pointing(sight) if there else told
+        reply = oracle.reply_for(state)
+        has_arrived = state.distance_m <= _ARRIVED_M or json.loads(reply)["action"] == FINISHED
+        state = yield _pointing(state) if has_arrived else reply
 
 
-def oscillates(sight: TrueSight) -> Way:
-    """Stride on, turn round, stride back, turn round, for ever."""
-    yield from _in_turn([reply.go(500, 500, _LONG_DEPTH_M), reply.rotate(90.0), reply.rotate(90.0)])
+def oscillates(state: TrueState) -> Way:
+    """Stride on, turn round, stride back, turn round, without end."""
+    yield from _in_turn([actions.go(500, 500, _LONG_DEPTH_M), actions.rotate(90.0), actions.rotate(90.0)])
 
 
-def never_grounds(sight: TrueSight) -> Way:
-    """Stride to the other side of the picture than the target is on, and round a square while it is in none."""
-    square = itertools.cycle([reply.go(500, 500, _LONG_DEPTH_M)] * 4 + [reply.rotate(90.0)])
+def never_grounds(state: TrueState) -> Way:
+    """Stride to the other side of the picture than the target's; without the target in view, fly a square."""
+    square = itertools.cycle([actions.go(500, 500, _LONG_DEPTH_M)] * 4 + [actions.rotate(90.0)])
     while True:
-        told = json.loads(_pointing(sight))
-        if told["action"] == GO:
-            sight = yield reply.go(
-                _EDGE if told["point"][0] > POINT_SPAN / 2.0 else POINT_SPAN - _EDGE, 500, _LONG_DEPTH_M
+        pointing = json.loads(_pointing(state))
+        if pointing["action"] == GO:
+            state = yield actions.go(
+                _EDGE if pointing["point"][0] > POINT_SPAN / 2.0 else POINT_SPAN - _EDGE, 500, _LONG_DEPTH_M
             )
-        elif sight.distance_m < _KEPT_OFF_M and abs(sight.bearing_deg) < 90.0:
-            sight = yield reply.rotate(-90.0 if sight.bearing_deg > 0.0 else 90.0)
+        elif state.distance_m < _KEPT_OFF_M and abs(state.bearing_deg) < 90.0:
+            state = yield actions.rotate(-90.0 if state.bearing_deg > 0.0 else 90.0)
         else:
-            sight = yield next(square)
+            state = yield next(square)
 
 
-def never_closes(sight: TrueSight) -> Way:
-    """Point at the target, step for step, with a depth that brakes."""
+def never_closes(state: TrueState) -> Way:
+    """Point at the target at each step, with a depth that brakes."""
     while True:
-        sight = yield _pointing(sight)
+        state = yield _pointing(state)
 
 
-def one_point(sight: TrueSight) -> Way:
-    """Fly as one that never declares; what is said of the first drone is then said of all."""
-    yield from never_declares(sight)
+def one_point(state: TrueState) -> Way:
+    """Fly as `never-declares`; all drones get the first drone's action."""
+    yield from never_declares(state)
 
 
-def leaves_the_protocol(sight: TrueSight) -> Way:
-    """Say what is no action, neither to the letter nor with patience."""
+def leaves_the_protocol(state: TrueState) -> Way:
+    """Reply with texts that neither parser accepts."""
     yield from _in_turn(NO_ACTIONS)
-
 
 NO_ACTIONS = (
     "The target is ahead of me, slightly to the right. I will fly towards it.",
@@ -138,9 +137,9 @@ FAILURES = {
     "one-point": Failing(
         "gives every drone of a fleet the first one's action",
         one_point,
-        lambda told: reply.fleet([told[0]] * len(told)),
+        lambda replies: actions.join([replies[0]] * len(replies)),
     ),
-    "leaves-the-protocol": Failing("replies what is no action", leaves_the_protocol, lambda told: told[0]),
+    "leaves-the-protocol": Failing("replies what is no action", leaves_the_protocol, lambda replies: replies[0]),
 }
 
 
@@ -149,11 +148,11 @@ def _in_turn(texts: Sequence[str]) -> Way:
         yield texts[number % len(texts)]
 
 
-def _pointing(sight: TrueSight) -> str:
-    """Return the `go` at the target that moves no drone, or the turn that brings the target into view."""
+def _pointing(state: TrueState) -> str:
+    """Return a `go` at the target that does not move the drone, or the turn that brings the target into view."""
     x, y = oracle.pixel(
-        oracle.in_camera(sight.position_ned, sight.attitude, sight.camera, sight.target_ned), sight.camera
+        oracle.in_camera(state.position_ned, state.attitude, state.camera, state.target_ned), state.camera
     )
-    if not 0.0 <= x <= sight.camera.width:
-        return reply.rotate(max(-90.0, min(90.0, sight.bearing_deg)))
-    return reply.go(POINT_SPAN * x / sight.camera.width, POINT_SPAN * y / sight.camera.height, _STILL_DEPTH_M)
+    if not 0.0 <= x <= state.camera.width:
+        return actions.rotate(max(-90.0, min(90.0, state.bearing_deg)))
+    return actions.go(POINT_SPAN * x / state.camera.width, POINT_SPAN * y / state.camera.height, _STILL_DEPTH_M)

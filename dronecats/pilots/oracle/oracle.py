@@ -1,41 +1,69 @@
-"""A pilot that knows the truth: the ceiling of the benchmark, and the proof that an episode can be flown at all.
+"""The oracle: a pilot that knows the truth. It is the ceiling of the benchmark, and the proof that an episode can be
+flown.
 
-It speaks the same four actions as a model and nothing more, so what it cannot do, no model can. A pure function:
-whoever has the truth calls it (the run, never the agent).
+It has the same four actions as a model, so a model can do whatever it does. It is a pure function of the truth: the run
+calls it, never the agent.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from dronecats.pilots import reply as text
-from dronecats.pilots.oracle.sight import TrueSight
+from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
-ARRIVED_M = 4.0  # 3-D distance, body origin to target centre, at which it declares; the verifier's radius is 5 m
-_CLOSE_ENOUGH_M = 4.5  # … and at which it does so when the shortest stride would bring it too close
-_LEVEL = 0.14  # |vertical| / horizontal below this is not flown: the controller drops it under 0.15
-_KEEPS_HEIGHT_M = 7.0  # nearer than this the height is kept …
-_KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would then leave the picture below or above before it is reached
+ARRIVED_M = 4.0  # 3-D distance at which it declares; the verifier's radius is 5 m
+_CLOSE_ENOUGH_M = 4.5  # … and at which it declares if the shortest stride would bring it too close
+_LEVEL = 0.14  # slopes below this are not flown: the controller ignores them under 0.15
+_KEEPS_HEIGHT_M = 7.0  # within this it keeps its height …
+_KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would leave the picture below or above first
 _TURN_MAX_DEG = 90.0
-_TOO_NEAR_M = 0.3  # nearer than this to the lens a point has no useful place in the picture
+_TOO_NEAR_M = 0.3  # nearer to the lens a point has no useful pixel
 
 
-def nearest_flies(sights: Sequence[TrueSight]) -> str:
-    """Return the oracle's reply for some drones. The nearest flies, the others hover: one arrival is enough."""
-    nearest = min(sights, key=lambda sight: sight.distance_m)
-    return text.fleet([of_one(sight) if sight is nearest else text.think() for sight in sights])
+@dataclass(frozen=True, slots=True)
+class TrueState:
+    """The true state of one drone and its target."""
+
+    position_ned: Vec3  # m, body origin
+    yaw_rad: float  # from north, + east
+    attitude: Quat  # of the body
+    target_ned: Vec3  # m, centre
+    target_velocity_ned: Vec3  # m/s
+    camera: CameraModel
+    drone: int = 0  # index of the drone
+    step: int = 0  # of the drone, from 0
+    visible: bool = True  # whether the picture shows the target; True if that was not measured
+
+    @property
+    def distance_m(self) -> float:
+        """The 3-D distance (m) from the body's origin to the target's centre, as the verifier measures it."""
+        return math.dist(self.position_ned, self.target_ned)
+
+    @property
+    def bearing_deg(self) -> float:
+        """The direction of the target, degrees from the nose, + right."""
+        north, east = (self.target_ned[k] - self.position_ned[k] for k in (0, 1))
+        return math.degrees(wrap_pi(math.atan2(east, north) - self.yaw_rad))
+
+TruthPilot = Callable[[Sequence[TrueState]], str]  # (the state of each drone of the question) → the reply
+
+def reply_nearest(states: Sequence[TrueState]) -> str:
+    """Return the oracle's reply for some drones. The nearest one flies, the others hover: one arrival is enough."""
+    nearest = min(states, key=lambda state: state.distance_m)
+    return actions.join([reply_for(state) if state is nearest else actions.think() for state in states])
 
 
-def of_one(sight: TrueSight) -> str:
-    """Return `reply` for one drone, of what is true of it."""
-    return reply(
-        sight.position_ned, sight.yaw_rad, sight.attitude, sight.camera, sight.target_ned, sight.target_velocity_ned
+def reply_for(state: TrueState) -> str:
+    """Return the next action of one drone from its true state."""
+    return next_action(
+        state.position_ned, state.yaw_rad, state.attitude, state.camera, state.target_ned, state.target_velocity_ned
     )
 
 
-def reply(
+def next_action(
     position_ned: Vec3,
     yaw_rad: float,
     attitude: Quat | None,
@@ -43,49 +71,49 @@ def reply(
     target_ned: Vec3,
     target_velocity_ned: Vec3 | None = None,
 ) -> str:
-    """Return the next action as a model's reply text: one JSON object.
+    """Return the next action of one drone as reply text.
 
     position_ned, target_ned: m, body origin and target centre in the same NED frame; target_velocity_ned: m/s, None
     for a target at rest. attitude: of the body, None for level flight at yaw_rad.
 
-    Rotates until the target is in the picture; then goes, the point being the target's true projection and the depth
-    its true planar depth, both one step ahead of a moving target; the last strides are made shorter by smaller depths,
-    so that it stops before the target. Far off it lets the controller climb or descend along the ray; near, it keeps
-    its height. A target that is ahead but under or over the picture is approached along the picture's edge.
+    It rotates until the target is in the picture. Then it goes: the point is the target's true projection and the depth
+    its true planar depth, both one step ahead of a moving target. Smaller depths make the last strides shorter, so that
+    it stops before the target. Far away it lets the controller climb or descend along the ray; near, it keeps its
+    height. A target ahead but under or over the picture is approached along the picture's edge.
     """
     q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
     aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
     x, y = pixel(in_camera(position_ned, q, camera, target_ned), camera)
     if not 0.0 <= x <= camera.width:
-        return text.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
+        return actions.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
     in_picture = 0.0 <= y <= camera.height
     distance = math.dist(position_ned, target_ned)
     if in_picture and distance <= ARRIVED_M:
-        return text.finished()
+        return actions.finished()
 
     ahead = in_camera(position_ned, q, camera, aim)
     x, y = pixel(ahead, camera)
     if not 0.0 <= x <= camera.width:
-        return text.rotate(_bearing_deg(position_ned, yaw_rad, aim))
+        return actions.rotate(_bearing_deg(position_ned, yaw_rad, aim))
     horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
     vertical = aim[2] - position_ned[2]
-    if not in_picture and horizontal < STRIDE_MAX_M:  # over or under it: fly on, turn round there
-        return text.go(500.0, 500.0, NEAR_M)
-    # stop where the sphere of ARRIVED_M has safely been entered, at the height that is kept
+    if not in_picture and horizontal < STRIDE_MAX_M:  # over or under it: fly on, then turn round
+        return actions.go(500.0, 500.0, NEAR_M)
+    # stop safely inside the sphere of ARRIVED_M, at the kept height
     reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
     travel = horizontal - reach
     if in_picture and distance <= _CLOSE_ENOUGH_M and travel < STRIDE_MIN_M:
-        return text.finished()
+        return actions.finished()
     depth = depth_for(travel, ahead[0])
     if horizontal < _KEEPS_HEIGHT_M and abs(vertical) < _KEEPS_HEIGHT_BAND_M:
         f, middle = camera.focal_px, camera.height / 2.0
         span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
         y = min(max(y, middle - span), middle + span)
-    return text.go(POINT_SPAN * x / camera.width, POINT_SPAN * y / camera.height, depth)
+    return actions.go(POINT_SPAN * x / camera.width, POINT_SPAN * y / camera.height, depth)
 
 
 def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
-    """Return where a moving point will be when the step that is chosen now has been flown."""
+    """Return the place of a moving point at the end of the next step."""
     return (
         point_ned[0] + velocity_ned[0] * STEP_S,
         point_ned[1] + velocity_ned[1] * STEP_S,
@@ -94,15 +122,11 @@ def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
 
 
 def depth_for(travel_m: float, depth_m: float) -> float:
-    """Return a depth whose stride leaves a distance that further strides can cover: the true depth when it is full.
-
-    Strides are 3 m, or between 1.2 m and 1.8 m, so what is left is halved where a full one would leave too little.
+    """Return the depth of the next stride of a way of `travel_m`: the true depth for a full stride.
     """
     if travel_m >= STRIDE_MAX_M + STRIDE_MIN_M:
         return max(depth_m, NEAR_M)
-    longest = NEAR_SCALE * STRIDE_MAX_M
-    stride = travel_m if travel_m <= longest else 0.5 * travel_m
-    return min(max(stride, STRIDE_MIN_M), longest) / NEAR_SCALE
+    return actions.short_stride_m(travel_m) / NEAR_SCALE
 
 
 def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
@@ -119,7 +143,7 @@ def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3)
 
 
 def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
-    """Return where a point in camera axes is in the picture plane (px); far to the side when it is behind."""
+    """Return the pixel of a point in camera axes; infinitely far to its side if it is behind the camera."""
     if point[0] < _TOO_NEAR_M:
         return (math.copysign(math.inf, point[1]), math.inf)
     return (
@@ -129,6 +153,6 @@ def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
 
 
 def _bearing_deg(position_ned: Vec3, yaw_rad: float, point_ned: Vec3) -> float:
-    """Return the turn (deg, + right, at most 90 either way) that brings a point ahead."""
+    """Return the turn (deg, + right, at most 90 to either side) that brings a point ahead."""
     bearing = wrap_pi(math.atan2(point_ned[1] - position_ned[1], point_ned[0] - position_ned[0]) - yaw_rad)
     return min(max(math.degrees(bearing), -_TURN_MAX_DEG), _TURN_MAX_DEG)

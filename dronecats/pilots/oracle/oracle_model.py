@@ -1,15 +1,14 @@
-"""A pilot that is told the truth, behind the interface a model has: it listens on the truth bus. Built by the run."""
+"""A pilot that knows the truth, behind the interface of a model. It listens on the truth bus; the run builds it."""
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
 
 from dronecats.agent.models.model import Reply, Request
-from dronecats.pilots import briefing
-from dronecats.pilots import reply as reply_text
+from dronecats.pilots import actions
 from dronecats.pilots.oracle import oracle
-from dronecats.pilots.oracle.sight import Knowing, TrueSight
-from dronecats.pilots.scripted import places
+from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
+from dronecats.pilots.scripted import commander
 from episodes.authoring.check.candidates import centre
 from episodes.maps.scene import Instance
 from episodes.records.record import StartPose
@@ -24,7 +23,7 @@ AHEAD_S = 0.5  # s, over which the target's velocity is taken
 
 
 class OracleModel:
-    """Answers with the text of a pilot that is told the truth: the oracle's, one JSON object per drone."""
+    """Answers with the reply of a pilot that knows the truth, by default the oracle's."""
 
     def __init__(
         self,
@@ -33,23 +32,22 @@ class OracleModel:
         origin: Origin,
         listen: Callable[[], None],
         name: str = "oracle",
-        pilot: Knowing = oracle.nearest_flies,
+        pilot: TruthPilot = oracle.reply_nearest,
         *,
         kept: int = KEPT,
         obeys: bool = True,
         looks: bool = False,
     ) -> None:
-        """`listen` is called before each answer, to read what is waiting on the bus into `feed`.
+        """`listen` is called before each answer; it reads the waiting bytes of the bus into `feed`.
 
-        `kept`: how many samples of the truth of each drone are remembered, for pictures that come late. `obeys`: a
-        drone that is asked for alone goes where its command says. `looks`: the pilot asks whether the target is
-        visible, which has to be measured.
+        kept: samples of each drone's truth to keep, for late pictures. obeys: a drone in a question of its own goes to
+        the candidate of its goal. looks: the pilot needs the target's visibility, which is measured then.
         """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
         self._truth = NewestTruth(origin, kept)
-        self._taken: dict[int, int] = {}  # drone → µs, when the picture was taken that it is asked for on
-        self.feed = self._truth.feed  # bytes of the truth bus go in here
+        self._taken: dict[int, int] = {}  # drone → µs, time of its picture
+        self.feed = self._truth.feed  # takes bytes of the truth bus
         self._obeys, self._looks = obeys, looks
         self._t0_us: int | None = None
 
@@ -57,34 +55,34 @@ class OracleModel:
         self._t0_us = t0_us
 
     def ask(self, request: Request) -> Reply:
-        """Answer for every picture's drone."""
+        """Return the reply for the drone of every picture."""
         self._listen()
         drones = range(request.drone, request.drone + len(request.images_jpeg))
         self._taken = dict(zip(drones, request.taken_us, strict=False))
         if len(drones) == 1 and self._obeys:
-            return Reply(self._alone(request.drone, request.step, briefing.read(request.text).command), 0.0)
-        return Reply(self._pilot([self._sight(drone, request.step) for drone in drones]), 0.0)
+            return Reply(self._reply_alone(request.drone, request.step, actions.read_prompt(request.text).command), 0.0)
+        return Reply(self._pilot([self._state(drone, request.step) for drone in drones]), 0.0)
 
     def check(self) -> None:
-        """It is here."""
+        """Do nothing: the pilot needs no endpoint."""
 
     def close(self) -> None:
         pass
 
-    def _alone(self, drone: int, step: int, command: str) -> str:
-        """Return the action of one drone that is asked for alone: it goes to the candidate that its command points to.
+    def _reply_alone(self, drone: int, step: int, command: str) -> str:
+        """Return the action of a drone in a question of its own: it goes to the candidate of its goal.
 
-        At one that is not the target it stops and says nothing, as whoever had read its inscription would.
+        At a candidate that is not the target it stops and thinks, like a pilot that has read its inscription.
         """
-        place, sight = places.told(command), self._sight(drone, step)
-        row = in_a_row(self._world, self._world.record.starts[drone])
+        place, state = commander.place_in_goal(command), self._state(drone, step)
+        row = candidates_in_row(self._world, self._world.record.starts[drone])
         if place is None or place > len(row) or row[place - 1] is self._world.target:
-            return self._pilot([sight])
-        there = replace(sight, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
-        said = self._pilot([there])
-        return reply_text.think() if said == reply_text.finished() else said
+            return self._pilot([state])
+        there = replace(state, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
+        reply = self._pilot([there])
+        return actions.think() if reply == actions.finished() else reply
 
-    def _sight(self, drone: int, step: int) -> TrueSight:
+    def _state(self, drone: int, step: int) -> TrueState:
         taken_us = self._taken.get(drone)
         known = None if taken_us is None else self._truth.at(drone, taken_us)
         sample = known[0] if known else self._truth.of(drone)
@@ -93,21 +91,21 @@ class OracleModel:
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
         north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
-        return TrueSight(
+        return TrueState(
             sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera,
             drone, step, self._visible(sample, t_s) if self._looks else True,
         )  # fmt: skip
 
     def _visible(self, sample: TruthSample, t_s: float) -> bool:
-        """Return whether the target is visible from there, by the logger's own measure, the other drones around."""
+        """Return whether the target is visible from a sample, by the logger's measure, with the other drones around."""
         known = self._truth.at(sample.drone, sample.time_us)
         others = known[1].values() if known else ()
         around = [DronePose(one.position_ned, one.attitude) for one in others]
         return self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, around).visible
 
 
-def in_a_row(world: World, start: StartPose) -> list[Instance]:
-    """Return the target and its look-alikes from left to right, as a start faces them; the target alone without any."""
+def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
+    """Return the target and its look-alikes from left to right, seen from a start."""
     things = world.target_and_lookalikes
     yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
 

@@ -1,8 +1,8 @@
-"""How far away a thing of known usual size is, from the rectangle it fills in the picture.
+"""Estimates the distance of a thing of known size from its rectangle in the picture.
 
-Every distance, every heading of the thing and every plausible camera height predicts a rectangle; the estimate is the
-mean over all of them, weighted by how well they predict the one that is seen. Where the thing is cut off by the
-picture's edge the prediction is cut off there too, so a close thing is not taken for a small one.
+Each distance, heading and camera height predicts a rectangle. The estimate is the mean over all of them, weighted by
+how well they predict the detected one. Predictions are cut off at the picture's edge too, so a near thing is not
+taken for a small one.
 """
 
 import math
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.pilots.vision.referent import Size
+from dronecats.pilots.vision.command import Size
 
 # Assumed knowledge (paper, appendix "Execution"): a level pinhole camera, 90° across, 0.5 m ahead of the body's origin.
 FOCAL_PER_WIDTH = 0.5 / math.tan(math.radians(90.0) / 2.0)
@@ -24,7 +24,7 @@ _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
 _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
 _EDGE = 0.005  # fraction of the picture width that counts as touching the edge
-_BELOW = 1.1  # points this little below the picture's edge still widen what is seen above it
+_BELOW = 1.1  # points this little below the picture's edge still widen the rectangle
 _SPREAD_LOG = 0.10  # how far apart things of one kind are in size, as a fraction
 _SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and paint that ends before the body does
 _SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
@@ -42,15 +42,15 @@ class BoundingBox:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Where the centre of the thing is, from the camera."""
+    """The place of a thing's centre, from the camera."""
 
     depth_m: float  # planar: along the optical axis
     distance_m: float  # 3-D, from the body's origin
     spread_m: float  # standard deviation of distance_m
-    fit: float  # 0 … 1: how well the best assumption explains the rectangle; small = not this kind of thing
+    fit: float  # 0 … 1: how well the best prediction fits; small: not this kind of thing
 
     def scaled(self, factor: float) -> "Range":
-        """Return it so much farther off."""
+        """Return the range with all distances multiplied."""
         return Range(self.depth_m * factor, self.distance_m * factor, self.spread_m * factor, self.fit)
 
 
@@ -58,10 +58,10 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
     half = 0.5 * aspect
     grid = _grid(size, round(half, 4))
-    # the thing stands in the direction of the rectangle's middle; its predicted rectangle moves there with it
+    # move the predictions to the direction of the rectangle's middle
     middle = 0.5 * (box.left + box.right)
     shift = _shift(box, grid)
-    # only what touches an edge of the picture can be cut off there
+    # only a rectangle that touches an edge can be cut off there
     left = np.maximum(grid.left + shift, -0.5 if box.left < _EDGE - 0.5 else -np.inf)
     right = np.minimum(grid.right + shift, 0.5 if box.right > 0.5 - _EDGE else np.inf)
     top = np.maximum(grid.top, -half if box.top < _EDGE - half else -np.inf)
@@ -82,7 +82,7 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
 
 
 def half_depth_m(box: BoundingBox, there: Range, size: Size) -> float:
-    """Return how far (m) a thing reaches towards the camera from its middle: half its width where it shows its side."""
+    """Return the distance (m) from a thing's middle to its near end: half its width if it shows its side."""
     seen = (box.right - box.left) * there.depth_m / FOCAL_PER_WIDTH
     span = size.length_m - size.width_m
     sideways = min(1.0, max(0.0, (seen - size.width_m) / span)) if span > 0.0 else 1.0
@@ -90,7 +90,7 @@ def half_depth_m(box: BoundingBox, there: Range, size: Size) -> float:
 
 
 def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
-    """Return how far the predictions move sideways to lie on the seen rectangle, by the sides that are not cut off."""
+    """Return the shift of the predictions onto the detected rectangle, by the sides that are not cut off."""
     cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
     if cut_left and not cut_right:
         return box.right - grid.right
@@ -100,21 +100,21 @@ def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
 
 
 def _mismatch(seen: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the difference of two lengths in standard deviations of what blur and usual sizes explain."""
+    """Return the difference of two lengths in standard deviations of blur and usual sizes."""
     return (seen - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
 def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (P,) m forward, right and up on the outside of the paint: the catalogue's where it has the kind."""
+    """Return points (P,) m forward, right and up on the outside of the paint: the catalogue's if it has the kind."""
     if size.outline:
-        with np.load(Path(__file__).with_name("outlines.npz")) as kept:
-            x, y, z = kept[size.outline].astype(np.float64).T
+        with np.load(Path(__file__).with_name("outlines.npz")) as arrays:
+            x, y, z = arrays[size.outline].astype(np.float64).T
         return x, y, z
     along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
     across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # sill and waist over the whole footprint, the roof over a smaller one: the outline of a vehicle from any side;
-    # points along the sides, so that what is cut off below leaves the part behind it
+    # sill and waist over the full footprint, the roof over a smaller one: the outline of a vehicle from any side;
+    # points along the sides, so that a prediction that is cut off below keeps the part behind
     return (
         np.concatenate((along, along, 0.7 * along)),
         np.concatenate((across, across, 0.85 * across)),
@@ -140,7 +140,7 @@ def _grid(size: Size, half: float) -> _Grid:
     depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
     u = FOCAL_PER_WIDTH * right[None] / depth
     v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]
-    # how wide it looks is told by what is inside the picture: close to, the wide lower body is cut off below
+    # only points inside the picture decide the width: near the camera the wide lower body is cut off
     inside = (v < _BELOW * half) | (v <= v.min(axis=-1, keepdims=True))
     u = np.broadcast_to(u[:, :, None, :], v.shape)
     left = np.where(inside, u, np.inf).min(axis=-1)

@@ -9,26 +9,26 @@ import pytest
 
 from dronecats.pilots.fitting.sightings import __main__ as command
 from dronecats.pilots.fitting.sightings import examples, fit, neighbourhoods, outlines
-from dronecats.pilots.vision import likeness
+from dronecats.pilots.vision import color_detector
 from dronecats.pilots.vision.ranging import BoundingBox, Range
 from episodes.records import catalogue
 
-PATCH = likeness.SIDE * likeness.SIDE * likeness.CHANNELS
+PATCH = color_detector.SIDE * color_detector.SIDE * color_detector.CHANNELS
 
 
 def known(count=500):
     """Return examples of two looks that noise covers, one of which is the target and half as far again."""
     rng = np.random.default_rng(3)
     there = rng.integers(0, 2, count).astype(np.float32)
-    looks = rng.normal(0.0, 0.3, (2, likeness.LENGTH))
-    seen = looks[there.astype(int)] + rng.normal(0.0, 0.2, (count, likeness.LENGTH))
+    looks = rng.normal(0.0, 0.3, (2, color_detector.LENGTH))
+    seen = looks[there.astype(int)] + rng.normal(0.0, 0.2, (count, color_detector.LENGTH))
     return examples.Examples(seen.astype(np.float16), there, there * np.float32(np.log(1.5)))
 
 
 def test_the_fit_learns_what_can_be_learnt_and_learns_it_again():
     every = known()
     once, again = fit.fit(every, 25, 1), fit.fit(every, 25, 1)
-    share, factor = once.judge(every.seen.astype(np.float32))
+    share, factor = once.classify(every.seen.astype(np.float32))
     assert ((share > 0.5) == (every.there > 0.5)).mean() > 0.97
     assert np.median(factor[every.there > 0.5]) == pytest.approx(1.5, rel=0.06)
     assert np.array_equal(once.hidden, again.hidden)
@@ -38,7 +38,7 @@ def test_its_slopes_are_those_of_the_cost():
     rng = np.random.default_rng(5)
     every = known(8)
     x = every.seen.astype(np.float64)
-    weights = [rng.normal(0.0, 0.02, s) for s in ((likeness.LENGTH, 6), (6,), (6, 2), (2,))]
+    weights = [rng.normal(0.0, 0.02, s) for s in ((color_detector.LENGTH, 6), (6,), (6, 2), (2,))]
 
     def cost():
         raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
@@ -60,8 +60,8 @@ def test_a_mirror_shows_the_other_side_and_turned_twice_what_is_there():
     there = Range(6.0, 6.6, 0.5, 0.8)
 
     def one(image, left, right):
-        layers = likeness.layers(image, image[:, :, 0] > 128)
-        return likeness.example(layers, BoundingBox(left, -0.1, right, 0.2), there, "suv", "red")[None]
+        layers = color_detector.picture_layers(image, image[:, :, 0] > 128)
+        return color_detector.network_input(layers, BoundingBox(left, -0.1, right, 0.2), there, "suv", "red")[None]
 
     seen = one(picture, -0.25, 0.0)
     other = fit.mirrored(seen)
@@ -89,13 +89,13 @@ def test_rectangles_share_what_they_have_in_common():
 
 def test_the_outlines_that_ship_are_the_catalogues():
     for asset in neighbourhoods.NOUNS:
-        with np.load(Path(likeness.__file__).with_name("outlines.npz")) as kept:
+        with np.load(Path(color_detector.__file__).with_name("outlines.npz")) as kept:
             assert np.array_equal(kept[asset], outlines.points(asset)), asset
 
 
 @pytest.mark.slow
 def test_most_targets_of_a_neighbourhood_that_it_was_not_fitted_to_are_found_and_hardly_anything_else():
-    found = command.look(command.draw(command.UNSEEN + 50, 1, 40), likeness.network())
+    found = command.look(command.draw(command.UNSEEN + 50, 1, 40), color_detector.shipped_network())
     there = [f for f in found if f.target.box is not None and f.target.distance_m < 22.0]
     absent = [f for f in found if f.target.box is None]
     ranges = [f.seen_m / f.target.distance_m for f in there if f.right and f.seen_m]
@@ -108,7 +108,7 @@ def test_most_targets_of_a_neighbourhood_that_it_was_not_fitted_to_are_found_and
 
 @pytest.mark.slow
 def test_the_command_runs_and_writes_only_where_it_is_told(tmp_path):
-    shipped = Path(likeness.__file__).with_name("likeness.npz")
+    shipped = Path(color_detector.__file__).with_name("likeness.npz")
     before = shipped.read_bytes()
     run = [sys.executable, "-m", "dronecats.pilots.fitting.sightings", "--short", "--out", str(tmp_path)]
     done = subprocess.run(run, capture_output=True, text=True, timeout=600, cwd=Path(__file__).parents[3])

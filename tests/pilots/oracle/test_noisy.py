@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import roster
-from dronecats.pilots.oracle import noisy, oracle, vision_errors
-from dronecats.pilots.oracle.noisy import NoisyPilot
-from dronecats.pilots.oracle.sight import TrueSight
-from dronecats.pilots.oracle.vision_errors import Attention, EyeErrors, VisionErrors
+from dronecats.pilots.oracle import noisy, oracle
+from dronecats.pilots.oracle.noisy import Attention, DetectionErrors, NoisyPilot, VisionErrors
+from dronecats.pilots.oracle.oracle import TrueState
 from dronecats.report.blocks import what_it_is
 from dronecats.report.results import leaderboard
 from foundation.camera import CameraModel
@@ -24,23 +23,23 @@ from foundation.protocol import FINISHED, GO, ROTATE, THINK
 PAINT = "go to the red car"
 PERFECT = Attention(found=(1.0,) * 3, kept=(1.0,) * 3, strays=0.0, stays=0.0, claims=0.0)
 BLIND = replace(PERFECT, found=(0.0,) * 3, kept=(0.0,) * 3)
-SURE = EyeErrors(
+SURE = DetectionErrors(
     flights=1, mistaken=0.0, sure=PERFECT, lost=BLIND, aside_px=0.0, above_px=0.0, depth=0.0, depth_flight=0.0,
     depth_step=0.0, astray_m=10.0, astray=0.5,
 )  # fmt: skip
 
 
-def errors(eye: EyeErrors) -> VisionErrors:
+def errors(eye: DetectionErrors) -> VisionErrors:
     return VisionErrors(fitted_to="nothing", code_sha256="", eyes={"paint": eye, "place": eye, "inscription": eye})
 
 
-def pilot(eye: EyeErrors = SURE, seed=(7, 0), instruction=PAINT) -> NoisyPilot:
+def pilot(eye: DetectionErrors = SURE, seed=(7, 0), instruction=PAINT) -> NoisyPilot:
     return NoisyPilot(instruction, seed, errors(eye))
 
 
-def sight(target, *, step=0, drone=0, visible=True, yaw=0.0) -> TrueSight:
+def sight(target, *, step=0, drone=0, visible=True, yaw=0.0) -> TrueState:
     attitude = quat_from_euler(0.0, 0.0, yaw)
-    return TrueSight((0.0, 0.0, -1.5), yaw, attitude, target, (0.0, 0.0, 0.0), CameraModel(), drone, step, visible)
+    return TrueState((0.0, 0.0, -1.5), yaw, attitude, target, (0.0, 0.0, 0.0), CameraModel(), drone, step, visible)
 
 
 def action(told: str):
@@ -50,7 +49,7 @@ def action(told: str):
 @given(north=st.floats(8.0, 40.0), aside=st.floats(-0.9, 0.9))
 def test_without_errors_it_says_what_the_oracle_says_on_the_way(north, aside):
     seen = sight((north, aside * north, -0.8))
-    assert pilot()([seen]) == oracle.reply(seen.position_ned, 0.0, seen.attitude, seen.camera, seen.target_ned)
+    assert pilot()([seen]) == oracle.next_action(seen.position_ned, 0.0, seen.attitude, seen.camera, seen.target_ned)
 
 
 def test_it_declares_by_the_distance_that_it_judges():
@@ -153,13 +152,13 @@ def test_of_a_fleet_the_nearest_flies():
 
 
 def test_a_command_says_how_vision_would_look_for_it():
-    assert noisy.eye_of(PAINT) == "paint"
-    assert noisy.eye_of("go to the bench left of the fountain") == "place"
-    assert noisy.eye_of("go to the sign that reads WEST") == "inscription"
+    assert noisy.named_by(PAINT) == "paint"
+    assert noisy.named_by("go to the bench left of the fountain") == "place"
+    assert noisy.named_by("go to the sign that reads WEST") == "inscription"
 
 
 def test_the_numbers_that_ship_are_shares_and_spreads():
-    shipped = vision_errors.shipped()
+    shipped = noisy.shipped_errors()
     assert set(shipped.eyes) == {"paint", "place", "inscription"}
     assert sum(eye.flights for eye in shipped.eyes.values()) == 100
     for eye in shipped.eyes.values():

@@ -16,14 +16,14 @@ from dronecats.agent.reply.strict import parse, parse_fleet
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import roster
-from dronecats.pilots.scripted import patterns
+from dronecats.pilots.scripted import blind
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import RADIUS_M
 from foundation.setpoints import Turn, Velocity
 
 UNDRAWN = Simulated(speed=None, rendered=False)
-NAMES = sorted(patterns.PATTERNS)
+NAMES = sorted(blind.PATTERNS)
 PROMPT = Prompt.load().render("go to the cyan SUV", "", 5)
 
 
@@ -79,7 +79,7 @@ def test_every_reply_is_an_action_for_one_drone_and_for_a_fleet() -> None:
 
 def test_each_says_what_it_is() -> None:
     for name in NAMES:
-        assert patterns.PATTERNS[name].says in roster.owner(f"blind:{name}"), name
+        assert blind.PATTERNS[name].description in roster.owner(f"blind:{name}"), name
         assert roster.check(f"blind:{name}") == f"blind:{name}", name
 
 
@@ -116,7 +116,7 @@ def test_what_knows_the_distance_declares_only_where_a_target_can_be() -> None:
     for name in ("straight-16", "right-90-16", "back-16", "arc", "ring"):
         claims = [math.hypot(n, e) for n, e, _, declares in walked(name, 20) if declares]
         assert claims
-        assert all(patterns.START_M - RADIUS_M <= far <= patterns.START_M + RADIUS_M for far in claims)
+        assert all(blind.START_M - RADIUS_M <= far <= blind.START_M + RADIUS_M for far in claims)
 
 
 def test_three_claims_of_the_arc_see_the_picture_of_the_first_frame() -> None:

@@ -7,7 +7,7 @@ from dronecats.agent.action import Finished, Go
 from dronecats.agent.command_prompt import STALL_STEPS, CommandPrompt
 from dronecats.agent.drone import Drone
 from dronecats.agent.roster import Post, roster
-from dronecats.pilots.scripted import commander, places
+from dronecats.pilots.scripted import commander
 from foundation.camera import CameraModel
 from foundation.run_folder.rows import Cause
 from tests.agent.flown_wire import Clock
@@ -26,14 +26,14 @@ def ask(fleet, causes, now_s=20.0):
     for order in reply["orders"]:
         fleet[order["drone"] - 1].order(order["goal"], now_s)
         fleet[order["drone"] - 1].begun = True
-    return {order["drone"]: places.told(order["goal"]) for order in reply["orders"]}, reply["confirm"]
+    return {order["drone"]: commander.place_in_goal(order["goal"]) for order in reply["orders"]}, reply["confirm"]
 
 
 def test_every_drone_has_a_place_of_its_own_from_the_left():
     for count, given in ((1, [1]), (2, [1, 2]), (4, [1, 2, 3, 4]), (6, [1, 2, 3, 4, 1, 2])):
         fleet = posts(count)
         assert ask(fleet, START) == (dict(enumerate(given, 1)), [])
-        assert [post.goal for post in fleet] == [places.goal(COMMAND, place) for place in given]
+        assert [post.goal for post in fleet] == [commander.goal_text(COMMAND, place) for place in given]
         assert ask(fleet, (Cause(why="time"),)) == ({}, [])  # and keeps it
 
 
@@ -69,7 +69,7 @@ def test_the_roster_tells_of_each_drone_what_it_was_told_and_did():
 
 
 def test_places_are_read_as_they_are_said():
-    assert [places.told(places.goal(COMMAND, place)) for place in range(1, 9)] == list(range(1, 9))
+    assert [commander.place_in_goal(commander.goal_text(COMMAND, place)) for place in range(1, 9)] == list(range(1, 9))
     for command in ("", "look at the car", "look at the ninth one from the left", "the first one from the left"):
-        assert places.told(command) is None
+        assert commander.place_in_goal(command) is None
     assert STALL_STEPS > 6

@@ -8,8 +8,7 @@ import httpx
 import pytest
 
 from dronecats.pilots import roster
-from dronecats.pilots.config import PilotConfig
-from dronecats.pilots.pilot_process import create
+from dronecats.pilots.pilot_process import PilotConfig, create
 from dronecats.pilots.scripted.recorded import player, replies
 from foundation.errors import UsageError
 

@@ -5,7 +5,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.pilots.vision.division import Spotted, divide
+from dronecats.pilots.vision.division import GroundPoint, divide
 
 
 def back(spots):
@@ -19,7 +19,7 @@ SQUARE = ((0.0, 0.0), (2.0, 0.0), (0.0, -2.0), (2.0, -2.0))  # where the drones 
 
 def seen_from(place, things):
     """Return what a drone at a place, looking ahead, sees of things."""
-    return [Spotted(x - place[0], z - place[1]) for x, z in things]
+    return [GroundPoint(x - place[0], z - place[1]) for x, z in things]
 
 
 @st.composite
@@ -67,7 +67,7 @@ def test_distances_that_are_somewhat_wrong_change_nothing():
     things = [(-12.0, 24.0), (-4.0, 16.0), (3.0, 26.0), (10.0, 14.0)]
     wrong = (1.04, 0.97, 1.02, 0.96)
     views = [
-        [Spotted(s.right_m * w, s.ahead_m * w) for s in seen_from(p, things)]
+        [GroundPoint(s.right_m * w, s.ahead_m * w) for s in seen_from(p, things)]
         for p, w in zip(SQUARE, wrong, strict=True)
     ]
     given_out = divide(views)

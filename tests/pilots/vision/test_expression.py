@@ -5,8 +5,8 @@ import math
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dronecats.pilots.vision import expression, relation, shapes
-from dronecats.pilots.vision.expression import ToldBy, ToldByPlace
+from dronecats.pilots.vision import place_target, shape_detector
+from dronecats.pilots.vision.command import KIND_OF_NOUN, Landmark, PlaceExpression, read_place_expression
 from episodes.authoring.check import referring
 from episodes.authoring.propose import phrases
 from episodes.maps import campus
@@ -14,18 +14,18 @@ from episodes.records import catalogue
 
 CAMPUS = [i for i in catalogue.known() if "campus" in i]
 HALLS = ("Euler Hall", "Tesla Labs", "the library with the columns", "Gauss Building")
-KINDS = st.sampled_from(sorted(expression.NOUNS))
+KINDS = st.sampled_from(sorted(KIND_OF_NOUN))
 
 
 def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it():
     for episode in CAMPUS:
         record = catalogue.load(episode)
-        known = [mark.phrase for mark in campus.landmarks()] + [f"the {noun}" for noun in expression.NOUNS]
-        theirs, ours = referring.read(record.instruction, known), expression.read(record.instruction)
+        known = [mark.phrase for mark in campus.landmarks()] + [f"the {noun}" for noun in KIND_OF_NOUN]
+        theirs, ours = referring.read(record.instruction, known), read_place_expression(record.instruction)
         assert ours is not None, episode
         assert theirs is not None, episode
         assert (ours.relation, len(ours.landmarks)) == (theirs.relation, len(theirs.landmarks)), episode
-        assert ours.kind == expression.NOUNS[theirs.noun], episode
+        assert ours.kind == KIND_OF_NOUN[theirs.noun], episode
         assert [one.words for one in ours.landmarks] == [p.removeprefix("the ") for p in theirs.landmarks], episode
         assert [one.kind is None for one in ours.landmarks] == [
             any(p in HALLS or "Hall" in p for p in [mark]) for mark in theirs.landmarks
@@ -43,30 +43,30 @@ def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it():
 )
 def test_any_thing_in_any_relation_is_read_out_of_any_sentence(verb, noun, how, mark, pronoun):
     said = verb.format(what=f"the {noun} {how} {mark}", it=pronoun)
-    known = expression.NOUNS.get(mark.removeprefix("the "))
+    known = KIND_OF_NOUN.get(mark.removeprefix("the "))
     sought = verb in phrases.VERBS["searching"] or verb in phrases.VERBS["search-and-track"]
-    assert expression.read(said) == ToldByPlace(
-        expression.NOUNS[noun], how, (ToldBy(mark.removeprefix("the "), known),), sought
+    assert read_place_expression(said) == PlaceExpression(
+        KIND_OF_NOUN[noun], how, (Landmark(mark.removeprefix("the "), known),), sought
     )
 
 
 @given(KINDS, KINDS, KINDS)
 def test_between_has_two_landmarks(noun, one, other):
-    read = expression.read(f"fly after the {noun} between the {one} and the {other} and reach them")
+    read = read_place_expression(f"fly after the {noun} between the {one} and the {other} and reach them")
     assert read is not None
     assert [mark.words for mark in read.landmarks] == [one, other]
-    assert expression.read(f"fly to the {noun} between the {one}") is None
+    assert read_place_expression(f"fly to the {noun} between the {one}") is None
 
 
 @given(st.text(max_size=120))
 def test_any_words_are_read_or_are_not(text):
-    read = expression.read(text)
-    assert read is None or read.kind in shapes.KINDS
+    read = read_place_expression(text)
+    assert read is None or read.kind in shape_detector.KINDS
 
 
 def test_a_colour_alone_is_no_place():
-    assert expression.read("go to the cyan SUV") is None
-    assert expression.read("find the red hatchback and catch up with it") is None
+    assert read_place_expression("go to the cyan SUV") is None
+    assert read_place_expression("find the red hatchback and catch up with it") is None
 
 
 SPOTS = st.tuples(st.floats(-30.0, 30.0), st.floats(4.0, 50.0))
@@ -78,14 +78,14 @@ def test_what_the_catalogue_calls_beside_fits_and_what_it_would_never_call_so_do
     for how in referring.SEEN_FROM:
         told = referring.Expression("bench", how, ("the mark",))
         clear, loose = referring.denotes(told, {"it": (spot[1], spot[0], 0.0)}, {"the mark": stands}, (*here, 0.0))
-        fits = relation.fit(how, spot, [mark])
+        fits = place_target.relation_fit(how, spot, [mark])
         assert not clear or fits > 0.45, how
         assert loose or fits < 0.75, how
 
 
 @given(SPOTS, SPOTS, SPOTS)
 def test_only_one_of_two_is_the_nearest_unless_they_are_alike(a, b, mark):
-    fits = [relation.fit("nearest", x, [mark], [y]) for x, y in ((a, b), (b, a))]
+    fits = [place_target.relation_fit("nearest", x, [mark], [y]) for x, y in ((a, b), (b, a))]
     far = [math.dist(x, mark) for x in (a, b)]
     assert fits[far.index(min(far))] >= fits[far.index(max(far))]
     if max(far) > 1.6 * min(far) + 1.0:
@@ -96,5 +96,5 @@ def test_only_one_of_two_is_the_nearest_unless_they_are_alike(a, b, mark):
 def test_what_lies_on_the_way_from_one_to_the_other_is_between(a, b, share):
     assume(math.dist(a, b) > 1.0)
     spot = (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
-    assert relation.fit("between", spot, [a, b]) > 0.99
-    assert relation.fit("between", (2 * b[0] - a[0], 2 * b[1] - a[1]), [a, b]) < 0.01
+    assert place_target.relation_fit("between", spot, [a, b]) > 0.99
+    assert place_target.relation_fit("between", (2 * b[0] - a[0], 2 * b[1] - a[1]), [a, b]) < 0.01

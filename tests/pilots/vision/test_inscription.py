@@ -1,13 +1,14 @@
 """What a command says is written, and when what was read is that."""
 
-from dronecats.pilots.vision.inscription import SURE, Inscription, ReadText, agrees, named, place
+from dronecats.pilots.vision.command import Inscription, read_inscription, read_place_in_row
+from dronecats.pilots.vision.ocr import SURE_CONFIDENCE, ReadText, matches
 from episodes.records import catalogue
 
 
 def test_every_commanding_instruction_names_its_inscription():
     for name in [one for one in catalogue.ids() if "commanding" in one]:
         record = catalogue.load(name)
-        found = named(record.instruction)
+        found = read_inscription(record.instruction)
         assert found is not None, name
         assert record.target.inscription is not None, name
         assert found.text == record.target.inscription.replace(" ", ""), name
@@ -16,7 +17,7 @@ def test_every_commanding_instruction_names_its_inscription():
 
 def test_no_other_instruction_does():
     for name in [one for one in catalogue.ids() if "commanding" not in one]:
-        assert named(catalogue.load(name).instruction) is None, name
+        assert read_inscription(catalogue.load(name).instruction) is None, name
 
 
 def test_a_place_in_words():
@@ -28,19 +29,19 @@ def test_a_place_in_words():
         ("fly to the van on the left of the house", None),
         ("find the sign marked GATE 8 and go to it", None),
     ):
-        assert place(command) == which, command
+        assert read_place_in_row(command) == which, command
 
 
 def test_a_text_is_believed_when_it_is_sure_and_whole():
     for wanted, read, confidence, known in (
-        (Inscription("GATE8", False), "GATE 8", SURE, True),
-        (Inscription("GATE8", False), "GATE8", SURE - 0.01, None),
-        (Inscription("GATE8", False), "GATE 9", SURE, False),
-        (Inscription("GATE8", False), "GATE 9", SURE - 0.01, None),
-        (Inscription("4329", True), "4329", SURE, True),
-        (Inscription("4329", True), "4339", SURE, False),
-        (Inscription("4329", True), "432", SURE, None),  # cut off: not another one
-        (Inscription("4329", True), "B329", SURE, None),  # no plate has letters
-        (Inscription("WEST", False), "", SURE, None),
+        (Inscription("GATE8", False), "GATE 8", SURE_CONFIDENCE, True),
+        (Inscription("GATE8", False), "GATE8", SURE_CONFIDENCE - 0.01, None),
+        (Inscription("GATE8", False), "GATE 9", SURE_CONFIDENCE, False),
+        (Inscription("GATE8", False), "GATE 9", SURE_CONFIDENCE - 0.01, None),
+        (Inscription("4329", True), "4329", SURE_CONFIDENCE, True),
+        (Inscription("4329", True), "4339", SURE_CONFIDENCE, False),
+        (Inscription("4329", True), "432", SURE_CONFIDENCE, None),  # cut off: not another one
+        (Inscription("4329", True), "B329", SURE_CONFIDENCE, None),  # no plate has letters
+        (Inscription("WEST", False), "", SURE_CONFIDENCE, None),
     ):
-        assert agrees(wanted, [ReadText(read, confidence)]) is known, (wanted, read)
+        assert matches(wanted, [ReadText(read, confidence)]) is known, (wanted, read)

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.pilots.briefing import PastAction
-from dronecats.pilots.vision import lead, likeness, ranging, referent, refused, search, sighting
-from dronecats.pilots.vision import pilot as vision
+from dronecats.pilots.actions import PastAction
+from dronecats.pilots.vision import approach, color_detector, color_target, pilot, ranging, search
+from dronecats.pilots.vision.command import SIZES, read_referent
 from episodes.maps import assets
 from foundation.errors import UsageError
 from foundation.picture import encode
@@ -47,7 +47,7 @@ def scene(seed=1, sunny=1.0):
 
 def put(picture, bgr, distance_m, side_m=0.0, side_on=True, size=None, shade=1.0):
     """Draw a simple vehicle whose centre is `distance_m` ahead of the body and `side_m` to the right."""
-    size = size or referent.SIZES["suv"]
+    size = size or SIZES["suv"]
     long, deep = (size.length_m, size.width_m) if side_on else (size.width_m, size.length_m)
     face = distance_m - 0.5 - 0.5 * deep
     f = 320.0
@@ -67,11 +67,11 @@ def put(picture, bgr, distance_m, side_m=0.0, side_on=True, size=None, shade=1.0
 
 
 def look(picture, command):
-    return sighting.find(vision.decode(encode(picture[:, :, ::-1])), referent.read(command))
+    return color_detector.find(pilot.decode(encode(picture[:, :, ::-1])), read_referent(command))
 
 
 def decide(picture, command="go to the cyan SUV", past=()):
-    return json.loads(vision.decide(vision.decode(encode(picture[:, :, ::-1])), referent.read(command), past))
+    return json.loads(color_target.decide(pilot.decode(encode(picture[:, :, ::-1])), read_referent(command), past))
 
 
 def test_every_colour_is_found_where_it_is_in_sun_and_shade():
@@ -138,7 +138,7 @@ def test_a_claim_that_did_not_end_the_flight_is_made_again_from_nearer_and_then_
     assert 1.2 <= 0.6 * once["depth_m"] <= 2.5
     assert decide(end_on(4.2), past=(CLAIM, NEARER))["action"] == "finished"
     thrice = decide(end_on(4.2), past=(CLAIM, NEARER, CLAIM, NEARER, CLAIM))
-    assert thrice == {"action": "rotate", "angle_deg": refused.TURN_DEG}
+    assert thrice == {"action": "rotate", "angle_deg": search.LEAVE_TURN_DEG}
 
 
 def test_what_is_claimed_and_goes_away_is_gone_after():
@@ -148,7 +148,7 @@ def test_what_is_claimed_and_goes_away_is_gone_after():
 
 def test_what_was_refused_is_left_for_where_the_view_is_open():
     """Not claimed for ever: it goes away before it looks round, and its end at the picture's edge is no sighting."""
-    turned = PastAction("rotate", angle_deg=refused.TURN_DEG)
+    turned = PastAction("rotate", angle_deg=search.LEAVE_TURN_DEG)
     assert decide(scene(), past=(CLAIM, turned))["depth_m"] == search.WANDER_M
     beside = put(scene(), BGR["cyan"], 4.5, -4.5)
     assert decide(beside, past=(CLAIM, turned))["depth_m"] == search.WANDER_M
@@ -158,8 +158,8 @@ def test_what_was_refused_is_left_for_where_the_view_is_open():
 
 
 def test_the_second_thing_that_is_refused_is_left_to_the_other_side():
-    first = json.loads(refused.turn(()))["angle_deg"]
-    assert json.loads(refused.turn((PastAction("rotate", angle_deg=first), CLAIM)))["angle_deg"] == -first
+    first = json.loads(search.turn_away(()))["angle_deg"]
+    assert json.loads(search.turn_away((PastAction("rotate", angle_deg=first), CLAIM)))["angle_deg"] == -first
 
 
 def test_what_is_not_seen_once_is_gone_on_to_once():
@@ -174,23 +174,23 @@ def test_what_is_not_seen_once_is_gone_on_to_once():
 
 def test_what_is_gone_for_is_held_on_to_where_it_must_be():
     """A sighting that would not do by itself will where it is expected."""
-    hidden, bias, out = (np.zeros(shape, np.float32) for shape in ((likeness.LENGTH, 1), (1,), (1, 2)))
-    unsure = likeness.LikenessNetwork(hidden, bias, out, np.array((-0.85, 0.0), np.float32))
-    picture, named = put(scene(), BGR["cyan"], 12.0), referent.read("go to the cyan SUV")
-    assert sighting.find(picture, named, network=unsure) is None
-    assert sighting.find(picture, named, sighting.Expected(0.0, 10.5), unsure) is not None
-    assert sighting.find(picture, named, sighting.Expected(0.0, 30.0), unsure) is None
-    assert sighting.find(picture, named, sighting.Expected(0.4, 10.5), unsure) is None
+    hidden, bias, out = (np.zeros(shape, np.float32) for shape in ((color_detector.LENGTH, 1), (1,), (1, 2)))
+    unsure = color_detector.PatchNetwork(hidden, bias, out, np.array((-0.85, 0.0), np.float32))
+    picture, named = put(scene(), BGR["cyan"], 12.0), read_referent("go to the cyan SUV")
+    assert color_detector.find(picture, named, network=unsure) is None
+    assert color_detector.find(picture, named, color_detector.ExpectedPlace(0.0, 10.5), unsure) is not None
+    assert color_detector.find(picture, named, color_detector.ExpectedPlace(0.0, 30.0), unsure) is None
+    assert color_detector.find(picture, named, color_detector.ExpectedPlace(0.4, 10.5), unsure) is None
 
 
 def test_each_of_the_catalogues_vehicles_is_ranged_by_its_own_outline():
     """Not by the usual size of its like: the paint of a cyclist, or of a quadrotor on its stand, is no box."""
     for distance in (6.0, 12.0):
-        for asset in likeness.KINDS:
+        for asset in color_detector.KINDS:
             mesh = assets.build(asset, "red")
             painted = [k for k, m in enumerate(mesh.materials) if m.name.endswith("-red")]
             points = mesh.vertices[np.unique(mesh.triangles[np.isin(mesh.material, painted)])] * (1.0, 1.0, -1.0)
-            size = referent.SIZES[{"pickup": "pickup truck"}.get(asset, asset)]
+            size = SIZES[{"pickup": "pickup truck"}.get(asset, asset)]
             for turn in (0.3, 1.2, 2.4):
                 c, s = math.cos(turn), math.sin(turn)
                 ahead = distance - 0.5 + c * points[:, 0] - s * points[:, 1]
@@ -234,15 +234,15 @@ def test_without_a_colour_word_it_searches_and_never_claims():
 def test_same_request_same_answer_and_one_object_per_picture():
     jpeg = encode(put(scene(), BGR["cyan"], 10.0)[:, :, ::-1])
     prompt = "Command: go to the cyan SUV\n1. ROTATE angle=60deg"
-    assert vision.answer(prompt, [jpeg]) == vision.answer(prompt, [jpeg])
-    assert len(json.loads(vision.answer(prompt, [jpeg] * 4))) == 4
+    assert pilot.answer(prompt, [jpeg]) == pilot.answer(prompt, [jpeg])
+    assert len(json.loads(pilot.answer(prompt, [jpeg] * 4))) == 4
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.binary(max_size=300))
 def test_bytes_that_are_no_picture_are_refused(data):
     with pytest.raises(UsageError):
-        vision.answer("Command: go to the cyan SUV", [data])
+        pilot.answer("Command: go to the cyan SUV", [data])
 
 
 @settings(max_examples=25, deadline=None)
@@ -261,12 +261,12 @@ def test_any_picture_gets_a_valid_action(seed, color):
 def test_it_aims_ahead_of_what_crosses_its_way():
     """It was straight ahead when the last stride began, and has gone to the right since."""
     picture = put(scene(), BGR["cyan"], 13.0, 1.2)
-    before = PastAction("go", x_px=600.0, y_px=380.0, depth_m=lead.coded(15.5, 0.0))
+    before = PastAction("go", x_px=600.0, y_px=380.0, depth_m=approach.encode_lead(15.5, 0.0))
     assert decide(picture, past=(before,))["point"][0] > decide(picture)["point"][0] + 25
 
 
 def test_what_is_to_be_read_is_ranged_by_its_size_whatever_its_kind_wears():
     """A fleet looks for vehicles that bear plates; how far off those are it was made for."""
-    seen = sighting.every(put(scene(), BGR["cyan"], 12.0), referent.read("go to the cyan van"))
-    boxy = replace(referent.SIZES["van"], outline="")
+    seen = color_detector.find_all(put(scene(), BGR["cyan"], 12.0), read_referent("go to the cyan van"))
+    boxy = replace(SIZES["van"], outline="")
     assert [s.range for s in seen] == [ranging.measure(s.box, boxy, 9 / 16) for s in seen] != []

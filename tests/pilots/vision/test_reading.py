@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.pilots.briefing import PastAction
-from dronecats.pilots.vision import alike, board_errand, boards, division, fleet, inscription, plates, reading, referent
-from dronecats.pilots.vision import pilot as vision
-from dronecats.pilots.vision.inscription import SURE, Inscription
+from dronecats.pilots.actions import PastAction
+from dronecats.pilots.vision import boards, inscription_target, ocr, pilot, plates
+from dronecats.pilots.vision.command import Inscription, plain_text, read_inscription, read_referent
+from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
+from dronecats.pilots.vision.ocr import SURE_CONFIDENCE
 from episodes.authoring.pictures import probe
 from episodes.camera.renderer.pose import camera_pose
 from episodes.camera.renderer.renderer import Renderer
@@ -27,7 +28,7 @@ SIGN, PLATE = probe.KINDS
 
 def seen(kind, text, distance_m):
     """Return what the pilot gets of an inscription straight ahead, BGR."""
-    return vision.decode(picture.encode(probe.view(kind, text, distance_m)))
+    return pilot.decode(picture.encode(probe.view(kind, text, distance_m)))
 
 
 @pytest.mark.parametrize(("text", "distance_m"), [("DEPOT", 5.0), ("ROOM 7", 8.0)])
@@ -38,10 +39,10 @@ def test_a_board_is_read(text, distance_m):
     half, middle = 320.0 * 0.5 * boards.WIDTH_M / distance_m, 180.0 + 320.0 * (eye - face.height) / distance_m
     high = 320.0 * 0.5 * boards.HEIGHT_M / distance_m
     box = (round(320 - half), round(middle - high), round(320 + half), round(middle + high))
-    board = alike.LookAlike(*box, division.Spotted(0.0, distance_m))
-    wanted = Inscription(inscription.plain(text), False)
-    assert inscription.agrees(wanted, board_errand.read(image, board)) is True
-    assert inscription.agrees(Inscription("OTHER", False), board_errand.read(image, board)) is False
+    board = Candidate(*box, GroundPoint(0.0, distance_m))
+    wanted = Inscription(plain_text(text), False)
+    assert ocr.matches(wanted, boards.read_board(image, board)) is True
+    assert ocr.matches(Inscription("OTHER", False), boards.read_board(image, board)) is False
 
 
 @pytest.mark.parametrize(("text", "distance_m"), [("5073", 3.0), ("9628", 5.0)])
@@ -53,25 +54,25 @@ def test_a_plate_is_found_and_read(text, distance_m):
     assert plate is not None
     assert plate.text == text
     assert plate.reading is not None
-    assert plate.reading.confidence >= SURE
+    assert plate.reading.confidence >= SURE_CONFIDENCE
     assert plate.bottom - plate.top == pytest.approx(high, abs=2.0)
 
 
 def test_equal_pictures_give_equal_readings():
     image = seen(PLATE, "3405", 6.0)
     part = image[180:300, 260:380]
-    assert reading.lines(part) == reading.lines(part)
+    assert ocr.read_lines(part) == ocr.read_lines(part)
 
 
 def test_a_missing_package_is_said_in_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "rapidocr", None)
-    reading._engine.cache_clear()
+    ocr._engine.cache_clear()
     jpeg = cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1].tobytes()
     with pytest.raises(UsageError, match=r"dronecats\[vision\]"):
-        vision.answer("Command: go to the sign that reads WEST\n", [jpeg] * 4)
+        pilot.answer("Command: go to the sign that reads WEST\n", [jpeg] * 4)
     # without an inscription nothing is missing
-    assert "action" in vision.answer("Command: go to the red car\n", [jpeg])
-    reading._engine.cache_clear()
+    assert "action" in pilot.answer("Command: go to the red car\n", [jpeg])
+    ocr._engine.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def first_pictures():
         for drone, start in enumerate(record.starts):
             pose = camera_pose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)), camera)
             view = renderer.render(pose, world.moved(0.0, world.fleet.others(drone)))
-            images.append(vision.decode(picture.encode(view.rgb)))
+            images.append(pilot.decode(picture.encode(view.rgb)))
         renderer.close()
         return record, images
 
@@ -96,10 +97,10 @@ def first_pictures():
 @pytest.mark.parametrize("name", ["blocks-commanding-01", "blocks-commanding-08"])
 def test_four_drones_are_sent_to_four_things(first_pictures, name):
     record, images = first_pictures(name)
-    wanted = inscription.named(record.instruction)
+    wanted = read_inscription(record.instruction)
     assert wanted is not None
-    views = alike.sightings(images, wanted, referent.read(record.instruction))
-    spots = division.divide([[thing.spot for thing in view] for view in views])
+    views = inscription_target.find_candidates(images, wanted, read_referent(record.instruction))
+    spots = divide([[thing.spot for thing in view] for view in views])
     reached = set()
     for spot, start in zip(spots, record.starts, strict=True):
         assert spot is not None
@@ -125,6 +126,7 @@ def test_a_board_is_told_from_other_rectangles():
 def test_who_has_read_another_one_waits():
     image = np.full((360, 640, 3), 176, np.uint8)
     waiting = (PastAction("think"),)
-    said = fleet.answer([image, image], Inscription("WEST", False), "the sign that reads WEST", [waiting, ()])
-    assert '"think"' in said[0]
-    assert '"think"' not in said[1]
+    command = "the sign that reads WEST"
+    replies = inscription_target.decide([image, image], Inscription("WEST", False), command, [waiting, ()])
+    assert '"think"' in replies[0]
+    assert '"think"' not in replies[1]

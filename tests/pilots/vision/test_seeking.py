@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dronecats.pilots.briefing import PastAction
+from dronecats.pilots.actions import PastAction
 from dronecats.pilots.fitting.shapes import __main__ as learnt
-from dronecats.pilots.vision import expression, seeking, shapes, standing
-from dronecats.pilots.vision import pilot as vision
+from dronecats.pilots.vision import pilot, place_target, shape_detector
+from dronecats.pilots.vision.command import read_place_expression
 from episodes.camera.renderer import renderer as renderers
 from episodes.maps import campus
 from episodes.maps import scene as scenes
@@ -21,8 +21,8 @@ from foundation.picture import encode
 
 HALF = CameraModel(640, 360)
 EYE = (-20.0, 0.0)  # north, east: things stand on the plaza before it
-SEARCH = standing.find
-FOUND: dict[tuple[bytes, tuple[str, ...]], list[standing.PlacedThing]] = {}
+SEARCH = shape_detector.find
+FOUND: dict[tuple[bytes, tuple[str, ...]], list[shape_detector.PlacedThing]] = {}
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def court():
         eye = (*EYE, empty.terrain.at(*EYE) - height)
         rgb = renderer.render(CameraPose(eye, quat_from_euler(0.0, 0.0, 0.0))).rgb
         renderer.close()
-        return vision.decode(encode(rgb))
+        return pilot.decode(encode(rgb))
 
     return see
 
@@ -53,11 +53,11 @@ def mesh(kind):
 
 
 def decide(picture, command, past=()):
-    told = expression.read(command)
+    told = read_place_expression(command)
     assert told is not None
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(standing, "find", find_once)
-        return json.loads(seeking.decide(picture, told, past))
+        patch.setattr(shape_detector, "find", find_once)
+        return json.loads(place_target.decide(picture, told, past))
 
 
 def find_once(picture, kinds, network):
@@ -131,7 +131,7 @@ def test_what_is_to_be_looked_for_is_not_in_the_first_picture(court):
 
 def test_what_is_only_to_be_gone_to_is_gone_for_in_the_first_picture_however_unsure(court, monkeypatch):
     picture = court(("planter", 12.0, -3.0))
-    monkeypatch.setattr(seeking, "_SURE", 1e6)
+    monkeypatch.setattr(place_target, "_SURE", 1e6)
     assert decide(picture, "go to the planter nearest Euler Hall")["action"] == "go"
     turned = (PastAction("rotate", angle_deg=60.0),)
     assert decide(picture, "go to the planter nearest Euler Hall", turned)["action"] == "rotate"
@@ -147,8 +147,8 @@ def test_where_strides_bring_nothing_nearer_it_goes_round(court):
 def test_equal_requests_get_equal_answers_by_the_served_pilot(court):
     jpeg = encode(court(("statue", 16.0, 0.0), ("planter", 16.5, -4.5))[:, :, ::-1])
     prompt = "Command: go to the planter left of the statue\n1. GO x=640 y=360 depth=19m"
-    answer = vision.answer(prompt, [jpeg])
-    assert vision.answer(prompt, [jpeg]) == answer
+    answer = pilot.answer(prompt, [jpeg])
+    assert pilot.answer(prompt, [jpeg]) == answer
     assert json.loads(answer)["action"] == "go"
 
 
@@ -162,16 +162,17 @@ def test_any_picture_gets_a_valid_action():
 @pytest.mark.slow
 def test_most_of_what_stands_on_a_campus_that_it_was_not_fitted_to_is_found_where_it_is():
     kept = list(learnt.draw(learnt.UNSEEN + 50, 1, 12))
-    found = learnt.found(shapes.network(), kept)
+    found = learnt.found(shape_detector.shipped_network(), kept)
     near = [odds > -0.9 for there, _ in found.values() for depth, odds in there if depth < 20.0]
     false = sum(odds > 0.3 for _, others in found.values() for odds in others)
     assert len(near) >= 15
     assert sum(near) >= 0.55 * len(near)
-    assert false <= 0.4 * len(kept) * len(shapes.KINDS)
+    assert false <= 0.4 * len(kept) * len(shape_detector.KINDS)
 
 
 def test_a_thing_is_as_far_as_it_stands_whatever_the_height_of_the_eye(court):
     for height in (1.2, 1.6, 2.1):
-        seen = standing.find(court(("planter", 14.0, 3.0), height=height), ["planter"], shapes.network())
+        picture = court(("planter", 14.0, 3.0), height=height)
+        seen = shape_detector.find(picture, ["planter"], shape_detector.shipped_network())
         assert seen[0].depth_m == pytest.approx(14.0, rel=0.2)
         assert seen[0].right_m == pytest.approx(3.0, abs=0.8)

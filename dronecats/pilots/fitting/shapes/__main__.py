@@ -23,8 +23,8 @@ from dronecats.pilots.fitting.shapes import campuses, examples
 from dronecats.pilots.fitting.shapes.campuses import Shown
 from dronecats.pilots.fitting.shapes.examples import Examples
 from dronecats.pilots.fitting.shapes.fit import fit
-from dronecats.pilots.vision import shapes, standing
-from dronecats.pilots.vision.paint import Picture
+from dronecats.pilots.vision import shape_detector
+from dronecats.pilots.vision.colors import Picture
 from episodes.camera.renderer.renderer import Renderer
 
 LEARNT, UNSEEN = 200, 900  # the first seed of the campuses to learn from, and of those to check with
@@ -73,7 +73,7 @@ def usual(kept: Iterable[Kept]) -> dict[str, float]:
 
 
 def collect(
-    kept: list[Kept], fills: dict[str, float], seed: int, others: int, network: shapes.Network | None = None
+    kept: list[Kept], fills: dict[str, float], seed: int, others: int, network: shape_detector.ShapeNetwork | None = None
 ) -> Examples:
     """Return the windows of all pictures."""
     rng = np.random.default_rng((seed, 77))
@@ -81,7 +81,7 @@ def collect(
     return Examples(np.concatenate([e.windows for e in each]), np.concatenate([e.kinds for e in each]))
 
 
-def learn(kept: list[Kept], first: int, rounds: int) -> shapes.Network:
+def learn(kept: list[Kept], first: int, rounds: int) -> shape_detector.ShapeNetwork:
     """Return the network fitted to these pictures, of which the `first` many make the first network."""
     fills = usual(kept)
     any_windows = collect(kept[:first], fills, 1, NOTHING)
@@ -92,7 +92,7 @@ def learn(kept: list[Kept], first: int, rounds: int) -> shapes.Network:
     return fit(both, rounds, 2)
 
 
-def write(network: shapes.Network, file: Path) -> None:
+def write(network: shape_detector.ShapeNetwork, file: Path) -> None:
     """Write a network in half precision."""
     np.savez(
         file,
@@ -103,7 +103,7 @@ def write(network: shapes.Network, file: Path) -> None:
     )
 
 
-def found(network: shapes.Network, kept: list[Kept]) -> dict[str, tuple[list[tuple[float, float]], list[float]]]:
+def found(network: shape_detector.ShapeNetwork, kept: list[Kept]) -> dict[str, tuple[list[tuple[float, float]], list[float]]]:
     """Return for each kind the distance and odds of everything that is plainly there, and the odds of what is not.
 
     Odds are logarithms; what was not found has -inf.
@@ -112,24 +112,24 @@ def found(network: shapes.Network, kept: list[Kept]) -> dict[str, tuple[list[tup
     there: dict[str, list[tuple[float, float]]] = defaultdict(list)
     not_there: dict[str, list[float]] = defaultdict(list)
     for picture, shown in decoded(kept):
-        seen = standing.find(picture, shapes.KINDS[1:], network)
+        seen = shape_detector.find(picture, shape_detector.KINDS[1:], network)
         for one in shown:
-            plainly = one.kind in shapes.KINDS and one.pixels >= PLAINLY * one.whole * fills[one.kind]
+            plainly = one.kind in shape_detector.KINDS and one.pixels >= PLAINLY * one.whole * fills[one.kind]
             if plainly and CHECKED_M[0] <= one.depth_m < CHECKED_M[-1]:
                 odds = (t.odds for t in seen if t.kind == one.kind and _is(t, one, 0.35, 0.05))
                 there[one.kind].append((one.depth_m, max(odds, default=-math.inf)))
         for thing in seen:
             if not any(thing.kind == one.kind and _is(thing, one, 0.5, 0.1) for one in shown):
                 not_there[thing.kind].append(thing.odds)
-    return {kind: (there[kind], not_there[kind]) for kind in shapes.KINDS[1:]}
+    return {kind: (there[kind], not_there[kind]) for kind in shape_detector.KINDS[1:]}
 
 
-def _is(thing: standing.PlacedThing, one: Shown, ratio: float, aside: float) -> bool:
+def _is(thing: shape_detector.PlacedThing, one: Shown, ratio: float, aside: float) -> bool:
     off = abs(thing.right_m / thing.depth_m - one.right_m / one.depth_m)
     return abs(math.log(thing.depth_m / one.depth_m)) < ratio and off < aside
 
 
-def report(network: shapes.Network, kept: list[Kept]) -> None:
+def report(network: shape_detector.ShapeNetwork, kept: list[Kept]) -> None:
     """Print a line per kind: what is found of what is there, near and far, and what else is found, per picture."""
     print(f"{'':17}" + "".join(f"| {f'odds over e^{least:g}':^26} " for least in ODDS))
     print(f"{'':17}" + "| under 20 m   20–40 m   false " * len(ODDS))
@@ -146,7 +146,7 @@ def report(network: shapes.Network, kept: list[Kept]) -> None:
 def main() -> None:
     """Make the network, or check one."""
     parser = argparse.ArgumentParser(description="The vision pilot's network of shapes.")
-    shipped = Path(shapes.__file__).with_name("shapes.npz")
+    shipped = Path(shape_detector.__file__).with_name("shapes.npz")
     parser.add_argument("--out", type=Path, help="where the network is written (default: over the one that ships)")
     parser.add_argument("--campuses", type=int, default=CAMPUSES, help=f"it learns from so many (default {CAMPUSES})")
     parser.add_argument("--pictures", type=int, default=PICTURES, help=f"of each campus (default {PICTURES})")
@@ -156,14 +156,14 @@ def main() -> None:
     args = parser.parse_args()
     campuses_to_learn, pictures, rounds = (1, 4, 1) if args.short else (args.campuses, args.pictures, args.rounds)
     if args.check is not None:
-        network = shapes.read(args.check)
+        network = shape_detector.load_network(args.check)
     else:
         kept = list(draw(LEARNT, campuses_to_learn, pictures))
         network = learn(kept, min(FIRST_CAMPUSES, campuses_to_learn) * pictures, rounds)
         out = args.out or (None if args.short else shipped)
         if out is not None:
             write(network, out)
-            network = shapes.read(out)
+            network = shape_detector.load_network(out)
     report(network, list(draw(UNSEEN, *((1, 4) if args.short else CHECKED))))
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.fitting.shapes.campuses import Shown
-from dronecats.pilots.vision import shapes
-from dronecats.pilots.vision.paint import Picture
+from dronecats.pilots.vision import shape_detector
+from dronecats.pilots.vision.colors import Picture
 
 # A window holds a thing that stands about in its middle, at about its distance and as far under the camera …
 HOLDS = (0.10, 0.36, 0.17)  # logarithm of the distance, m aside, m of height
@@ -37,7 +37,7 @@ class Examples:
 
 
 def labels(
-    strip: shapes.Strip,
+    strip: shape_detector.Strip,
     height: int,
     shown: Iterable[Shown],
     usual: dict[str, float],
@@ -48,13 +48,13 @@ def labels(
     said = np.zeros(len(right), np.int8)
     off = np.full(len(right), np.inf)
     for one in shown:
-        if one.kind not in shapes.KINDS:
+        if one.kind not in shape_detector.KINDS:
             continue
         share = one.pixels / (one.whole * usual[one.kind])
         by = (
             abs(np.log(one.depth_m / strip.depth_m)),
             np.abs(right - one.right_m * strip.depth_m / one.depth_m),
-            abs(one.below_m - shapes.HEIGHTS_M[height]),
+            abs(one.below_m - shape_detector.HEIGHTS_M[height]),
         )
         # at another distance the same direction is as many metres more aside, and the same row as many more below
         if share < SEEN[0] or by[0] > near_by[0] or by[2] > near_by[2]:
@@ -64,7 +64,7 @@ def labels(
         far = by[0] / HOLDS[0] + by[1] / HOLDS[1] + by[2] / HOLDS[2]
         said[near & ~held & (said == 0)] = UNSAID
         better = held & (far < off)
-        said[better] = shapes.KINDS.index(one.kind)
+        said[better] = shape_detector.KINDS.index(one.kind)
         off[better] = far[better]
     return said
 
@@ -75,7 +75,7 @@ def draw(
     usual: dict[str, float],
     rng: np.random.Generator,
     others: int,
-    network: shapes.Network | None = None,
+    network: shape_detector.ShapeNetwork | None = None,
 ) -> Examples:
     """Return windows of one picture: all that hold something, and `others` that do not.
 
@@ -84,8 +84,8 @@ def draw(
     """
     windows, kinds = list[NDArray[np.float16]](), list[NDArray[np.int8]]()
     empty, rank, askew = list[NDArray[np.float16]](), list[NDArray[np.float64]](), list[NDArray[np.float16]]()
-    for strip in shapes.strips(picture):
-        for height in range(len(shapes.HEIGHTS_M)):
+    for strip in shape_detector.strips(picture):
+        for height in range(len(shape_detector.HEIGHTS_M)):
             said = labels(strip, height, shown, usual)
             holds = np.flatnonzero(said > 0)
             nothing = np.flatnonzero(said == 0)
@@ -103,7 +103,7 @@ def draw(
             about = labels(strip, height, shown, usual, ABOUT)[nothing] != 0
             askew.append(seen[rng.permutation(nothing[about])[:1]].astype(np.float16))
             clear = nothing[~about]
-            mistaken = 1.0 - network.shares(seen[clear])[:, 0]
+            mistaken = 1.0 - network.probabilities(seen[clear])[:, 0]
             worst = np.argsort(-mistaken)[:MOST_OF_A_ROW]
             empty.append(seen[clear[worst]].astype(np.float16))
             rank.append(-mistaken[worst].astype(np.float64))

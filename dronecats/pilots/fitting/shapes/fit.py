@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.fitting.shapes.examples import Examples
-from dronecats.pilots.vision import shapes
+from dronecats.pilots.vision import shape_detector
 
 HIDDEN = 80
 BATCH = 128
@@ -23,17 +23,17 @@ Floats = NDArray[np.float32]
 
 def scales(examples: Examples) -> tuple[Floats, Floats]:
     """Return the mean of each channel and its standard deviation, (CHANNELS,) each."""
-    some = examples.windows[:: max(1, len(examples.windows) // 4000)].astype(np.float32).reshape(-1, shapes.CHANNELS)
+    some = examples.windows[:: max(1, len(examples.windows) // 4000)].astype(np.float32).reshape(-1, shape_detector.CHANNELS)
     return np.asarray(some.mean(axis=0), np.float32), np.asarray(some.std(axis=0), np.float32)
 
 
 def mirrored(windows: Floats) -> Floats:
     """Return windows (N, rows · columns · CHANNELS) as a mirror shows them: the slanting directions change places."""
-    cells = windows.reshape(-1, *shapes.WINDOW, shapes.CHANNELS)[:, :, ::-1]
+    cells = windows.reshape(-1, *shape_detector.WINDOW, shape_detector.CHANNELS)[:, :, ::-1]
     return np.ascontiguousarray(cells[..., [0, 1, 2, 3, 4, 7, 6, 5]]).reshape(windows.shape)
 
 
-def fit(examples: Examples, rounds: int, seed: int) -> shapes.Network:
+def fit(examples: Examples, rounds: int, seed: int) -> shape_detector.ShapeNetwork:
     """Return the network after so many rounds over the examples; equal arguments give the same network."""
     rng = np.random.default_rng((seed, 31))
     mean, spread = scales(examples)
@@ -41,8 +41,8 @@ def fit(examples: Examples, rounds: int, seed: int) -> shapes.Network:
     weights = [
         rng.normal(0.0, (2.0 / length) ** 0.5, (length, HIDDEN)).astype(np.float32),
         np.zeros(HIDDEN, np.float32),
-        rng.normal(0.0, (1.0 / HIDDEN) ** 0.5, (HIDDEN, len(shapes.KINDS))).astype(np.float32),
-        np.zeros(len(shapes.KINDS), np.float32),
+        rng.normal(0.0, (1.0 / HIDDEN) ** 0.5, (HIDDEN, len(shape_detector.KINDS))).astype(np.float32),
+        np.zeros(len(shape_detector.KINDS), np.float32),
     ]
     slopes = [np.zeros_like(w) for w in weights]
     squares = [np.zeros_like(w) for w in weights]
@@ -58,15 +58,15 @@ def fit(examples: Examples, rounds: int, seed: int) -> shapes.Network:
                 np.float32
             )
     # what was taken off the features and what they were divided by goes into the weights
-    off, by = (np.tile(v, length // shapes.CHANNELS) for v in (mean, spread))
+    off, by = (np.tile(v, length // shape_detector.CHANNELS) for v in (mean, spread))
     hidden = weights[0] / by[:, None]
-    return shapes.Network(hidden, weights[1] - off @ hidden, weights[2], weights[3])
+    return shape_detector.ShapeNetwork(hidden, weights[1] - off @ hidden, weights[2], weights[3])
 
 
 def _batches(
     examples: Examples, rounds: int, mean: Floats, spread: Floats, rng: np.random.Generator
 ) -> Iterator[tuple[Floats, NDArray[np.int8]]]:
-    off, by = (np.tile(v, examples.windows.shape[1] // shapes.CHANNELS) for v in (mean, spread))
+    off, by = (np.tile(v, examples.windows.shape[1] // shape_detector.CHANNELS) for v in (mean, spread))
     for _ in range(rounds):
         order = rng.permutation(len(examples.kinds))
         for k in range(len(order) // BATCH):
@@ -76,8 +76,8 @@ def _batches(
                 x = mirrored(x)
             light = np.exp(rng.normal(0.0, DIM, (len(x), 1))).astype(np.float32)
             x = x * np.minimum(light, 1.15)
-            shown = rng.random((len(x), x.shape[1] // shapes.CHANNELS), np.float32) >= HIDES
-            shown = np.repeat(shown / np.float32(1.0 - HIDES), shapes.CHANNELS, axis=1)
+            shown = rng.random((len(x), x.shape[1] // shape_detector.CHANNELS), np.float32) >= HIDES
+            shown = np.repeat(shown / np.float32(1.0 - HIDES), shape_detector.CHANNELS, axis=1)
             yield (x - off) / by * shown, examples.kinds[take]
 
 

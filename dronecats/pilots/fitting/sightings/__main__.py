@@ -24,8 +24,8 @@ import numpy as np
 from dronecats.pilots.fitting.sightings import examples, neighbourhoods, outlines
 from dronecats.pilots.fitting.sightings.fit import fit
 from dronecats.pilots.fitting.sightings.neighbourhoods import NOUNS, Target
-from dronecats.pilots.vision import likeness, referent, sighting
-from dronecats.pilots.vision import pilot as vision
+from dronecats.pilots.vision import color_detector, color_target, pilot
+from dronecats.pilots.vision.command import read_referent
 from episodes.camera.renderer.renderer import Renderer
 from foundation.protocol import RADIUS_M
 
@@ -50,13 +50,13 @@ def draw(first: int, count: int, pictures: int) -> Iterator[Kept]:
         renderer.close()
 
 
-def learn(kept: Iterable[Kept], rounds: int) -> likeness.LikenessNetwork:
+def learn(kept: Iterable[Kept], rounds: int) -> color_detector.PatchNetwork:
     """Return the network fitted to these pictures."""
     rng = np.random.default_rng(5)
-    return fit(examples.joined(examples.draw(vision.decode(data), target, rng) for data, target in kept), rounds, 1)
+    return fit(examples.joined(examples.draw(pilot.decode(data), target, rng) for data, target in kept), rounds, 1)
 
 
-def write(network: likeness.LikenessNetwork, file: Path) -> None:
+def write(network: color_detector.PatchNetwork, file: Path) -> None:
     """Write a network in half precision."""
     np.savez(file, **{n: getattr(network, n).astype(np.float16) for n in ("hidden", "hidden_bias", "out", "out_bias")})
 
@@ -70,11 +70,11 @@ class Found:
     right: bool  # it was the target
 
 
-def look(kept: Iterable[Kept], network: likeness.LikenessNetwork) -> list[Found]:
+def look(kept: Iterable[Kept], network: color_detector.PatchNetwork) -> list[Found]:
     """Return what is found in the pictures."""
     found = []
     for data, target in kept:
-        seen = sighting.find(vision.decode(data), referent.read(target.instruction), network=network)
+        seen = color_detector.find(pilot.decode(data), read_referent(target.instruction), network=network)
         middle = neighbourhoods.CAMERA.width * (0.5 + 0.5 * (seen.box.left + seen.box.right)) if seen else math.nan
         right = target.box is not None and target.box[0] - ASIDE_PX <= middle <= target.box[2] + ASIDE_PX
         found.append(Found(target, seen.range.distance_m if seen else None, right))
@@ -98,7 +98,7 @@ def report(found: list[Found]) -> None:
         print(f"{name:12}| {sum(f.right for f in members):3}/{len(members):<3} | {spread}")
     there, absent = ([f for f in found if (f.target.box is None) == none] for none in (False, True))
     wrong = sum(f.seen_m is not None and not f.right for f in there)
-    near = [f for f in found if f.right and f.seen_m and f.seen_m <= vision.ARRIVED_M]
+    near = [f for f in found if f.right and f.seen_m and f.seen_m <= color_target.ARRIVED_M]
     far = sum(f.target.distance_m > RADIUS_M for f in near)
     print(f"something taken for a target that is not there: {sum(f.seen_m is not None for f in absent)}/{len(absent)}")
     print(f"something else taken for one that is: {wrong}/{len(there)}")
@@ -108,7 +108,7 @@ def report(found: list[Found]) -> None:
 def main() -> None:
     """Make the network, or check one."""
     parser = argparse.ArgumentParser(description="The vision pilot's eye for the catalogue's paint.")
-    shipped = Path(likeness.__file__).parent
+    shipped = Path(color_detector.__file__).parent
     parser.add_argument("--out", type=Path, help="folder to write to (default: over what ships)")
     parser.add_argument("--seeds", type=int, default=SEEDS, help=f"neighbourhoods to learn from (default {SEEDS})")
     parser.add_argument("--pictures", type=int, default=PICTURES, help=f"of each (default {PICTURES})")
@@ -118,14 +118,14 @@ def main() -> None:
     args = parser.parse_args()
     seeds, pictures, rounds = (1, 12, 1) if args.short else (args.seeds, args.pictures, args.rounds)
     if args.check is not None:
-        network = likeness.read(args.check / "likeness.npz")
+        network = color_detector.load_network(args.check / "likeness.npz")
     else:
         network = learn(draw(LEARNT, seeds, pictures), rounds)
         out = args.out or (None if args.short else shipped)
         if out is not None:
             outlines.write(out / "outlines.npz")
             write(network, out / "likeness.npz")
-            network = likeness.read(out / "likeness.npz")
+            network = color_detector.load_network(out / "likeness.npz")
     report(look(draw(UNSEEN, *((1, 12) if args.short else (CHECKED, CHECKED_PICTURES))), network))
 
 

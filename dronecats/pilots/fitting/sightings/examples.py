@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.fitting.sightings.neighbourhoods import NOUNS, PAINTS, Target
-from dronecats.pilots.vision import likeness, referent, sighting
-from dronecats.pilots.vision.paint import Picture
+from dronecats.pilots.vision import color_detector
+from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.command import read_referent
 from dronecats.pilots.vision.ranging import BoundingBox
 
 # Intersection over union from which a rectangle is the target; share of it in the target's up to which it is not.
@@ -43,7 +44,7 @@ def draw(picture: Picture, target: Target, rng: np.random.Generator) -> Examples
             asked.append(other)
     seen, there, factor = [], [], []
     for asset, paint in asked:
-        found, examples = sighting.candidates(picture, referent.read(f"go to the {paint} {NOUNS[asset]}"))
+        found, examples = color_detector.color_patches(picture, read_referent(f"go to the {paint} {NOUNS[asset]}"))
         lies = [shares(one.box, target.box, picture.shape[:2]) for one in found]
         mine = (asset, paint) == (target.asset, target.paint)
         for one, (union, inside), example in zip(found, lies, examples, strict=True):
@@ -52,7 +53,7 @@ def draw(picture: Picture, target: Target, rng: np.random.Generator) -> Examples
                 seen.append(example)
                 there.append(float(is_it))
                 factor.append(np.log(target.distance_m / one.range.distance_m) if is_it else 0.0)
-    rows = np.array(seen, np.float16).reshape(-1, likeness.LENGTH)
+    rows = np.array(seen, np.float16).reshape(-1, color_detector.LENGTH)
     return Examples(rows, np.array(there, np.float32), np.array(factor, np.float32))
 
 

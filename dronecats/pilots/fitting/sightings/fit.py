@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.fitting.sightings.examples import Examples
-from dronecats.pilots.vision import likeness
+from dronecats.pilots.vision import color_detector
 
 HIDDEN = 48
 BATCH = 128
@@ -18,26 +18,26 @@ FACTOR = 2.0  # weight of a distance's squared error beside the cross-entropy
 SPREAD = 0.15  # of the logarithm of a distance, which counts as one
 
 Floats = NDArray[np.float32]
-_CELLS = likeness.SIDE * likeness.SIDE
-_PATCH = _CELLS * likeness.CHANNELS
+_CELLS = color_detector.SIDE * color_detector.SIDE
+_PATCH = _CELLS * color_detector.CHANNELS
 
 
 def mirrored(seen: Floats) -> Floats:
     """Return examples (N, LENGTH) as a mirror shows them."""
-    patch = seen[:, :_PATCH].reshape(-1, likeness.SIDE, likeness.SIDE, likeness.CHANNELS)[:, :, ::-1]
+    patch = seen[:, :_PATCH].reshape(-1, color_detector.SIDE, color_detector.SIDE, color_detector.CHANNELS)[:, :, ::-1]
     rest = seen[:, _PATCH:].copy()
     rest[:, [0, 1]] = -rest[:, [1, 0]]  # the rectangle's left and right
     rest[:, [9, 10]] = rest[:, [10, 9]]  # and whether each is at the picture's edge
     return np.concatenate((patch.reshape(len(seen), _PATCH), rest), axis=1)
 
 
-def fit(examples: Examples, rounds: int, seed: int) -> likeness.LikenessNetwork:
+def fit(examples: Examples, rounds: int, seed: int) -> color_detector.PatchNetwork:
     """Return the network after so many rounds over the examples; equal arguments give the same network."""
     rng = np.random.default_rng((seed, 32))
     some = examples.seen[:: max(1, len(examples.seen) // 6000)].astype(np.float32)
     off, by = some.mean(axis=0), np.maximum(some.std(axis=0), 0.05)
     weights = [
-        rng.normal(0.0, (2.0 / likeness.LENGTH) ** 0.5, (likeness.LENGTH, HIDDEN)).astype(np.float32),
+        rng.normal(0.0, (2.0 / color_detector.LENGTH) ** 0.5, (color_detector.LENGTH, HIDDEN)).astype(np.float32),
         np.zeros(HIDDEN, np.float32),
         rng.normal(0.0, (1.0 / HIDDEN) ** 0.5, (HIDDEN, 2)).astype(np.float32),
         np.zeros(2, np.float32),
@@ -55,7 +55,7 @@ def fit(examples: Examples, rounds: int, seed: int) -> likeness.LikenessNetwork:
     # what was taken off the examples and what they were divided by goes into the weights
     hidden = weights[0] / by[:, None]
     out = weights[2] * np.array((1.0, SPREAD), np.float32)
-    return likeness.LikenessNetwork(
+    return color_detector.PatchNetwork(
         hidden, weights[1] - off @ hidden, out, weights[3] * np.array((1.0, SPREAD), np.float32)
     )
 
@@ -73,11 +73,11 @@ def _batches(
             x = examples.seen[take].astype(np.float32)
             if rng.random() < 0.5:
                 x = mirrored(x)
-            patch = x[:, :_PATCH].reshape(len(x), _CELLS, likeness.CHANNELS)
+            patch = x[:, :_PATCH].reshape(len(x), _CELLS, color_detector.CHANNELS)
             patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, DIM, (len(x), 1, 1))), 1.15).astype(np.float32)
             x = (np.concatenate((patch.reshape(len(x), _PATCH), x[:, _PATCH:]), axis=1) - off) / by
             shown = (rng.random((len(x), _CELLS), np.float32) >= HIDES) / np.float32(1.0 - HIDES)
-            x[:, :_PATCH] *= np.repeat(shown, likeness.CHANNELS, axis=1)
+            x[:, :_PATCH] *= np.repeat(shown, color_detector.CHANNELS, axis=1)
             yield x, examples.there[take], examples.factor[take]
 
 

@@ -15,14 +15,14 @@ from pathlib import Path
 import msgspec
 
 from dronecats.pilots.fitting.vision_errors.fit import fit
-from dronecats.pilots.oracle import vision_errors
+from dronecats.pilots.oracle import noisy
 
 
 def main() -> None:
     """Fit, print and write."""
     parser = argparse.ArgumentParser(description="How the vision pilot errs, fitted to flights of its own.")
     parser.add_argument("run", type=Path, help="run folder of a benchmark that vision flew")
-    parser.add_argument("--out", type=Path, default=vision_errors.FILE, help="file to write (default: over what ships)")
+    parser.add_argument("--out", type=Path, default=noisy.FILE, help="file to write (default: over what ships)")
     args = parser.parse_args()
     data = msgspec.json.format(msgspec.json.encode(fit(args.run)), indent=2) + b"\n"
     args.out.write_bytes(data)

@@ -13,7 +13,7 @@ import numpy as np
 from dronecats.judge.metrics.flown_episode import FlownEpisode, flown_episode
 from dronecats.judge.metrics.flown_step import FlownStep
 from dronecats.pilots.oracle import noisy
-from dronecats.pilots.oracle.vision_errors import BANDS_M, Attention, EyeErrors, Telling, VisionErrors, band
+from dronecats.pilots.oracle.noisy import BANDS_M, Attention, DetectionErrors, NamedBy, VisionErrors, distance_band
 from dronecats.pilots.vision import search
 from foundation.camera import CameraModel
 from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
@@ -93,7 +93,7 @@ def attention(flights: Iterable[OneDroneFlight]) -> Attention:
     after_none = [b.taken for a, b in steps if (a is None or a.taken != "else") and b.taken != "target"]
 
     def taking(was: bool) -> tuple[float, float, float]:
-        near, middle, far = ([b.taken == "target" for w, b in seen if w is was and band(b.distance_m) == k]
+        near, middle, far = ([b.taken == "target" for w, b in seen if w is was and distance_band(b.distance_m) == k]
                              for k in range(len(BANDS_M) + 1))  # fmt: skip
         overall = _share(near + middle + far, 0.5)
         return _share(near, overall), _share(middle, overall), _share(far, overall)
@@ -111,7 +111,7 @@ def _share(told: Sequence[bool], prior: float) -> float:
     return round((sum(told) + PRIOR * prior) / (len(told) + PRIOR), 4)
 
 
-def eye(flights: Sequence[OneDroneFlight]) -> EyeErrors:
+def eye(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
     """Return the errors of these flights, which all tell the target in one way."""
     won, lost = ([f for f in flights if f.success is kind] for kind in (True, False))
     looks = [look for f in flights for look in f.looks]
@@ -124,7 +124,7 @@ def eye(flights: Sequence[OneDroneFlight]) -> EyeErrors:
     between = [statistics.fmean(each) for each in depths if each]
     apart = max(0.0, _spread(between) ** 2 - step**2 / statistics.fmean(len(each) for each in depths if each))
     astray = [math.log(m) for look in looks if (m := look.astray_m) is not None]
-    return EyeErrors(
+    return DetectionErrors(
         flights=len(flights),
         mistaken=round(len(lost) / len(flights), 4),
         sure=attention(won),
@@ -147,11 +147,11 @@ def _spread(values: Sequence[float]) -> float:
 
 def fit(run: Path) -> VisionErrors:
     """Return the errors of a run folder's flights. Raises UsageError for what is damaged."""
-    told: dict[Telling, list[OneDroneFlight]] = defaultdict(list)
+    told: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
         flown = flown_episode(folder)
         if flown.scored:
-            told[noisy.eye_of(str(flown.record.get("instruction", "")))].append(flight(flown))
+            told[noisy.named_by(str(flown.record.get("instruction", "")))].append(flight(flown))
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))
     return VisionErrors(
         fitted_to=run.resolve().name, code_sha256=code, eyes={name: eye(flights) for name, flights in told.items()}

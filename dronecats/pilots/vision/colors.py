@@ -1,7 +1,7 @@
-"""Where in a picture a named colour is: colour classes as bands of hue, saturation and value.
+"""Where in a picture a named colour is: colours are bands of hue, saturation and value.
 
 Hue and saturation are ratios of the channels, so they hold from full sun into shade, where the value drops to a third.
-Bands are those of ordinary colour naming on OpenCV's scale (hue 0–179, saturation and value 0–255).
+The bands follow ordinary colour naming on OpenCV's scale (hue 0–179, saturation and value 0–255).
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,7 @@ class Band:
     hue: tuple[int, int]
     saturation: tuple[int, int]
     value: tuple[int, int]
-    vivid: int  # saturation that a blob of this colour has to reach in its most colourful part
-
+    vivid: int  # saturation that a patch needs in its most colourful part; 0: a colour without hue
 
 BANDS: dict[str, Band] = {
     "red": Band((171, 8), (105, 255), (40, 255), 140),
@@ -39,27 +38,27 @@ BANDS: dict[str, Band] = {
     "grey": Band((0, 179), (0, 45), (75, 200), 0),
     "black": Band((0, 179), (0, 110), (0, 50), 0),
 }
-"""The keys are the values of `referent.COLORS`."""
+"""The keys are the values of `command.COLORS`."""
 
-_SKY_STEP = 3  # grey levels between neighbours that still count as one sky: the gradient of clear air is flatter
+_SKY_STEP = 3  # grey levels between neighbouring pixels of one sky: the gradient of clear air is flatter
 _SKY_HUE, _SKY_SATURATION = (85, 125), 170  # car paint of the same hue is more colourful than clear air
-_SKY_VALUE = 110  # darker than this is no day sky
+_SKY_VALUE = 110  # a day sky is not darker
 
 
 def mask(picture: Picture, color: str) -> Mask:
-    """Return which pixels of `picture` may carry `color`, the sky excluded, single specks removed."""
+    """Return the pixels of a picture that may have a colour, without the sky and without single specks."""
     band = BANDS[color]
     hsv = cv2.cvtColor(cv2.GaussianBlur(picture, (3, 3), 0), cv2.COLOR_BGR2HSV)
     low, high = band.hue
     spans = [(low, high)] if low <= high else [(low, 179), (0, high)]
-    found = np.zeros(hsv.shape[:2], np.uint8)
+    pixels = np.zeros(hsv.shape[:2], np.uint8)
     for first, last in spans:
         floor = np.array((first, band.saturation[0], band.value[0]), np.uint8)
         ceiling = np.array((last, band.saturation[1], band.value[1]), np.uint8)
-        found |= cv2.inRange(hsv, floor, ceiling)
-    found[sky(picture)] = 0
-    kept: NDArray[np.uint8] = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    return kept > 0
+        pixels |= cv2.inRange(hsv, floor, ceiling)
+    pixels[sky(picture)] = 0
+    opened: NDArray[np.uint8] = cv2.morphologyEx(pixels, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return opened > 0
 
 
 def saturation(picture: Picture) -> NDArray[np.uint8]:
@@ -79,9 +78,9 @@ def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.
 
 
 def sky(picture: Picture) -> Mask:
-    """Return the sky: bright, blue or grey, and reachable from the upper edge without crossing an edge.
+    """Return the sky: bright, blue or grey, and connected with the upper edge of the picture.
 
-    It ends a little under the middle of the picture at the latest, where a level camera has the horizon.
+    It ends a little under the middle of the picture at the latest: a level camera has the horizon in the middle.
     """
     height, width = picture.shape[:2]
     smooth = cv2.GaussianBlur(picture, (5, 5), 0)
