@@ -18,7 +18,7 @@ COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)
 
 
 def check(name: str) -> str:
-    """Return `name` if there is such a pilot. Raises UsageError, with the nearest names or for a file without replies."""
+    """Return `name` if it is a pilot's. Raises UsageError, with the nearest names or for a file without replies."""
     if name in NAMES or (name.removeprefix(BLIND) in PATTERNS and name.startswith(BLIND)):
         return name
     if name.startswith(FAILING):

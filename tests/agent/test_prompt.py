@@ -105,8 +105,8 @@ def test_a_template_for_one_drone_asks_a_fleet_for_an_array(tmp_path):
     before, _, after = fleet.partition("find the {n} van")
     assert "3" in before
     assert re.search(r"array\D*3", after.rstrip().splitlines()[-1])
-    histories = actions.read_prompt(fleet).history
-    assert [[p.kind for p in past] for past in histories] == [["think"], ["finished"], ["rotate"]]
+    read_back = actions.read_prompt(fleet).history
+    assert [[p.kind for p in past] for past in read_back] == [["think"], ["finished"], ["rotate"]]
 
 
 @pytest.mark.parametrize("knowing", ["{answer}", "You fly {drones} drones; answer with an array."])

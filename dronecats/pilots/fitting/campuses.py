@@ -1,7 +1,7 @@
-"""Campuses that do not exist: the catalogue's things and halls at random places, and pictures of them with the truth.
+"""Campuses that do not exist: halls and the catalogue's things at random places, and pictures of them with the truth.
 
-Nothing stands where the shipped campus has it. Halls change their places, trees and fixtures are dealt out anew, plants
-have another seed than any record, and the sun stands elsewhere.
+Nothing stands at its place on the shipped campus: halls, trees and fixtures have other places, plants have another seed
+than any record, and the sun is elsewhere.
 """
 
 import math
@@ -11,47 +11,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.pilots.fitting.training import CAMERA
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets, campus, campus_ground, campus_plan
 from episodes.maps.assets import buildings, campus_monuments, fixtures, people, plants
 from episodes.maps.daylight import sun_at
 from episodes.maps.scene import Instance, Mesh, Scene
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraPose
 from foundation.frames import Vec3, quat_from_euler
 
-CAMERA = CameraModel(640, 360)
-EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: where things are dealt out
+EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: the area of the things
 COPIES = {"bench": 12, "bin": 8, "lamp": 12, "person": 26, "tree": 18, "bollard": 8, "conifer": 8, "shrub": 20}
 OTHERS = 11  # copies of every other kind
-APART_M = 2.6  # between the middles of two things, so that none stands inside another
+APART_M = 2.6  # between the middles of two things
 HEIGHTS_M = (1.0, 2.4)  # of the camera over the ground
 FARTHEST_M = 50.0
-TILT_RAD = 0.025  # rad, standard deviation of pitch and roll: a body that has just braked
+TILT_RAD = 0.025  # standard deviation of pitch and roll: a drone that has just braked
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
-    """One thing in one picture."""
+class VisibleThing:
+    """A thing in a picture."""
 
     kind: str
-    depth_m: float  # planar, from the camera to the thing's middle
-    right_m: float  # of the optical axis
-    below_m: float  # of the camera, the thing's foot
+    depth_m: float  # along the optical axis, to the thing's middle
+    right_m: float  # right of the optical axis
+    below_m: float  # the thing's foot below the camera
     box: tuple[int, int, int, int]  # px, left, top, right, bottom of its pixels
     pixels: int
-    whole: float  # px, that the box around it as it stands would have, were nothing in the way
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Photograph:
-    """One picture and what stands in it."""
-
-    rgb: NDArray[np.uint8]  # (360, 640, 3)
-    shown: tuple[Shown, ...]
+    box_pixels: float  # px of the box around the thing, unobstructed
 
 
 def makers(rng: np.random.Generator) -> dict[str, Mesh]:
-    """Return a mesh per kind, in the looks that the catalogue gives them."""
+    """Return a mesh per kind, with the catalogue's looks."""
     made = {kind: maker() for kind, maker in fixtures.MAKERS.items()}
     made["tiered-fountain"] = campus_monuments.fountain(3)
     made["person"] = people.person("grey")
@@ -65,7 +57,7 @@ def makers(rng: np.random.Generator) -> dict[str, Mesh]:
 
 
 def build(seed: int) -> Scene:
-    """Return a campus that nobody has seen."""
+    """Return a campus with random places."""
     rng = np.random.default_rng((seed, 4711))
     terrain = campus_ground.terrain()
     instances: list[Instance] = []
@@ -112,15 +104,17 @@ def build(seed: int) -> Scene:
 
 
 def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
-    """Return a person in a garment and a gait of its own; anything else as it is."""
+    """Return a person with a random garment and gait; another kind unchanged."""
     if kind != "person":
         return mesh
     paint = str(rng.choice(assets.PAINTS)) if rng.random() < 0.6 else "grey"
     return people.pedestrian(paint) if rng.random() < 0.5 else people.person(paint)
 
 
-def pictures(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[Photograph]:
-    """Yield pictures from random places of a campus, at the heights at which the benchmark's drones fly."""
+def photograph(
+    scene: Scene, renderer: Renderer, seed: int, count: int
+) -> Iterator[tuple[NDArray[np.uint8], tuple[VisibleThing, ...]]]:
+    """Yield pictures (360, 640, 3) RGB from random places of a campus, at the benchmark's heights, and their things."""
     rng = np.random.default_rng((seed, 815))
     things = [i for i in scene.instances if i.kind not in ("ground", "wood", "hall")]
     halls = [i for i in scene.instances if i.kind == "hall"]
@@ -135,24 +129,24 @@ def pictures(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterato
         eye = (n, e, scene.terrain.at(n, e) - height)
         tilt = [float(v) for v in rng.normal(0.0, TILT_RAD, 2)] if rng.random() < 0.5 else [0.0, 0.0]
         view = renderer.render(CameraPose(eye, quat_from_euler(tilt[0], tilt[1], yaw)))
-        shown = tuple(_shown(view.ids, things, eye, yaw))
         done += 1
-        yield Photograph(view.rgb, shown)
+        yield view.rgb, tuple(_visible(view.ids, things, eye, yaw))
 
 
-def _shown(ids: NDArray[np.int32], things: list[Instance], eye: Vec3, yaw: float) -> Iterator[Shown]:
+def _visible(ids: NDArray[np.int32], things: list[Instance], eye: Vec3, yaw: float) -> Iterator[VisibleThing]:
     counts = np.bincount(ids.ravel(), minlength=max(i.id for i in things) + 1)
     c, s = math.cos(yaw), math.sin(yaw)
-    for one in things:
-        if counts[one.id] < 12:
+    for thing in things:
+        if counts[thing.id] < 12:
             continue
-        north, east = one.position_ned[0] - eye[0], one.position_ned[1] - eye[1]
+        north, east = thing.position_ned[0] - eye[0], thing.position_ned[1] - eye[1]
         depth, right = c * north + s * east, -s * north + c * east
         if depth > FARTHEST_M or depth < 1.0:
             continue
-        rows, columns = np.nonzero(ids == one.id)
-        low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
+        rows, columns = np.nonzero(ids == thing.id)
+        low, high = thing.mesh.vertices.min(axis=0), thing.mesh.vertices.max(axis=0)
         wide = 0.5 * (high[0] - low[0] + high[1] - low[1])
-        whole = float(wide * -low[2]) * (CAMERA.focal_px / depth) ** 2
+        box_pixels = float(wide * -low[2]) * (CAMERA.focal_px / depth) ** 2
         box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
-        yield Shown(one.kind, depth, right, one.position_ned[2] - eye[2], box, int(counts[one.id]), whole)
+        below = thing.position_ned[2] - eye[2]
+        yield VisibleThing(thing.kind, depth, right, below, box, int(counts[thing.id]), box_pixels)

@@ -1,133 +1,271 @@
-"""The vision pilot's eye for the catalogue's paint, made from pictures of neighbourhoods that no record has.
+"""Fits the network of `color_detector` to pictures of neighbourhoods that no record has, and makes the outlines of
+`ranging`."""
 
-    python -m dronecats.pilots.fitting.sightings [--out FOLDER] [--seeds N] [--pictures N] [--rounds N]
-        [--check [FOLDER]] [--short]
-
-draws the neighbourhoods, fits the network to the patches of colour in their pictures, and writes it beside the
-outlines of what it knows. `--check` only prints, of neighbourhoods that it was not fitted to, how many targets are
-found, how far off its range is and how often it finds what is not there. Everything comes from seeds; the last digits
-are the processor's and its algebra library's. `--short` shows in seconds that it runs, and writes only where it is
-told to.
-"""
-
-import argparse
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from dronecats.pilots.fitting.sightings import examples, neighbourhoods, outlines
-from dronecats.pilots.fitting.sightings.fit import fit
-from dronecats.pilots.fitting.sightings.neighbourhoods import NOUNS, Target
-from dronecats.pilots.vision import color_detector, color_target, pilot
+from dronecats.pilots.fitting import neighbourhoods, training
+from dronecats.pilots.fitting.neighbourhoods import NOUNS, PAINTS, Target
+from dronecats.pilots.fitting.training import BATCH, CAMERA, Floats, OutputGradient
+from dronecats.pilots.vision import color_detector, color_target
+from dronecats.pilots.vision.color_detector import CHANNELS, LENGTH, SIDE, PatchNetwork
+from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.command import read_referent
-from episodes.camera.renderer.renderer import Renderer
+from dronecats.pilots.vision.pilot import decode
+from dronecats.pilots.vision.ranging import BoundingBox
+from episodes.maps import assets
 from foundation.protocol import RADIUS_M
 
-LEARNT, UNSEEN = 320, 300  # the first seed of the neighbourhoods to learn from, and of those to check with
-SEEDS, CHECKED, PICTURES, CHECKED_PICTURES, ROUNDS = 14, 4, 180, 160, 40
-QUALITY = 88  # of the JPEG that a picture is kept as, as a pilot gets it
+FILE, OUTLINES = "patch_network.npz", "outlines.npz"
+FIT_SEED, CHECK_SEED = 320, 300  # first seed of the neighbourhoods to fit to, and of those to check with
+SCENES, PICTURES, ROUNDS = 14, 180, 40
+SHORT_PICTURES = 12
+CHECK_SCENES, CHECK_PICTURES = 4, 160
+
+# Examples. Intersection over union from which a patch is the target, and share of it inside the target up to which it
+# is not. A patch between, as one door of a bus, is no example.
+IS, IS_NOT = 0.5, 0.2
+ABSENT_TARGETS = 4  # instructions per picture whose target is not in it
+LIKE_BRICK = ("brown", "red", "orange")  # asked for more often: houses and fences have them
+
+HIDDEN = 48
+DECAY = 4e-4  # of the weights
+COVERED = 0.15  # share of the cells that are hidden in a step
+DIM = 0.2  # standard deviation of the log of the light
+FACTOR = 2.0  # weight of the distance's squared error beside the cross-entropy
+SPREAD = 0.15  # standard deviation of the log of the distance
+_CELLS = SIDE * SIDE
+_PATCH = _CELLS * CHANNELS
+
 BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)
-ASIDE_PX = 4  # that the middle of a sighting may lie beside the target's rectangle
+ASIDE_PX = 4  # a detection's middle may be this far beside the target's box
 
-Kept = tuple[bytes, Target]
+# Outlines
+OUTLINE_PAINT = "red"  # any: the shape does not depend on it
+LEVELS = 6  # heights
+DIRECTIONS = 8  # in plan: each level has its outermost points in each
+STEEP = 6.0  # slope of the directions of the highest and lowest points
 
-
-def draw(first: int, count: int, pictures: int) -> Iterator[Kept]:
-    """Yield the pictures of `count` neighbourhoods, as JPEG, with what each asks for."""
-    for seed in range(first, first + count):
-        scene = neighbourhoods.build(seed)
-        renderer = Renderer(scene, neighbourhoods.CAMERA, threads=1, shadow_cells=neighbourhoods.SHADOW_CELLS)
-        for one in neighbourhoods.pictures(scene, renderer, seed, pictures):
-            done, data = cv2.imencode(".jpg", one.rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-            assert done
-            yield data.tobytes(), one.target
-        renderer.close()
+TargetJpeg = tuple[bytes, Target]
 
 
-def learn(kept: Iterable[Kept], rounds: int) -> color_detector.PatchNetwork:
-    """Return the network fitted to these pictures."""
-    rng = np.random.default_rng(5)
-    return fit(examples.joined(examples.draw(pilot.decode(data), target, rng) for data, target in kept), rounds, 1)
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchExamples:
+    """Patches and what they are."""
 
-
-def write(network: color_detector.PatchNetwork, file: Path) -> None:
-    """Write a network in half precision."""
-    np.savez(file, **{n: getattr(network, n).astype(np.float16) for n in ("hidden", "hidden_bias", "out", "out_bias")})
+    inputs: NDArray[np.float16]  # (N, LENGTH), the network's input
+    is_target: NDArray[np.float32]  # (N,) 1: the target, 0: anything else
+    factor: NDArray[np.float32]  # (N,) log of the true distance over the one by size; 0 for anything else
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What became of one picture's instruction."""
+class DetectionResult:
+    """The detection for one picture's instruction."""
 
     target: Target
-    seen_m: float | None  # the range of what was taken for the target, None where nothing was
-    right: bool  # it was the target
+    detected_m: float | None  # estimated distance; None without a detection
+    is_right: bool  # the detection is the target
 
 
-def look(kept: Iterable[Kept], network: color_detector.PatchNetwork) -> list[Found]:
-    """Return what is found in the pictures."""
-    found = []
-    for data, target in kept:
-        seen = color_detector.find(pilot.decode(data), read_referent(target.instruction), network=network)
-        middle = neighbourhoods.CAMERA.width * (0.5 + 0.5 * (seen.box.left + seen.box.right)) if seen else math.nan
-        right = target.box is not None and target.box[0] - ASIDE_PX <= middle <= target.box[2] + ASIDE_PX
-        found.append(Found(target, seen.range.distance_m if seen else None, right))
-    return found
+def join(examples: Iterable[PatchExamples]) -> PatchExamples:
+    """Return all examples as one."""
+    parts = list(examples)
+    names = ("inputs", "is_target", "factor")
+    return PatchExamples(*(np.concatenate([getattr(e, name) for e in parts]) for name in names))
 
 
-def report(found: list[Found]) -> None:
-    """Print how many targets are found and how far off their range is, by distance and by kind, and what else is."""
-    groups: dict[str, list[Found]] = defaultdict(list)
-    for one in found:
-        if one.target.box is not None:
+def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
+    """Yield pictures of neighbourhoods as JPEG, each with its target."""
+    return training.draw(neighbourhoods.build, neighbourhoods.photograph, first, scenes, pictures)
+
+
+def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
+    """Return the patches of one picture, for its own instruction and for some with absent targets."""
+    wanted = [(target.asset, target.paint)]
+    while len(wanted) <= ABSENT_TARGETS:
+        paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
+        absent = (str(rng.choice(list(NOUNS))), str(rng.choice(paints)))
+        if absent[1] != target.paint:
+            wanted.append(absent)
+    inputs, is_target, factor = [], [], []
+    for asset, paint in wanted:
+        patches, rows = color_detector.color_patches(picture, read_referent(f"go to the {paint} {NOUNS[asset]}"))
+        is_present = (asset, paint) == (target.asset, target.paint)
+        for patch, row in zip(patches, rows, strict=True):
+            union, inside = overlap(patch.box, target.box, picture.shape[:2])
+            is_part = inside > IS_NOT
+            if (is_present and union >= IS) or not is_part:
+                inputs.append(row)
+                is_target.append(float(is_part))
+                factor.append(np.log(target.distance_m / patch.range.distance_m) if is_part else 0.0)
+    array = np.array(inputs, np.float16).reshape(-1, LENGTH)
+    return PatchExamples(array, np.array(is_target, np.float32), np.array(factor, np.float32))
+
+
+def overlap(box: BoundingBox, true: tuple[int, int, int, int] | None, shape: tuple[int, int]) -> tuple[float, float]:
+    """Return the intersection over union of two rectangles, and the share of the first one inside the second one."""
+    if true is None:
+        return 0.0, 0.0
+    height, width = shape
+    left, right = ((x + 0.5) * width for x in (box.left, box.right))
+    top, bottom = (y * width + 0.5 * height for y in (box.top, box.bottom))
+    wide = max(0.0, min(right, true[2]) - max(left, true[0]))
+    common = wide * max(0.0, min(bottom, true[3]) - max(top, true[1]))
+    area, true_area = (right - left) * (bottom - top), (true[2] - true[0]) * (true[3] - true[1])
+    return common / max(1e-9, area + true_area - common), common / max(1e-9, area)
+
+
+def fit_scenes(scenes: int, pictures: int, rounds: int) -> PatchNetwork:
+    """Return the network fitted to so many pictures of so many neighbourhoods."""
+    rng = np.random.default_rng(5)
+    jpegs = draw(FIT_SEED, scenes, pictures)
+    return fit(join(examples_of(decode(data), target, rng) for data, target in jpegs), rounds, 1)
+
+
+def fit(examples: PatchExamples, rounds: int, seed: int) -> PatchNetwork:
+    """Return the network after so many rounds over the examples; equal arguments give the same network."""
+    rng = np.random.default_rng((seed, 32))
+    sample = examples.inputs[:: max(1, len(examples.inputs) // 6000)].astype(np.float32)
+    mean, deviation = sample.mean(axis=0), np.maximum(sample.std(axis=0), 0.05)
+    weights = training.initial_weights(rng, LENGTH, HIDDEN, 2)
+    steps = rounds * (len(examples.is_target) // BATCH)
+    training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
+    # the network takes raw inputs and gives the log of a factor: mean, deviation and SPREAD go into the weights
+    hidden = weights[0] / deviation[:, None]
+    scale = np.array((1.0, SPREAD), np.float32)
+    return PatchNetwork(hidden, weights[1] - mean @ hidden, weights[2] * scale, weights[3] * scale)
+
+
+def mirrored(inputs: Floats) -> Floats:
+    """Return inputs (N, LENGTH) as a mirror shows them."""
+    patch = inputs[:, :_PATCH].reshape(-1, SIDE, SIDE, CHANNELS)[:, :, ::-1]
+    rest = inputs[:, _PATCH:].copy()
+    rest[:, [0, 1]] = -rest[:, [1, 0]]  # the rectangle's left and right
+    rest[:, [9, 10]] = rest[:, [10, 9]]  # whether each touches the picture's edge
+    return np.concatenate((patch.reshape(len(inputs), _PATCH), rest), axis=1)
+
+
+def _batches(
+    examples: PatchExamples, rounds: int, mean: Floats, deviation: Floats, rng: np.random.Generator
+) -> Iterator[tuple[Floats, OutputGradient]]:
+    yes = np.flatnonzero(examples.is_target > 0.5)
+    no = np.flatnonzero(examples.is_target < 0.5)
+    for _ in range(rounds):
+        # targets are rarer, so they are repeated: a third of the examples
+        order = rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.is_target)]
+        for k in range(len(order) // BATCH):
+            take = order[k * BATCH : (k + 1) * BATCH]
+            x = examples.inputs[take].astype(np.float32)
+            if rng.random() < 0.5:
+                x = mirrored(x)
+            patch = x[:, :_PATCH].reshape(len(x), _CELLS, CHANNELS)
+            patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, DIM, (len(x), 1, 1))), 1.15).astype(np.float32)
+            x = (np.concatenate((patch.reshape(len(x), _PATCH), x[:, _PATCH:]), axis=1) - mean) / deviation
+            visible = (rng.random((len(x), _CELLS), np.float32) >= COVERED) / np.float32(1.0 - COVERED)
+            x[:, :_PATCH] *= np.repeat(visible, CHANNELS, axis=1)
+            yield x, cost_gradient(examples.is_target[take], examples.factor[take])
+
+
+def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating]) -> OutputGradient:
+    """Return the gradient of the mean cost by the outputs: cross-entropy, and the distance's error of the targets."""
+
+    def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
+        error = np.empty_like(outputs)
+        error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
+        # an error of more than three SPREADs counts as three: a partly hidden thing always has the wrong size
+        error[:, 1] = is_target * 0.1 * FACTOR * np.clip(outputs[:, 1] - factor / SPREAD, -3.0, 3.0)
+        error /= len(is_target)
+        return error
+
+    return gradient
+
+
+def outline(asset: str) -> NDArray[np.float32]:
+    """Return points (P, 3) m, forward, right and up, on the outside of an asset's painted surface, each once."""
+    mesh = assets.build(asset, OUTLINE_PAINT)
+    names = (f"paint-{OUTLINE_PAINT}", f"cloth-{OUTLINE_PAINT}")
+    painted = [i for i, material in enumerate(mesh.materials) if material.name in names]
+    corners = mesh.vertices[mesh.triangles[np.isin(mesh.material, painted)]]  # (T, 3, 3)
+    a, b = (v.ravel() for v in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
+    a, b = a[a + b <= 1.0], b[a + b <= 1.0]
+    surface = np.einsum("kp,tkc->tpc", np.stack((a, b, 1.0 - a - b)), corners).reshape(-1, 3) * (1.0, 1.0, -1.0)
+    edges = np.linspace(surface[:, 2].min(), surface[:, 2].max(), LEVELS + 1)
+    turns = np.arange(DIRECTIONS) * 2.0 * np.pi / DIRECTIONS
+    points = []
+    for low, high in pairwise(edges.tolist()):
+        level = surface[(surface[:, 2] >= low) & (surface[:, 2] <= high)]
+        for turn in turns:
+            out = level @ (np.cos(turn), np.sin(turn), 0.0)
+            outermost = level[out >= out.max() - 0.03] if len(level) else level
+            if len(outermost):
+                points += [outermost[outermost[:, 2].argmin()], outermost[outermost[:, 2].argmax()]]
+    for turn in turns:
+        for up in (-STEEP, STEEP):
+            points.append(surface[(surface @ (np.cos(turn), np.sin(turn), up)).argmax()])
+    return np.unique(np.round(np.array(points), 2).astype(np.float32), axis=0)
+
+
+def write_outlines(file: Path) -> None:
+    """Write the outlines of all assets that a residential record may have as its target."""
+    outlines: dict[str, Any] = {asset: outline(asset) for asset in NOUNS}
+    np.savez(file, **outlines)
+
+
+def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[DetectionResult]:
+    """Return the detection for each picture's instruction."""
+    results = []
+    for data, target in jpegs:
+        detection = color_detector.find(decode(data), read_referent(target.instruction), network=network)
+        middle = CAMERA.width * (0.5 + 0.5 * (detection.box.left + detection.box.right)) if detection else math.nan
+        is_right = target.box is not None and target.box[0] - ASIDE_PX <= middle <= target.box[2] + ASIDE_PX
+        results.append(DetectionResult(target, detection.range.distance_m if detection else None, is_right))
+    return results
+
+
+def check(folder: Path, short: bool) -> None:
+    """Print detections and the errors of their distance, by distance and by kind, and the false detections."""
+    jpegs = draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES)))
+    _print_table(evaluate(color_detector.load_network(folder / FILE), jpegs))
+
+
+def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
+    """Fit a network, write it and the outlines to a folder if there is one, and print how it does."""
+    network = fit_scenes(scenes, pictures, rounds)
+    if out is not None:
+        write_outlines(out / OUTLINES)
+        training.save_network(network, out / FILE)
+        check(out, short)
+        return
+    _print_table(evaluate(network, draw(CHECK_SEED, 1, SHORT_PICTURES)))
+
+
+def _print_table(results: list[DetectionResult]) -> None:
+    groups: dict[str, list[DetectionResult]] = defaultdict(list)
+    for result in results:
+        if result.target.box is not None:
             for low, high in pairwise(BANDS_M):
-                if low <= one.target.distance_m < high:
-                    groups[f"{low:g}–{high:g} m"].append(one)
+                if low <= result.target.distance_m < high:
+                    groups[f"{low:g}–{high:g} m"].append(result)
     for asset in NOUNS:
-        groups[asset] = [f for f in found if f.target.asset == asset and f.target.box is not None]
+        groups[asset] = [r for r in results if r.target.asset == asset and r.target.box is not None]
     print(f"{'':12}| found   | range / truth: 10 %, half, 90 % ")
     for name, members in groups.items():
-        ratios = [f.seen_m / f.target.distance_m for f in members if f.right and f.seen_m]
+        ratios = [r.detected_m / r.target.distance_m for r in members if r.is_right and r.detected_m]
         spread = " ".join(f"{v:5.2f}" for v in np.percentile(ratios, (10, 50, 90))) if ratios else ""
-        print(f"{name:12}| {sum(f.right for f in members):3}/{len(members):<3} | {spread}")
-    there, absent = ([f for f in found if (f.target.box is None) == none] for none in (False, True))
-    wrong = sum(f.seen_m is not None and not f.right for f in there)
-    near = [f for f in found if f.right and f.seen_m and f.seen_m <= color_target.ARRIVED_M]
-    far = sum(f.target.distance_m > RADIUS_M for f in near)
-    print(f"something taken for a target that is not there: {sum(f.seen_m is not None for f in absent)}/{len(absent)}")
-    print(f"something else taken for one that is: {wrong}/{len(there)}")
-    print(f"judged to be within reach: {len(near)}, of which beyond the radius of success: {far}")
-
-
-def main() -> None:
-    """Make the network, or check one."""
-    parser = argparse.ArgumentParser(description="The vision pilot's eye for the catalogue's paint.")
-    shipped = Path(color_detector.__file__).parent
-    parser.add_argument("--out", type=Path, help="folder to write to (default: over what ships)")
-    parser.add_argument("--seeds", type=int, default=SEEDS, help=f"neighbourhoods to learn from (default {SEEDS})")
-    parser.add_argument("--pictures", type=int, default=PICTURES, help=f"of each (default {PICTURES})")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"of the fit (default {ROUNDS})")
-    parser.add_argument("--check", type=Path, nargs="?", const=shipped, help="only check what is in this folder")
-    parser.add_argument("--short", action="store_true", help="a neighbourhood and a round, to see that it runs")
-    args = parser.parse_args()
-    seeds, pictures, rounds = (1, 12, 1) if args.short else (args.seeds, args.pictures, args.rounds)
-    if args.check is not None:
-        network = color_detector.load_network(args.check / "likeness.npz")
-    else:
-        network = learn(draw(LEARNT, seeds, pictures), rounds)
-        out = args.out or (None if args.short else shipped)
-        if out is not None:
-            outlines.write(out / "outlines.npz")
-            write(network, out / "likeness.npz")
-            network = color_detector.load_network(out / "likeness.npz")
-    report(look(draw(UNSEEN, *((1, 12) if args.short else (CHECKED, CHECKED_PICTURES))), network))
-
-
-if __name__ == "__main__":
-    main()
+        print(f"{name:12}| {sum(r.is_right for r in members):3}/{len(members):<3} | {spread}")
+    present, absent = ([r for r in results if (r.target.box is None) == is_absent] for is_absent in (False, True))
+    false = sum(r.detected_m is not None for r in absent)
+    wrong = sum(r.detected_m is not None and not r.is_right for r in present)
+    near = [r for r in results if r.is_right and r.detected_m and r.detected_m <= color_target.ARRIVED_M]
+    far = sum(r.target.distance_m > RADIUS_M for r in near)
+    print(f"detections of absent targets: {false}/{len(absent)}")
+    print(f"wrong detections of present targets: {wrong}/{len(present)}")
+    print(f"estimated within reach: {len(near)}, of which outside the radius of success: {far}")

@@ -1,4 +1,8 @@
-"""The fit: decisions held against what the logger wrote of their pictures, counted into shares and spreads."""
+"""Fits the errors of the noisy pilot to flights of the vision pilot: decisions compared with the logger's frame rows.
+
+A `go` within 5° of the target, or within the sides of its box, takes the target. Another `go` takes something else,
+except at the depths of a search. A declaration takes what is before the drone. Of a fleet only the drone that was
+most often on the target counts."""
 
 import math
 import statistics
@@ -20,47 +24,47 @@ from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
 from foundation.run_folder import reading
 
 Taken = Literal["target", "else", "claim", "nothing"]
-ASIDE_DEG = 5.0  # off the target's centre within which a point is on it, whatever its box
+ASIDE_DEG = 5.0  # off the target's centre: a point within this is on the target, whatever its box
 SIDES_PX = 8.0  # beyond the sides of its box, likewise
-WANDER_BAND_M = 0.3  # off the depth with which vision says that it wanders
-PRIOR = 2.0  # steps that the share over all distances counts as, beside those of a band
+WANDER_BAND_M = 0.3  # off the depth of a stride to a new vantage point
+PRIOR = 2.0  # weight, in steps, of the share over all distances beside that of a band
 _CAMERA = CameraModel()
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """One decision, as an error model has it."""
+class LabelledDecision:
+    """A decision, labelled with what it took for the target."""
 
     taken: Taken
-    seen: bool  # whether the target was
+    seen: bool  # whether the target was visible
     distance_m: float
-    error_px: tuple[float, float] | None  # of a go at a target that is seen, not near: aside, + right, and below
-    depth: float | None  # likewise: logarithm of the told depth over the centre's
-    astray_m: float | None  # of a go at something else: its depth
+    error_px: tuple[float, float] | None  # of a `go` at a visible target, not near: aside, + right, and below
+    depth: float | None  # likewise: log of the depth over the true depth of the centre
+    astray_m: float | None  # depth of a `go` at something else
 
 
 @dataclass(frozen=True, slots=True)
 class OneDroneFlight:
-    """The looks of one drone in one flight."""
+    """The decisions of one drone in one flight."""
 
     success: bool
-    looks: tuple[Look, ...]
+    decisions: tuple[LabelledDecision, ...]
 
 
-def looked(step: FlownStep) -> Look | None:
-    """Return what a decision took for the target; None where nothing is known of its picture, or it is no action."""
+def label(step: FlownStep) -> LabelledDecision | None:
+    """Return a step's decision with its label; None if its frame has no truth, or if it is no action."""
     frame = step.truth
     if frame is None or frame.distance_m is None or frame.target_frd is None or step.decision.kind is None:
         return None
     seen, away = bool(frame.visible), frame.distance_m
     if step.decision.kind == FINISHED:
-        return Look("target" if seen and away < 2.0 * RADIUS_M else "claim", seen, away, None, None, None)
+        return LabelledDecision("target" if seen and away < 2.0 * RADIUS_M else "claim", seen, away, None, None, None)
     go = step.go
     if go is None or abs(go.depth_m - search.WANDER_M) < WANDER_BAND_M:
-        return Look("nothing", seen, away, None, None, None)
+        return LabelledDecision("nothing", seen, away, None, None, None)
     ahead, right, below = frame.target_frd
     if not seen or ahead <= 0.0:
-        return Look("else", seen, away, None, None, go.depth_m)
+        return LabelledDecision("else", seen, away, None, None, go.depth_m)
     x, y = go.x * _CAMERA.width / POINT_SPAN, go.y * _CAMERA.height / POINT_SPAN
     off_x = x - (_CAMERA.width / 2.0 + _CAMERA.focal_px * right / ahead)
     off_y = y - (_CAMERA.height / 2.0 + _CAMERA.focal_px * below / ahead)
@@ -69,25 +73,25 @@ def looked(step: FlownStep) -> Look | None:
     scale = _CAMERA.width / POINT_SPAN
     within = box is not None and scale * box[0] - SIDES_PX <= x <= scale * box[2] + SIDES_PX
     if angle > ASIDE_DEG and not within:
-        return Look("else", seen, away, None, None, go.depth_m)
-    if go.depth_m <= NEAR_M:  # near things are told with points and depths that make strides, not with estimates
-        return Look("target", seen, away, None, None, None)
-    return Look("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
+        return LabelledDecision("else", seen, away, None, None, go.depth_m)
+    if go.depth_m <= NEAR_M:  # near the target, points and depths make strides and are no estimates
+        return LabelledDecision("target", seen, away, None, None, None)
+    return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 
 
-def flight(flown: FlownEpisode) -> OneDroneFlight:
-    """Return the looks of the drone that was on the target most often."""
-    of_drone: dict[int, list[Look]] = defaultdict(list)
+def one_drone(flown: FlownEpisode) -> OneDroneFlight:
+    """Return the decisions of the drone that was on the target most often."""
+    of_drone: dict[int, list[LabelledDecision]] = defaultdict(list)
     for step in flown.steps:
-        if step.counts and (look := looked(step)) is not None:
-            of_drone[step.decision.drone].append(look)
-    most = max(of_drone.values(), key=lambda looks: sum(look.taken == "target" for look in looks), default=[])
+        if step.counts and (decision := label(step)) is not None:
+            of_drone[step.decision.drone].append(decision)
+    most = max(of_drone.values(), key=lambda ds: sum(d.taken == "target" for d in ds), default=[])
     return OneDroneFlight(flown.verdict.success is True, tuple(most))
 
 
 def attention(flights: Iterable[OneDroneFlight]) -> Attention:
-    """Return what is taken at which share of steps; shares of few steps lean on those of all distances."""
-    steps = [(a, b) for one in flights for a, b in zip((None, *one.looks), one.looks, strict=False)]
+    """Return the shares of steps; a share of few steps leans on the share over all distances."""
+    steps = [(a, b) for f in flights for a, b in zip((None, *f.decisions), f.decisions, strict=False)]
     seen = [(a is not None and a.taken == "target", b) for a, b in steps if b.seen]
     after_else = [b.taken for a, b in steps if a is not None and a.taken == "else" and b.taken != "target"]
     after_none = [b.taken for a, b in steps if (a is None or a.taken != "else") and b.taken != "target"]
@@ -107,23 +111,22 @@ def attention(flights: Iterable[OneDroneFlight]) -> Attention:
     )
 
 
-def _share(told: Sequence[bool], prior: float) -> float:
-    return round((sum(told) + PRIOR * prior) / (len(told) + PRIOR), 4)
+def _share(cases: Sequence[bool], prior: float) -> float:
+    return round((sum(cases) + PRIOR * prior) / (len(cases) + PRIOR), 4)
 
 
-def eye(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
-    """Return the errors of these flights, which all tell the target in one way."""
+def errors_of(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
+    """Return the errors of flights whose commands name the target in one way."""
     won, lost = ([f for f in flights if f.success is kind] for kind in (True, False))
-    looks = [look for f in flights for look in f.looks]
-    errors = [look.error_px for look in looks if look.error_px]
-    depths = [[d for look in f.looks if (d := look.depth) is not None] for f in flights]
-    told = [d for each in depths for d in each]
-    mean = statistics.median(told)
-    inner = [d - statistics.fmean(each) for each in depths if len(each) > 1 for d in each]
+    decisions = [decision for f in flights for decision in f.decisions]
+    errors = [decision.error_px for decision in decisions if decision.error_px]
+    depths = [[d for decision in f.decisions if (d := decision.depth) is not None] for f in flights]
+    mean = statistics.median([d for flight_depths in depths for d in flight_depths])
+    inner = [d - statistics.fmean(steps) for steps in depths if len(steps) > 1 for d in steps]
     step = _spread(inner)
-    between = [statistics.fmean(each) for each in depths if each]
-    apart = max(0.0, _spread(between) ** 2 - step**2 / statistics.fmean(len(each) for each in depths if each))
-    astray = [math.log(m) for look in looks if (m := look.astray_m) is not None]
+    between = [statistics.fmean(steps) for steps in depths if steps]
+    apart = max(0.0, _spread(between) ** 2 - step**2 / statistics.fmean(len(steps) for steps in depths if steps))
+    astray = [math.log(m) for decision in decisions if (m := decision.astray_m) is not None]
     return DetectionErrors(
         flights=len(flights),
         mistaken=round(len(lost) / len(flights), 4),
@@ -140,19 +143,19 @@ def eye(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
 
 
 def _spread(values: Sequence[float]) -> float:
-    """Return the standard deviation of a normal distribution with the middle two thirds of these."""
+    """Return the standard deviation of a normal distribution with the same middle two thirds."""
     low, high = np.percentile(values, (15.87, 84.13))
     return float(high - low) / 2.0
 
 
-def fit(run: Path) -> VisionErrors:
-    """Return the errors of a run folder's flights. Raises UsageError for what is damaged."""
-    told: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
+def fit_run(run: Path) -> VisionErrors:
+    """Return the errors of a run folder's flights. Raises UsageError if it is damaged."""
+    flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
         flown = flown_episode(folder)
         if flown.scored:
-            told[noisy.named_by(str(flown.record.get("instruction", "")))].append(flight(flown))
+            flights[noisy.named_by(str(flown.record.get("instruction", "")))].append(one_drone(flown))
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))
     return VisionErrors(
-        fitted_to=run.resolve().name, code_sha256=code, eyes={name: eye(flights) for name, flights in told.items()}
+        fitted_to=run.resolve().name, code_sha256=code, eyes={name: errors_of(group) for name, group in flights.items()}
     )

@@ -83,7 +83,6 @@ def _longest_first(words: dict[str, object]) -> re.Pattern[str]:
     ordered = sorted(words, key=lambda w: (-len(w), w))
     return re.compile(r"\b(" + "|".join(re.escape(w) for w in ordered) + r")(?:s|es)?\b")
 
-
 _COLOR_WORD = _longest_first(dict(COLORS))
 _SIZED_NOUN = _longest_first(dict(SIZES))
 
@@ -128,7 +127,6 @@ KIND_OF_NOUN: dict[str, str] = {
 def _alternatives(words: dict[str, str]) -> str:
     return "|".join(re.escape(w) for w in sorted(words, key=lambda w: (-len(w), w)))
 
-
 _EXPRESSION = re.compile(rf"\bthe ({_alternatives(KIND_OF_NOUN)}) ({_alternatives(_RELATIONS)}) (.+)", re.IGNORECASE)
 _LANDMARK = re.compile(rf"(?:the )?({_alternatives(KIND_OF_NOUN)})\b", re.IGNORECASE)
 _SEARCH_VERB = re.compile(r"\b(?:find|locate|look|search|seek)\b", re.IGNORECASE)
@@ -138,7 +136,7 @@ _CLAUSE_END = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class Landmark:
+class NamedLandmark:
     """A thing beside which a command places its target."""
 
     words: str  # as in the command, without the article
@@ -151,7 +149,7 @@ class PlaceExpression:
 
     kind: str  # of `shape_detector.KINDS`
     relation: str
-    landmarks: tuple[Landmark, ...]
+    landmarks: tuple[NamedLandmark, ...]
     needs_search: bool = False  # the target is not in the first picture
 
 
@@ -171,10 +169,10 @@ def read_place_expression(command: str) -> PlaceExpression | None:
     )
 
 
-def _read_landmark(words: str) -> Landmark:
+def _read_landmark(words: str) -> NamedLandmark:
     match = _LANDMARK.fullmatch(words)
-    return Landmark(re.sub(r"^the ", "", words, flags=re.IGNORECASE), KIND_OF_NOUN[match[1].lower()] if match else None)
-
+    kind = KIND_OF_NOUN[match[1].lower()] if match else None
+    return NamedLandmark(re.sub(r"^the ", "", words, flags=re.IGNORECASE), kind)
 
 _INSCRIPTION = re.compile(
     r"\b(?:reads?|reading|says?|saying|marked|labell?ed|(?:licen[cs]e |number )?plate(?: number)?(?: is| reads?)?)"

@@ -1,4 +1,4 @@
-"""The fit of the vision pilot's network, and the pictures that it learns from."""
+"""The fit of the network of shapes, and its pictures."""
 
 import subprocess
 import sys
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.pilots.fitting.shapes import campuses, examples, fit
-from dronecats.pilots.fitting.shapes.campuses import Shown
+from dronecats.pilots.fitting import campuses, shapes, training
+from dronecats.pilots.fitting.campuses import VisibleThing
 from dronecats.pilots.vision import shape_detector
 from episodes import maps
 
@@ -20,39 +20,41 @@ def patterns(count=600):
     rng = np.random.default_rng(3)
     kinds = rng.integers(0, 3, count).astype(np.int8)
     each = rng.normal(0.0, 0.3, (3, SIZE))
-    return examples.Examples((each[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
+    return shapes.WindowExamples((each[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
 
 
 def test_the_fit_learns_what_can_be_learnt_and_learns_it_again():
-    known = patterns()
-    once, again = fit.fit(known, 12, 1), fit.fit(known, 12, 1)
-    said = once.probabilities(known.windows.astype(np.float32)).argmax(axis=1)
-    assert (said == known.kinds).mean() > 0.95
+    examples = patterns()
+    once, again = shapes.fit(examples, 12, 1), shapes.fit(examples, 12, 1)
+    kinds = once.probabilities(examples.windows.astype(np.float32)).argmax(axis=1)
+    assert (kinds == examples.kinds).mean() > 0.95
     assert all(np.array_equal(getattr(once, name), getattr(again, name)) for name in ("hidden", "out"))
 
 
-def test_its_slopes_are_those_of_the_cross_entropy():
+def test_the_gradients_are_those_of_the_cross_entropy():
     rng = np.random.default_rng(5)
-    known = patterns(8)
-    x = known.windows.astype(np.float64)
-    weights = [rng.normal(0.0, 0.05, s) for s in ((SIZE, 6), (6,), (6, len(shape_detector.KINDS)), (len(shape_detector.KINDS),))]
+    examples = patterns(8)
+    x = examples.windows.astype(np.float64)
+    kinds = len(shape_detector.KINDS)
+    weights = [rng.normal(0.0, 0.05, s) for s in ((SIZE, 6), (6,), (6, kinds), (kinds,))]
 
     def cost():
         raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
-        return float(np.mean(np.log(np.exp(raw).sum(axis=1)) - raw[np.arange(len(x)), known.kinds]))
+        return float(np.mean(np.log(np.exp(raw).sum(axis=1)) - raw[np.arange(len(x)), examples.kinds]))
 
-    slopes = fit.slopes_of(weights, x, known.kinds, np.ones((len(x), 6)))
+    output_gradient = shapes.cross_entropy_gradient(examples.kinds)
+    gradients = training.gradients(weights, x, np.ones((len(x), 6)), output_gradient)
     for which, at in ((0, (7, 2)), (1, (3,)), (3, (1,))):
         before, step = cost(), 1e-6
         weights[which][at] += step
-        assert slopes[which][at] == pytest.approx((cost() - before) / step, rel=1e-3, abs=1e-7)
+        assert gradients[which][at] == pytest.approx((cost() - before) / step, rel=1e-3, abs=1e-7)
         weights[which][at] -= step
 
 
 def test_a_mirror_turned_twice_shows_what_is_there():
     windows = patterns(5).windows.astype(np.float32)
-    assert np.array_equal(fit.mirrored(fit.mirrored(windows)), windows)
-    assert not np.array_equal(fit.mirrored(windows), windows)
+    assert np.array_equal(shapes.mirrored(shapes.mirrored(windows)), windows)
+    assert not np.array_equal(shapes.mirrored(windows), windows)
 
 
 def test_nothing_stands_where_the_records_campus_has_it():
@@ -65,21 +67,22 @@ def test_nothing_stands_where_the_records_campus_has_it():
 
 
 def test_a_window_holds_what_stands_in_its_middle_at_its_distance():
-    for depth, right, below, held in ((1.0, 0.0, 0.0, True), (1.5, 0.0, 0.0, False), (1.0, 2.0, 0.0, False)):
+    for depth, right, below, holds in ((1.0, 0.0, 0.0, True), (1.5, 0.0, 0.0, False), (1.0, 2.0, 0.0, False)):
         strip = shape_detector.strips(np.zeros((360, 640, 3), np.uint8))[8]
-        one = Shown("planter", strip.depth_m * depth, right, shape_detector.HEIGHTS_M[1] + below, (0, 0, 1, 1), 100, 100.0)
-        said = examples.labels(strip, 1, [one], {"planter": 1.0})
+        foot_m = shape_detector.HEIGHTS_M[1] + below
+        thing = VisibleThing("planter", strip.depth_m * depth, right, foot_m, (0, 0, 1, 1), 100, 100.0)
+        kinds = shapes.labels(strip, 1, [thing], {"planter": 1.0})
         middle = np.abs(strip.rights_m()).argmin()
-        assert (said[middle] == shape_detector.KINDS.index("planter")) == held, (depth, right)
+        assert (kinds[middle] == shape_detector.KINDS.index("planter")) == holds, (depth, right)
 
 
 @pytest.mark.slow
-def test_the_command_runs_and_writes_only_where_it_is_told(tmp_path):
-    shipped = Path(shape_detector.__file__).with_name("shapes.npz")
-    before, file = shipped.read_bytes(), tmp_path / "network.npz"
-    command = [sys.executable, "-m", "dronecats.pilots.fitting.shapes", "--short", "--out", str(file)]
+def test_the_command_runs_and_writes_only_to_out(tmp_path):
+    shipped = Path(shape_detector.__file__).with_name(shapes.FILE)
+    before, file = shipped.read_bytes(), tmp_path / shapes.FILE
+    command = [sys.executable, "-m", "dronecats.pilots.fitting", "shapes", "--short", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     assert "picnic-table" in done.stdout
-    assert shape_detector.load_network(file).hidden.shape == (SIZE, fit.HIDDEN)
+    assert shape_detector.load_network(file).hidden.shape == (SIZE, shapes.HIDDEN)
     assert shipped.read_bytes() == before

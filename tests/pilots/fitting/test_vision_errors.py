@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from dronecats.judge.metrics.flown_episode import flown_episode
-from dronecats.pilots.fitting.vision_errors import fit
-from dronecats.pilots.fitting.vision_errors.fit import Look, OneDroneFlight
+from dronecats.pilots.fitting import vision_errors
+from dronecats.pilots.fitting.vision_errors import LabelledDecision, OneDroneFlight
 from foundation.camera import CameraModel
 from tests.judge.episode_logs import BEGIN, END, decision, write
 
@@ -19,9 +19,9 @@ CAMERA = CameraModel()
 PAINT = "go to the red car"
 
 
-def look(taken, distance_m=10.0, *, seen=True, depth=None) -> Look:
+def labelled(taken, distance_m=10.0, *, seen=True, depth=None) -> LabelledDecision:
     error_px, astray_m = (3.0, -2.0) if depth is not None else None, 9.0 if taken == "else" else None
-    return Look(taken, seen, distance_m, error_px, depth, astray_m)
+    return LabelledDecision(taken, seen, distance_m, error_px, depth, astray_m)
 
 
 def decided(step, kind, **more):
@@ -56,18 +56,18 @@ def test_a_decision_is_held_against_its_picture(tmp_path):
         [decided(k, kind, **more) for k, (kind, more, *_) in enumerate(rows)],
         [pictured(k, at, seen) for k, (_, _, at, seen, _) in enumerate(rows)],
     )
-    looks = [fit.looked(step) for step in flown_episode(folder).steps]
-    assert [one.taken for one in looks if one] == [taken for *_, taken in rows]
-    assert looks[0] is not None
-    assert looks[0].depth == pytest.approx(math.log(22.0 / 20.0))
-    assert looks[0].error_px == pytest.approx((0.0, 0.0), abs=1e-6)
+    decisions = [vision_errors.label(step) for step in flown_episode(folder).steps]
+    assert [one.taken for one in decisions if one] == [taken for *_, taken in rows]
+    assert decisions[0] is not None
+    assert decisions[0].depth == pytest.approx(math.log(22.0 / 20.0))
+    assert decisions[0].error_px == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
 def test_shares_are_counted_by_what_was_taken_before():
     found = OneDroneFlight(
-        True, (look("nothing"), look("target"), look("target"), look("else"), look("else"), look("claim"))
+        True, tuple(map(labelled, ("nothing", "target", "target", "else", "else", "claim")))
     )
-    told = fit.attention([found] * 200)
+    told = vision_errors.attention([found] * 200)
     assert told.found[1] == pytest.approx(1 / 4, abs=0.01)  # of four steps that had no target before, one found it
     assert told.kept[1] == pytest.approx(1 / 2, abs=0.01)
     assert told.strays == pytest.approx(1 / 2, abs=0.01)  # the first step, and the one after the target
@@ -77,10 +77,10 @@ def test_shares_are_counted_by_what_was_taken_before():
 
 def test_spreads_are_between_flights_and_within_them():
     flights = [
-        OneDroneFlight(True, tuple(look("target", 20.0, depth=0.1 + between + within) for within in (-0.04, 0.0, 0.04)))
+        OneDroneFlight(True, tuple(labelled("target", 20.0, depth=0.1 + between + d) for d in (-0.04, 0.0, 0.04)))
         for between in (-0.2, -0.1, 0.0, 0.1, 0.2)
     ]
-    told = fit.eye([*flights, OneDroneFlight(False, (look("else"),))])
+    told = vision_errors.errors_of([*flights, OneDroneFlight(False, (labelled("else"),))])
     assert told.depth == pytest.approx(0.1, abs=1e-6)
     assert told.depth_step == pytest.approx(0.04, abs=0.01)
     assert told.depth_flight == pytest.approx(0.136, abs=0.02)
@@ -95,9 +95,10 @@ def test_it_writes_what_the_pilot_reads(tmp_path):
         [decided(k, "go", point=[500.0 + k, 500.0], depth_m=11.0 + k) for k in steps],
         [pictured(k, (20.0 - k, 0.0, 0.5)) for k in steps],
     )
-    out = tmp_path / "errors.json"
-    command = [sys.executable, "-m", "dronecats.pilots.fitting.vision_errors", str(tmp_path / "run"), "--out", str(out)]
+    command = [sys.executable, "-m", "dronecats.pilots.fitting", "vision-errors", str(tmp_path / "run")]
+    command += ["--out", str(tmp_path)]
     done = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
+    out = tmp_path / "vision_errors.json"
     assert json.loads(out.read_text())["eyes"]["paint"]["flights"] == 1
     assert json.loads(done.stdout) == json.loads(out.read_text())

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dronecats.pilots.vision import place_target, shape_detector
-from dronecats.pilots.vision.command import KIND_OF_NOUN, Landmark, PlaceExpression, read_place_expression
+from dronecats.pilots.vision.command import KIND_OF_NOUN, NamedLandmark, PlaceExpression, read_place_expression
 from episodes.authoring.check import referring
 from episodes.authoring.propose import phrases
 from episodes.maps import campus
@@ -46,7 +46,7 @@ def test_any_thing_in_any_relation_is_read_out_of_any_sentence(verb, noun, how, 
     known = KIND_OF_NOUN.get(mark.removeprefix("the "))
     sought = verb in phrases.VERBS["searching"] or verb in phrases.VERBS["search-and-track"]
     assert read_place_expression(said) == PlaceExpression(
-        KIND_OF_NOUN[noun], how, (Landmark(mark.removeprefix("the "), known),), sought
+        KIND_OF_NOUN[noun], how, (NamedLandmark(mark.removeprefix("the "), known),), sought
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dronecats.pilots.actions import PastAction
-from dronecats.pilots.fitting.shapes import __main__ as learnt
+from dronecats.pilots.fitting import shapes
 from dronecats.pilots.vision import pilot, place_target, shape_detector
 from dronecats.pilots.vision.command import read_place_expression
 from episodes.camera.renderer import renderer as renderers
@@ -161,13 +161,13 @@ def test_any_picture_gets_a_valid_action():
 
 @pytest.mark.slow
 def test_most_of_what_stands_on_a_campus_that_it_was_not_fitted_to_is_found_where_it_is():
-    kept = list(learnt.draw(learnt.UNSEEN + 50, 1, 12))
-    found = learnt.found(shape_detector.shipped_network(), kept)
-    near = [odds > -0.9 for there, _ in found.values() for depth, odds in there if depth < 20.0]
-    false = sum(odds > 0.3 for _, others in found.values() for odds in others)
+    jpegs = list(shapes.draw(shapes.CHECK_SEED + 50, 1, 12))
+    results = shapes.evaluate(shape_detector.shipped_network(), jpegs)
+    near = [odds > -0.9 for present, _ in results.values() for depth, odds in present if depth < 20.0]
+    false = sum(odds > 0.3 for _, false_odds in results.values() for odds in false_odds)
     assert len(near) >= 15
     assert sum(near) >= 0.55 * len(near)
-    assert false <= 0.4 * len(kept) * len(shape_detector.KINDS)
+    assert false <= 0.4 * len(jpegs) * len(shape_detector.KINDS)
 
 
 def test_a_thing_is_as_far_as_it_stands_whatever_the_height_of_the_eye(court):
